@@ -214,7 +214,7 @@ def test_angles_within_a_turn_are_unwound(turn: float, noise: float, hold: int) 
     assert f"b is given within a turn of {turn:.4g} rad" in found.notes[-1]
 
 
-@pytest.mark.parametrize("size", [0.02, 1.0, 5.5, -1.0])
+@pytest.mark.parametrize("size", [0.2, 1.0, 5.5, -1.0])
 def test_an_encoder_whose_zero_is_set_runs_on(size: float) -> None:
     """Sample, joint and size are named, and the jump taken out: torques and speeds are as before."""
     whole = turning()

@@ -41,6 +41,7 @@ ALIKE = 0.5  # correlation that gravity has at least where masses alone are off;
 CHANCE = 0.01  # probability that unrelated torques correlate so; convention
 # Times the described gravity: of a sign alone -1, and masses are off. Beyond, something else than gravity is at work.
 FACTOR = (1.0 / 3.0, 3.0)
+CONSIDERABLE = 0.05  # of the largest gravity among the joints; less of it, as wrists have, a payload turns over
 MISSING = 0.5  # times the described gravity; below for certain it was taken out, in part at least
 # Beyond, a unit is mistaken. Masses of a description are not off by so much; convention.
 FAR = (0.2, 5.0)
@@ -53,8 +54,9 @@ LEFT = 0.3  # of the squares that the described direction leaves
 OVERHEAD = 0.75 * np.pi  # rad: nearer to upside down, which all signs together are, too, than to any side
 RANK = 1e-9  # of the largest singular value; numerical
 SIDES = {"tau_J": "link", "tau_m": "motor"}
-# Another arrangement is named where it is e^10 times as likely, and leaves a tenth of the torques that it changes.
-CERTAIN, EXPLAINED = 10.0, 0.1
+# Another arrangement is named where it is e^10 times as likely, and of the torques that it changes leaves a tenth, and
+# a third of what was left as given: poor motions fit many.
+CERTAIN, EXPLAINED, BETTER = 10.0, 0.1, 1.0 / 3.0
 CHANGED = 0.1  # of the logarithm of what is left
 NO_TORQUE = 1e-9  # Nm; what changes less is none
 
@@ -73,8 +75,8 @@ class GravityFit(NamedTuple):
     """Torques of one side beside the described gravity, less what is not gravity.
 
     What is left of the torques, of gravity as described, Nm, (N, m) of the joints with a torque, and of its derivative
-    by the gravity vector, (N, m, 3); correlation of the two, factor of the first over the second with its deviation,
-    and the probability that unrelated series correlate so.
+    by the gravity vector, (N, m, 3); correlation of the two, factor of the first over the second, the probability that
+    unrelated series correlate so, and whether no joint that gravity loads shows half of it, but for chance.
     """
 
     torque: Array
@@ -82,8 +84,8 @@ class GravityFit(NamedTuple):
     pull: Array
     correlation: float
     factor: float
-    std: float
     chance: float
+    missing: bool
 
     @property
     def certain(self) -> bool:
@@ -151,20 +153,24 @@ def _fit_gravity(motion: _Motion, robot: Robot, *, motors: bool) -> GravityFit:
     states = (np.hstack([rate, rate]) if robot.elastic else rate for rate in motion[:3])
     moved, pull = ArmEquations(robot).moved_and_pulled(*states, motors=motors)
     count = len(motion.measured)
-    left, weight, free = np.zeros((len(pull), count)), np.zeros((len(pull), count, 3)), 0.0
+    left, weight, free = np.zeros((len(pull), count)), np.zeros((len(pull), count, 3)), np.zeros(count)
     for k, j in enumerate(motion.measured):
         basis = _own(motion, j, moved[:, j])
         left[:, k], weight[:, k] = (rows - basis @ (basis.T @ rows) for rows in (motion.torque[:, j], pull[:, j]))
-        free += _independent(left[:, k], weight[:, k] @ robot.gravity)
+        free[k] = max(_independent(left[:, k], weight[:, k] @ robot.gravity) - 2.0, 0.1)
     gravity = weight @ robot.gravity
     # What rounding leaves of the gravity of a joint that has none is no gravity.
     if not count or np.abs(gravity).max() <= RANK * float(np.abs(pull @ robot.gravity).max()):
-        return GravityFit(left, np.zeros_like(gravity), weight, 0.0, 0.0, np.inf, 1.0)
-    squares, power, both = float(np.sum(left**2)) + 1e-300, float(np.sum(gravity**2)), float(np.sum(left * gravity))
-    correlation = both / np.sqrt(squares * power)
-    rest, free = max(1.0 - correlation**2, 1e-12), max(free - 2.0, 0.1)
-    chance = float(student.sf(abs(correlation) * np.sqrt(free / rest), free))
-    return GravityFit(left, gravity, weight, correlation, both / power, np.sqrt(squares / power * rest / free), chance)
+        return GravityFit(left, np.zeros_like(gravity), weight, 0.0, 0.0, 1.0, False)
+    squares, power, both = np.sum(left**2, axis=0), np.sum(gravity**2, axis=0), np.sum(left * gravity, axis=0)
+    heavy = power > CONSIDERABLE**2 * power.max()
+    factors, rest = both[heavy] / power[heavy], squares[heavy] - both[heavy] ** 2 / power[heavy]
+    most = np.abs(factors) + 3.0 * np.sqrt(np.maximum(rest, 0.0) / power[heavy] / free[heavy])
+    correlation = float(both.sum() / np.sqrt(squares.sum() * power.sum()))
+    size = abs(correlation) * np.sqrt(free.sum() / max(1.0 - correlation**2, 1e-12))
+    chance = float(student.sf(size, free.sum()))
+    factor = float(both.sum() / power.sum())
+    return GravityFit(left, gravity, weight, correlation, factor, chance, bool((most < MISSING).all()))
 
 
 def _own(motion: _Motion, j: int, *more: Array) -> Array:
@@ -213,7 +219,9 @@ def _arranged(motion: _Motion, side: str, robot: Robot) -> list[tuple[Finding, t
         odds, change, code, words, names, angles, torques = min(tried, key=lambda each: each[0])
         changed = np.abs(change) > CHANGED
         share = np.log(left / power)[changed]
-        if -odds < CERTAIN or not changed.any() or np.mean(share + change[changed]) > np.log(EXPLAINED):
+        if -odds < CERTAIN or not changed.any() or np.mean(change[changed]) > np.log(BETTER):
+            break
+        if np.mean(share + change[changed]) > np.log(EXPLAINED):
             break
         before, after = (100.0 * float(np.exp(np.mean(each))) for each in (share, share + change[changed]))
         message = f"{side} side: {words}: so {after:.2g} % of the torques' squares are left, as given {before:.2g} %"
@@ -314,11 +322,11 @@ def _judged(fit: GravityFit, side: str, robot: Robot) -> list[Finding]:
         message = f"{side} effort runs against the gravity that the description predicts ({times})"
         remedy = "either all torques have the wrong sign (sign: -1 in the map), or the arm hangs upside down (base in "
         return [warning("gravity_sign", message, f"{remedy}its arm file); gravity alone does not tell the two apart")]
-    if abs(fit.factor) + 3.0 * fit.std < MISSING:
+    if fit.missing:
         part = "no" if abs(fit.factor) < FAR[0] else "a part only of the"
         message = f"{side} effort holds {part} gravity that the description predicts ({times})"
-        remedy = "gravity compensation was subtracted before the torque was recorded: record the whole torque"
-        return [warning("gravity_missing", message, f"{remedy}, or compare masses of the description")]
+        remedy = "it was subtracted before the torque was recorded, or something else carries the arm: record all of it"
+        return [warning("gravity_missing", message, f"{remedy}, or describe what does (gravity_compensation)")]
     return []
 
 

@@ -49,6 +49,7 @@ _TORQUE_STEP = 0.003  # of the range
 _OPPOSITE = 0.45  # of a spike's distance, by which its neighbours are off the other way
 _CUBIC = np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / 6.0
 _LEAST = {"position": 1e-3, "velocity": 1e-3, "effort": 0.1, "acceleration": 1e-2}  # rad, rad/s, Nm, rad/s^2
+_LATE = 3.0  # cycles that a sample may be late
 _OF_A_TURN = 0.1  # that nearly all steps are below, where turns can be told from motion
 _APART, _APART_SECONDS = 6, 0.02  # samples, and s, left out behind a jump: a hole that nobody bridges
 
@@ -240,8 +241,11 @@ def _jumps(t: Array, q: Array) -> tuple[NDArray[np.intp], Array, Array, NDArray[
     near = np.pad(moved / lasting, 2, mode="reflect")
     around = np.stack([near[k : k + len(moved)] for k in (0, 1, 3, 4)])
     noise = 1.48 * float(np.median(np.abs(moved[1:] - moved[:-1] * (lasting[1:] / lasting[:-1]))))
+    fastest = np.abs(around).max(axis=0)
     limit = _SPIKE * noise + 0.5 * _ACCELERATION * lasting**2 + _STEPS * _resolution(q)
-    found = np.flatnonzero(np.abs(moved) - np.abs(around).max(axis=0) * lasting > limit)
+    # A sample that is some cycles late moves as far as the joint does in them.
+    limit += _LATE * fastest * float(np.median(np.diff(t)))
+    found = np.flatnonzero(np.abs(moved) - fastest * lasting > limit)
     around, lasting, limit = around[:, found], lasting[found], limit[found]
     size = moved[found] - np.median(around, axis=0) * lasting
     runs_on = np.abs(around[2] - around[1]) * lasting < 2.0 * limit
