@@ -32,13 +32,7 @@ _TYPE = re.compile(r"(literal|list|dict|tuple|function-before)\[|(float|int|str|
 
 
 def refuse_truth(value: Any) -> Any:
-    """Return a value that is to be a number; Python takes yes for 1.
-
-    Raises
-    ------
-    ValueError
-        If it is yes or no.
-    """
+    """Return a value that is to be a number; Python takes yes for 1."""
     if isinstance(value, bool):
         raise ValueError("is yes or no, not a number")
     return value
@@ -66,17 +60,7 @@ _WANTED = {
 
 
 def read_bytes(path: str | Path, kind: type[ElasticArmError], remedy: str, most: int = LARGEST) -> bytes:
-    """Read a file of bounded size; never a pipe or a device, which may not end.
-
-    Parameters
-    ----------
-    path
-        The file.
-    kind, remedy
-        Of the error where it cannot be read.
-    most
-        Bytes that it may have.
-    """
+    """Read a file of bounded size; never a pipe or a device, which may not end."""
     problem = ""
     try:
         status = os.stat(path)
@@ -107,17 +91,7 @@ def _at_once(path: str, flags: int) -> int:
 
 
 def read_text(path: str | Path, kind: type[ElasticArmError], remedy: str, most: int = LARGEST) -> str:
-    """Read a text file.
-
-    Parameters
-    ----------
-    path
-        The file.
-    kind, remedy
-        Of the error where it cannot be read.
-    most
-        Bytes that it may have.
-    """
+    """Read a text file."""
     try:
         return read_bytes(path, kind, remedy, most).decode("utf-8")
     except UnicodeDecodeError:
@@ -125,17 +99,7 @@ def read_text(path: str | Path, kind: type[ElasticArmError], remedy: str, most: 
 
 
 def read_fields(path: str | Path, kind: type[ElasticArmError], remedy: str, most: int = LARGEST) -> dict[str, Any]:
-    """Read a YAML file that holds fields; an error of `kind` names file, line and reason where it does not.
-
-    Parameters
-    ----------
-    path
-        The file.
-    kind, remedy
-        Of the error where it is no text, no YAML, or holds no fields.
-    most
-        Bytes that it may have.
-    """
+    """Read a YAML file that holds fields; an error of `kind` names file, line and reason where it does not."""
     text = read_text(path, kind, remedy, most)
     try:
         content = parse_yaml(text)
@@ -151,13 +115,7 @@ def read_fields(path: str | Path, kind: type[ElasticArmError], remedy: str, most
 
 
 def parse_yaml(text: str) -> Any:
-    """Return what a YAML text holds, within the limits of this module.
-
-    Raises
-    ------
-    yaml.YAMLError
-        If it is no YAML, nested too deeply, too large, or holds numbers or dates that are none.
-    """
+    """Return what a YAML text holds, within the limits of this module."""
     _check_yaml(text)
     return yaml.load(text, Loader=_Loader)
 
@@ -219,17 +177,7 @@ def _beyond(problem: str, event: yaml.Event) -> yaml.MarkedYAMLError:
 def explain(
     error: ValidationError, reference: str, called: Mapping[str, str] = MappingProxyType({})
 ) -> tuple[str, str]:
-    """Return what is wrong in words, each field's path and reason, and the remedy of the first.
-
-    Parameters
-    ----------
-    error
-        Of the model.
-    reference
-        Clause that names the description of the fields.
-    called
-        Other words for fields, and what these are called.
-    """
+    """Return what is wrong in words, each field's path and reason, and the remedy of the first."""
     # Of a value that may be of several types, what each of them misses comes as a fault of its own.
     faults = list({_field_path(fault["loc"]): fault for fault in error.errors(include_url=False)[::-1]}.values())[::-1]
     words = []

@@ -38,22 +38,7 @@ _BRACKETS = {"<": 1, ">": -1, "[": 1, "]": -1}
 
 
 def parse_definition(type_name: str, encoding: str, text: str) -> Typesdict:
-    """Return the fields of a type and of all that it is made of.
-
-    Parameters
-    ----------
-    type_name
-        `package/msg/Type`.
-    encoding
-        "ros2msg" or "ros2idl".
-    text
-        The definition as the bag holds it.
-
-    Raises
-    ------
-    RecordingError
-        If it is no definition by the grammar, or beyond the limits of :mod:`elastic_arm.recording.limits`.
-    """
+    """Return the fields of a type and of all that it is made of."""
     try:
         if not _TYPE_NAME.fullmatch(type_name):
             raise _Unusable(f"{type_name[:60]!r} is no name of a type")

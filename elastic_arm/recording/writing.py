@@ -38,23 +38,12 @@ _CHUNK_BYTES = 1 << 20
 
 @dataclass(frozen=True)
 class Stream:
-    """The messages of one topic to be written: all alike but for stamps and numbers.
+    """The messages of one topic to be written: all alike but for stamps and numbers."""
 
-    Parameters
-    ----------
-    topic
-        Its name.
-    stamp_ns
-        (N,) times of the messages.
-    template
-        One message as CDR bytes.
-    values
-        (N, count) numbers that replace those of the template, by field path.
-    """
-
-    topic: str
-    stamp_ns: Stamps
-    template: bytes
+    topic: str  # its name
+    stamp_ns: Stamps  # (N,) times of the messages
+    template: bytes  # one message as CDR bytes
+    # (N, count) numbers that replace those of the template, by field path
     values: dict[str, Array] = field(default_factory=dict)
 
     @property
@@ -63,19 +52,7 @@ class Stream:
         return MESSAGE_HEAD + len(self.template)
 
     def lay(self, buffer: Bytes, offsets: Offsets, rows: slice, channel: int) -> None:
-        """Lay messages into the bytes of a chunk.
-
-        Parameters
-        ----------
-        buffer
-            The bytes of the chunk.
-        offsets
-            (N,) where their records begin.
-        rows
-            Which messages.
-        channel
-            Of the topic in the file.
-        """
+        """Lay messages into the bytes of a chunk."""
         stamps = self.stamp_ns[rows]
         where = lay_messages(buffer, offsets, self.template, channel=channel, first=rows.start, stamp_ns=stamps)
         layout = cdr.layout_of(memoryview(self.template), TYPES[self.topic], message_types.typestore())
@@ -153,22 +130,7 @@ def standard_topic(name: str) -> Topic:
 
 
 def finish_bag(sink: McapSink, before: Sequence[FileSummary] = (), currents: Sequence[str] = ()) -> None:
-    """Close the last file of a bag and write its metadata.yaml.
-
-    Parameters
-    ----------
-    sink
-        Of the last file.
-    before
-        The files that are finished.
-    currents
-        The torque channels that are motor currents times a torque constant.
-
-    Raises
-    ------
-    RecordingError
-        If the disk is full or the folder cannot be written.
-    """
+    """Close the last file of a bag and write its metadata.yaml."""
     information = metadata(sink.topics, [*before, sink.summary()], currents)
     # The same inside the file, for readers that are given it without its folder.
     inside = yaml.safe_dump(information, sort_keys=False)

@@ -18,20 +18,6 @@ def export_arrays(recording: Recording, path: Path) -> list[str]:
 
     Columns are called `time` (s, from the first sample), then `q.joint`, `tau_m.joint` …; an .npz holds `time`,
     `joints` and one array (N, n) a channel. `bag import` reads them back.
-
-    Parameters
-    ----------
-    recording
-        Whatever channels it has.
-    path
-        Its ending chooses the format.
-
-    Raises
-    ------
-    RecordingError
-        If the ending is none of these, or the recording has no samples.
-    OutputError
-        If the file cannot be written.
     """
     kind = path.suffix.lower()
     if kind not in KINDS:

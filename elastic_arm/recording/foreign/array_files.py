@@ -51,11 +51,6 @@ def load_arrays(path: Path) -> Arrays:
     Fields of a MATLAB struct are called `struct.field`; the columns of a table without a line of names by their
     numbers, from 0. In a folder a file's name without its ending stands before: `file.column`, and `file` alone for
     a whole table without names.
-
-    Raises
-    ------
-    RecordingError
-        If it cannot be read, naming the file.
     """
     # Path.is_dir raises for names that are too long.
     if not os.path.isdir(path):

@@ -37,24 +37,12 @@ Key = Annotated[str, BeforeValidator(lambda key: str(key) if type(key) is int el
 
 
 class Times(Strict):
-    """Where the times come from: an array, or a constant rate.
+    """Where the times come from: an array, or a constant rate."""
 
-    Parameters
-    ----------
-    key
-        Name of the array.
-    unit
-        Of its numbers.
-    rate
-        Hz, where there is no array.
-    start
-        Unix seconds of the first sample, with `rate`.
-    """
-
-    key: Key | None = None
-    unit: Literal["s", "ms", "us", "ns"] = "s"
-    rate: Annotated[Number, Field(gt=1e-6, lt=1e9)] | None = None
-    start: Annotated[Number, Field(ge=0, lt=2**31)] = 0.0
+    key: Key | None = None  # name of the array
+    unit: Literal["s", "ms", "us", "ns"] = "s"  # of its numbers
+    rate: Annotated[Number, Field(gt=1e-6, lt=1e9)] | None = None  # hz, where there is no array
+    start: Annotated[Number, Field(ge=0, lt=2**31)] = 0.0  # unix seconds of the first sample, with `rate`
 
     @model_validator(mode="after")
     def _one_of(self) -> Self:
@@ -71,26 +59,18 @@ class Rows(Strict):
 
 
 class ArrayChannel(Strict):
-    """One channel of all joints, or of some.
+    """One channel of all joints, or of some."""
 
-    Parameters
-    ----------
-    key
-        Name of an array with one column a joint, or one name a joint.
-    joints
-        Those that have the channel; all by default. What is given a joint is given for these.
-    columns
-        Columns of the array, one a joint; all by default.
-    flat
-        The array holds the numbers of all joints one after the other, sample by sample: one a line of a text file.
-    unit, offset, factor, sign, torque_constant, ratio
-        As in a channel map; one for all joints, or one a joint, as where some of them slide (null for those without).
-    """
-
+    # name of an array with one column a joint, or one name a joint
     key: Key | Annotated[list[Key], Field(min_length=1)]
+    # those that have the channel; all by default. What is given a joint is given for these.
     joints: Annotated[list[str], Field(min_length=1)] | None = None
+    # columns of the array, one a joint; all by default
     columns: Annotated[list[Annotated[WholeNumber, Field(ge=0)]], Field(min_length=1)] | None = None
+    # the array holds the numbers of all joints one after the other, sample by sample: one a line of a text file
     flat: bool = False
+    # unit, offset, factor, sign, torque_constant, ratio: as in a channel map; one for all joints, or one a joint, as
+    # where some of them slide (null for those without)
     unit: Unit | list[Unit] | None = None
     offset: Number | list[Number] = 0.0
     factor: Number | list[Number] = 1.0
@@ -109,13 +89,7 @@ class ArrayChannel(Strict):
         return [self.key] if isinstance(self.key, str) else self.key
 
     def places(self, joints: Sequence[str]) -> list[int]:
-        """Return which of all joints have the channel.
-
-        Raises
-        ------
-        ValueError
-            If one of them is not among `joints`, or is named twice.
-        """
+        """Return which of all joints have the channel."""
         own = self.joints or list(joints)
         if unknown := [name for name in own if name not in joints]:
             raise ValueError(f"there is no joint {', '.join(unknown)}; there are {', '.join(joints)}")
@@ -124,13 +98,7 @@ class ArrayChannel(Strict):
         return [list(joints).index(name) for name in own]
 
     def scales(self, channel: ChannelName, n: int) -> list[ChannelScale]:
-        """Return how each of n joints' numbers become ones in SI units at the harmonic-drive output.
-
-        Raises
-        ------
-        ValueError
-            If a list is not one a joint, or the unit and the rest are at odds.
-        """
+        """Return how each of n joints' numbers become ones in SI units at the harmonic-drive output."""
         names = ("unit", "offset", "factor", "sign", "torque_constant", "ratio")
         given = {name: getattr(self, name) for name in names}
         for name, value in given.items():
@@ -157,34 +125,17 @@ class SideArrays(Strict):
 
 
 class ArrayMap(Strict):
-    """A mapping of arrays to a recording.
+    """A mapping of arrays to a recording."""
 
-    Parameters
-    ----------
-    times
-        Of the samples.
-    joints
-        Names, in robot-description order.
-    link, motor
-        The channels of each side.
-    rows
-        One run of several, such as an episode of a dataset; all rows when None.
-    ignore
-        Arrays that are left out on purpose, `*` and `?` as in file names; any other that is not mapped is an error.
-    robot_description
-        URDF file to put into the bag; relative to the mapping file.
-    coupling
-        Of motors that move several joints: joint -> motor -> factor.
-    """
-
-    times: Times
-    joints: Annotated[list[str], Field(min_length=1, max_length=MOST_JOINTS)]
-    link: SideArrays = SideArrays()
+    times: Times  # of the samples
+    joints: Annotated[list[str], Field(min_length=1, max_length=MOST_JOINTS)]  # names, in robot-description order
+    link: SideArrays = SideArrays()  # link, motor: the channels of each side
     motor: SideArrays = SideArrays()
-    rows: Rows | None = None
+    rows: Rows | None = None  # one run of several, such as an episode of a dataset; all rows when None
+    # arrays that are left out on purpose, `*` and `?` as in file names; any other that is not mapped is an error
     ignore: Annotated[list[str], Field(default_factory=list)]
-    robot_description: str | None = None
-    coupling: Coupling = Field(default_factory=dict)
+    robot_description: str | None = None  # URDF file to put into the bag; relative to the mapping file
+    coupling: Coupling = Field(default_factory=dict)  # of motors that move several joints: joint -> motor -> factor
 
     @model_validator(mode="after")
     def _usable(self) -> Self:
@@ -205,31 +156,12 @@ class ArrayMap(Strict):
 
 
 def load_array_map(path: str | Path) -> ArrayMap:
-    """Read a mapping file (YAML).
-
-    Raises
-    ------
-    RecordingError
-        If it cannot be read, or a field is missing, unknown or wrong.
-    """
+    """Read a mapping file (YAML)."""
     return validated(ArrayMap, load_yaml(path, "mapping"), path)
 
 
 def import_arrays(path: str | Path, mapping: str | Path) -> Recording:
-    """Make a recording of a file of arrays.
-
-    Parameters
-    ----------
-    path
-        .npz, .csv, .mat (up to version 7), .parquet or .hdf5, or a folder of such files.
-    mapping
-        The mapping file.
-
-    Raises
-    ------
-    RecordingError
-        If a file cannot be read, an array is missing or has the wrong size, or numbers and times cannot be used.
-    """
+    """Make a recording of a file of arrays."""
     arrays, rules = load_arrays(Path(path)), load_array_map(mapping)
     try:
         _refuse_strays(arrays, rules)

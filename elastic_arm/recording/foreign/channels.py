@@ -54,29 +54,17 @@ class Strict(BaseModel):
 
 
 class ChannelScale(Strict):
-    """How a recorded number becomes one in SI units at the harmonic-drive output.
+    """How a recorded number becomes one in SI units at the harmonic-drive output."""
 
-    Parameters
-    ----------
-    unit
-        Of the recorded number; `Nm_motor` is a torque at the motor shaft, `A` a motor current. Lengths and forces are
-        those of a prismatic joint.
-    offset
-        Added to the recorded number, in its own unit: less what it reads at zero.
-    factor, sign
-        Multiply the number.
-    torque_constant
-        Nm/A at the motor shaft; for currents.
-    ratio
-        Motor turns per turn at the harmonic-drive output: what is measured at the motor shaft is reduced by it. Of a
-        prismatic joint rad of the motor per m.
-    """
-
+    # of the recorded number; `Nm_motor` is a torque at the motor shaft, `A` a motor current. Lengths and forces are
+    # those of a prismatic joint.
     unit: Unit | None = None
-    offset: Number = 0.0
-    factor: Number = 1.0
+    offset: Number = 0.0  # added to the recorded number, in its own unit: less what it reads at zero
+    factor: Number = 1.0  # factor, sign: multiply the number
     sign: Sign = 1
-    torque_constant: Annotated[Number, Field(gt=0)] | None = None
+    torque_constant: Annotated[Number, Field(gt=0)] | None = None  # nm/A at the motor shaft; for currents
+    # motor turns per turn at the harmonic-drive output: what is measured at the motor shaft is reduced by it. Of a
+    # prismatic joint rad of the motor per m.
     ratio: Annotated[Number, Field(gt=0)] | None = None
 
     @model_validator(mode="after")
@@ -112,24 +100,14 @@ class ChannelScale(Strict):
 
 
 class Channel(ChannelScale):
-    """Where one channel of one joint comes from.
+    """Where one channel of one joint comes from."""
 
-    Parameters
-    ----------
-    topic
-        Topic in the bag.
-    field
-        Path of the field in the message: `position`, `wrench.torque.z`, `data`; the channel's own name by default.
-    index
-        Place in the field; by default the place of `name` in the message's list of names.
-    name
-        The joint's name in the message; the joint's own name by default.
-    """
-
-    topic: str
+    topic: str  # topic in the bag
+    # path of the field in the message: `position`, `wrench.torque.z`, `data`; the channel's own name by default
     field: str = ""
+    # place in the field; by default the place of `name` in the message's list of names
     index: Annotated[WholeNumber, Field(ge=0)] | None = None
-    name: str = ""
+    name: str = ""  # the joint's name in the message; the joint's own name by default
 
 
 class SideChannels(Strict):
@@ -219,13 +197,7 @@ def load_channels(path: str | Path) -> ChannelMap:
 
 
 def load_yaml(path: str | Path, what: str) -> dict[str, Any]:
-    """Read a YAML mapping.
-
-    Raises
-    ------
-    RecordingError
-        If it cannot be read or is no mapping.
-    """
+    """Read a YAML mapping."""
     try:
         return read_fields(path, RecordingError, REMEDY)
     except RecordingError as error:
@@ -248,22 +220,7 @@ CALLED = {
 
 
 def validated(model: type[M], data: dict[str, Any], path: str | Path) -> M:
-    """Check `data`, read from `path`, against a model.
-
-    Parameters
-    ----------
-    model
-        The pydantic model.
-    data
-        What was read.
-    path
-        The file, for errors.
-
-    Raises
-    ------
-    RecordingError
-        Naming each wrong field and what is wrong with it.
-    """
+    """Check `data`, read from `path`, against a model."""
     try:
         return model.model_validate(data)
     except ValidationError as error:

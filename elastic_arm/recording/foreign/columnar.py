@@ -20,13 +20,6 @@ def load_columns(path: Path) -> dict[str, np.ndarray]:
 
     A column of lists, such as LeRobot's `observation.state`, is one array with a column a joint. The datasets of an
     HDF5 file are called by their paths with dots, `observations.qpos`; pictures and texts are left out.
-
-    Raises
-    ------
-    RecordingError
-        If there are no numbers in it, or more than fits into the memory.
-    MissingExtraError
-        If the library of the format is not installed.
     """
     arrays = _parquet(path) if path.suffix.lower() == ".parquet" else dict(_hdf5(path))
     if not arrays:

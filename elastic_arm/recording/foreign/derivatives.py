@@ -16,32 +16,14 @@ AVERAGED = 0.05
 
 
 def integral(table: JointTable, candidates: Sequence[JointTable], times: TimeArray | None) -> JointTable | None:
-    """Return the table whose derivative this one is, by correlation; None where there is none, or are no times.
-
-    Parameters
-    ----------
-    table
-        May be a rate.
-    candidates
-        Of which it may be.
-    times
-        Of the samples.
-    """
+    """Return the table whose derivative this one is, by correlation; None where there is none, or are no times."""
     if times is None:
         return None
     return next((c for c in candidates if c is not table and slope(c, table, times)[0] > ALIKE), None)
 
 
 def integrals(tables: Sequence[JointTable], rates: Sequence[JointTable], times: TimeArray | None) -> list[JointTable]:
-    """Return the tables of which a rate is the derivative, and which are the derivative of none of themselves.
-
-    Parameters
-    ----------
-    tables, rates
-        What may be integrals, and what may be their derivatives; a table may be among both.
-    times
-        Of the samples; without them nothing is found.
-    """
+    """Return the tables of which a rate is the derivative, and which are the derivative of none of themselves."""
     sources = [t for t in tables if any(integral(rate, [t], times) for rate in rates if rate is not t)]
     return [t for t in sources if integral(t, sources, times) is None]
 
@@ -50,31 +32,12 @@ def is_no_rate(table: JointTable, positions: Sequence[JointTable], times: TimeAr
     """Return whether a table follows the derivative of no position, where there are such to compare with.
 
     That of a rotor follows the joint's, by the ratio.
-
-    Parameters
-    ----------
-    table
-        Called a velocity.
-    positions
-        To compare with.
-    times
-        Of the samples.
     """
     return bool(positions) and times is not None and integral(table, positions, times) is None
 
 
 def slope(source: JointTable, rate: JointTable, times: TimeArray) -> tuple[float, float]:
-    """Return correlation and slope of a table's derivative over another table: medians over the moving joints.
-
-    Parameters
-    ----------
-    source
-        What is differentiated.
-    rate
-        What its derivative is compared with.
-    times
-        Of the samples.
-    """
+    """Return correlation and slope of a table's derivative over another table: medians over the moving joints."""
     width = max(round(AVERAGED * times.rate), 3)
     dt = np.maximum(np.gradient(times.seconds), 1e-9)[:, None]
     derivative = np.gradient(source.values, axis=0) / dt

@@ -14,59 +14,28 @@ from elastic_arm.recording.foreign.tables import JointTable, TimeArray
 
 @dataclass(frozen=True)
 class Guess:
-    """One channel of the draft.
+    """One channel of the draft."""
 
-    Parameters
-    ----------
-    side, channel
-        Where it goes.
-    table
-        Its arrays.
-    unit
-        Of its numbers; empty if nothing shows it.
-    reasons
-        Why, in words.
-    scales
-        Further keys of the mapping: sign, ratio.
-    missing
-        Keys that the mapping needs and no array can show, with what they are.
-    units
-        One a joint, where some of them slide; empty where `unit` is that of all.
-    places
-        Which joints have the channel; None for all.
-    """
-
-    side: SideName
+    side: SideName  # side, channel: where it goes
     channel: ChannelName
-    table: JointTable
-    unit: str
-    reasons: tuple[str, ...]
-    scales: Mapping[str, list[float]] = field(default_factory=dict)
+    table: JointTable  # its arrays
+    unit: str  # of its numbers; empty if nothing shows it
+    reasons: tuple[str, ...]  # why, in words
+    scales: Mapping[str, list[float]] = field(default_factory=dict)  # further keys of the mapping: sign, ratio
+    # keys that the mapping needs and no array can show, with what they are
     missing: Mapping[str, str] = field(default_factory=dict)
-    units: tuple[str, ...] = ()
-    places: tuple[int, ...] | None = None
+    units: tuple[str, ...] = ()  # one a joint, where some of them slide; empty where `unit` is that of all
+    places: tuple[int, ...] | None = None  # which joints have the channel; None for all
 
 
 @dataclass(frozen=True)
 class Draft:
-    """A draft of a mapping.
+    """A draft of a mapping."""
 
-    Parameters
-    ----------
-    joints
-        Names.
-    times
-        None where no array looks like times.
-    channels
-        What was recognised.
-    ignored
-        Arrays left out, and why.
-    """
-
-    joints: tuple[str, ...]
-    times: TimeArray | None
-    channels: tuple[Guess, ...]
-    ignored: tuple[tuple[str, str], ...]
+    joints: tuple[str, ...]  # names
+    times: TimeArray | None  # none where no array looks like times
+    channels: tuple[Guess, ...]  # what was recognised
+    ignored: tuple[tuple[str, str], ...]  # arrays left out, and why
 
     @property
     def missing(self) -> list[str]:

@@ -55,20 +55,6 @@ def guess_mapping(arrays: Mapping[str, np.ndarray], joints: Sequence[str], prism
     """Return a draft of the mapping from arrays to a recording.
 
     Units follow from names, ranges, and slopes of derivatives; sides and kinds of torque from names.
-
-    Parameters
-    ----------
-    arrays
-        By name, as :func:`elastic_arm.recording.foreign.array_files.load_arrays` reads them.
-    joints
-        n names, in robot-description order.
-    prismatic
-        Those that slide: their numbers are lengths and forces.
-
-    Raises
-    ------
-    RecordingError
-        If no array can be the positions or torques of n joints.
     """
     contents = find_tables(arrays, joints)
     slides = np.array([joint in prismatic for joint in joints])

@@ -21,20 +21,6 @@ def mapped_side(
     """Build one side of all joints; None where the map has no channel of it.
 
     Channels of one topic share its stamps; those of further topics are brought to the stamps of the first.
-
-    Parameters
-    ----------
-    channels
-        The channel map.
-    side_name
-        "link" or "motor".
-    series
-        The topics that were read, by name.
-
-    Raises
-    ------
-    RecordingError
-        If a topic, field or joint is missing, or the numbers cannot be used.
     """
     built: Side | None = None
     notes: tuple[str, ...] = ()

@@ -23,13 +23,7 @@ PATIENCE = 10
 
 
 def load_matlab(path: Path) -> dict[str, np.ndarray]:
-    """Read the arrays of a .mat file; fields of a struct are called `struct.field`.
-
-    Raises
-    ------
-    RecordingError
-        If it cannot be read within the limits, naming the file.
-    """
+    """Read the arrays of a .mat file; fields of a struct are called `struct.field`."""
     seconds = START_SECONDS + path.stat().st_size // BYTES_A_SECOND
     command = [sys.executable, "-P", matlab_process.__file__, str(path), str(limits.unpacked_bytes()), str(seconds)]
     one_thread = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")

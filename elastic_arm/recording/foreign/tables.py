@@ -20,27 +20,13 @@ _COUNTED = re.compile(r"^(.*?)(\d+)(\D*)$")
 
 @dataclass(frozen=True, eq=False)
 class JointTable:
-    """One quantity of all joints.
+    """One quantity of all joints."""
 
-    Parameters
-    ----------
-    keys
-        Names of the arrays: one with a column a joint, or one a joint.
-    columns
-        Columns of a single array that has more than the joints; None for all.
-    values
-        (N, n) numbers as recorded.
-    pattern
-        What its arrays are called, with * for the joint, where their names hold the joints' own.
-    available
-        Columns that there are; 0 where these are all.
-    """
-
-    keys: tuple[str, ...]
-    columns: tuple[int, ...] | None
-    values: Array
-    pattern: str = ""
-    available: int = 0
+    keys: tuple[str, ...]  # names of the arrays: one with a column a joint, or one a joint
+    columns: tuple[int, ...] | None  # columns of a single array that has more than the joints; None for all
+    values: Array  # (N, n) numbers as recorded
+    pattern: str = ""  # what its arrays are called, with * for the joint, where their names hold the joints' own
+    available: int = 0  # columns that there are; 0 where these are all
 
     @property
     def name(self) -> str:
@@ -59,19 +45,11 @@ class JointTable:
 
 @dataclass(frozen=True, eq=False)
 class TimeArray:
-    """The times of the samples.
+    """The times of the samples."""
 
-    Parameters
-    ----------
-    key, unit
-        Name of the array, and what its numbers count.
-    seconds
-        (N,) from the first sample.
-    """
-
-    key: str
+    key: str  # key, unit: name of the array, and what its numbers count
     unit: str
-    seconds: Array
+    seconds: Array  # (N,) from the first sample
 
     @property
     def rate(self) -> float:
@@ -82,21 +60,11 @@ class TimeArray:
 
 @dataclass(frozen=True, eq=False)
 class Contents:
-    """The arrays of a file as tables of n joints.
+    """The arrays of a file as tables of n joints."""
 
-    Parameters
-    ----------
-    times
-        None if no array looks like times.
-    tables
-        In the file's order.
-    rest
-        Names of the arrays that are neither.
-    """
-
-    times: TimeArray | None
-    tables: tuple[JointTable, ...]
-    rest: tuple[str, ...]
+    times: TimeArray | None  # none if no array looks like times
+    tables: tuple[JointTable, ...]  # in the file's order
+    rest: tuple[str, ...]  # names of the arrays that are neither
 
 
 def find_tables(arrays: Mapping[str, np.ndarray], joints: Sequence[str]) -> Contents:

@@ -24,46 +24,23 @@ WHAT_IS_A_BAG = "Give a rosbag2 folder, an .mcap or a .db3 file."
 
 @dataclass(frozen=True)
 class BagMetadata:
-    """What metadata.yaml holds beyond what the files themselves do.
+    """What metadata.yaml holds beyond what the files themselves do."""
 
-    Parameters
-    ----------
-    message_count
-        Messages in all files; None where it is not stated.
-    compression_mode
-        "none", "file" or "message"; may be empty.
-    files
-        Names in the folder, in time order.
-    currents
-        The torque channels that are motor currents times a torque constant, as its writer stated.
-    """
-
-    message_count: int | None
-    compression_mode: str
-    files: tuple[str, ...]
+    message_count: int | None  # messages in all files; None where it is not stated
+    compression_mode: str  # "none", "file" or "message"; may be empty
+    files: tuple[str, ...]  # names in the folder, in time order
+    # the torque channels that are motor currents times a torque constant, as its writer stated
     currents: tuple[str, ...] = ()
 
 
 @dataclass
 class Bag:
-    """An opened bag.
+    """An opened bag."""
 
-    Parameters
-    ----------
-    path
-        The folder or file.
-    files
-        Its files in time order.
-    metadata
-        From metadata.yaml; None for a bare file, or where it is missing.
-    damage
-        What is wrong with the bag as a whole, in words.
-    """
-
-    path: Path
-    files: list[BagFile]
-    metadata: BagMetadata | None = None
-    damage: list[str] = field(default_factory=list)
+    path: Path  # the folder or file
+    files: list[BagFile]  # its files in time order
+    metadata: BagMetadata | None = None  # from metadata.yaml; None for a bare file, or where it is missing
+    damage: list[str] = field(default_factory=list)  # what is wrong with the bag as a whole, in words
 
     def currents(self) -> list[str]:
         """Return the torque channels that are motor currents times a torque constant: as the files, without folder."""
@@ -81,13 +58,7 @@ class Bag:
 
 
 def open_bag(path: str | Path) -> Bag:
-    """Open a bag.
-
-    Raises
-    ------
-    RecordingError
-        If there is nothing there that can be read.
-    """
+    """Open a bag."""
     path = Path(path)
     if "\0" in str(path):
         raise RecordingError(f"{str(path)!r} is no name of a file: it holds a NUL", WHAT_IS_A_BAG)

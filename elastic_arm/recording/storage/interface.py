@@ -33,15 +33,7 @@ class Block(Protocol):
 
 
 class BagFile(Protocol):
-    """A file of a bag, opened.
-
-    Parameters
-    ----------
-    path
-        The file.
-    damage
-        What is wrong with it, in words; empty for a whole one. It may grow while the blocks are read.
-    """
+    """A file of a bag, opened."""
 
     @property
     def path(self) -> Path:
@@ -68,27 +60,10 @@ class BagFile(Protocol):
         """Return its topics, as far as they are known so far; some formats describe a few inside blocks alone."""
 
     def topic(self, channel: int) -> Topic:
-        """Return the topic of a channel.
-
-        Raises
-        ------
-        RecordingError
-            If the file does not describe the channel.
-        """
+        """Return the topic of a channel."""
 
     def expected(self, channel: int) -> int:
         """Return how many messages a channel holds, where that is known without reading them; otherwise 0."""
 
     def blocks(self, strict: bool = True) -> Iterator[Block]:
-        """Yield the messages, block by block.
-
-        Parameters
-        ----------
-        strict
-            Raise for a damaged part; otherwise note it in `damage` and go on with the next part.
-
-        Raises
-        ------
-        RecordingError
-            If a part is damaged.
-        """
+        """Yield the messages, block by block."""

@@ -35,18 +35,10 @@ _MESSAGES = (
 
 @dataclass(frozen=True)
 class SqliteBlock:
-    """Messages in a row, in the order of their timestamps.
+    """Messages in a row, in the order of their timestamps."""
 
-    Parameters
-    ----------
-    buffer
-        Their bytes, one message after the other.
-    channel, stamp_ns, size
-        (N,) of each message.
-    """
-
-    buffer: Bytes
-    channel: Offsets
+    buffer: Bytes  # their bytes, one message after the other
+    channel: Offsets  # channel, stamp_ns, size: (N,) of each message
     stamp_ns: Offsets
     size: Offsets
 
@@ -83,24 +75,13 @@ class SqliteBlock:
 
 @dataclass
 class SqliteFile:
-    """A .db3 file: its topics, and its messages block by block.
+    """A .db3 file: its topics, and its messages block by block."""
 
-    Parameters
-    ----------
-    path
-        The file.
-    image
-        Its plain content where the file is compressed; None where SQLite reads the file itself.
-    channels
-        Its topics by their numbers in the file.
-    damage
-        What is wrong with the file, in words; empty for a whole one.
-    """
-
-    path: Path
+    path: Path  # the file
+    # its plain content where the file is compressed; None where SQLite reads the file itself
     image: bytearray | None = None
-    channels: dict[int, Topic] = field(default_factory=dict)
-    damage: list[str] = field(default_factory=list)
+    channels: dict[int, Topic] = field(default_factory=dict)  # its topics by their numbers in the file
+    damage: list[str] = field(default_factory=list)  # what is wrong with the file, in words; empty for a whole one
 
     @property
     def size(self) -> int:
@@ -124,13 +105,7 @@ class SqliteFile:
         return list(self.channels.values())
 
     def topic(self, channel: int) -> Topic:
-        """Return the topic of a channel.
-
-        Raises
-        ------
-        RecordingError
-            If the file does not describe the channel.
-        """
+        """Return the topic of a channel."""
         if channel not in self.channels:
             raise RecordingError(
                 f"{self.path}: messages of topic number {channel}, which the file does not describe", "Record again."
@@ -142,18 +117,7 @@ class SqliteFile:
         return 0
 
     def blocks(self, strict: bool = True) -> Iterator[SqliteBlock]:
-        """Yield the messages in the order of their timestamps.
-
-        Parameters
-        ----------
-        strict
-            Raise for a damaged file; otherwise note the damage and end with the last row that can be read.
-
-        Raises
-        ------
-        RecordingError
-            If the file is damaged.
-        """
+        """Yield the messages in the order of their timestamps."""
         rows: list[tuple[int, int, bytes]] = []
         size, most = 0, limits.chunk_bytes()
         try:
@@ -179,13 +143,7 @@ class SqliteFile:
             yield _block(rows)
 
     def connect(self) -> sqlite3.Connection:
-        """Open the database for reading alone.
-
-        Raises
-        ------
-        sqlite3.Error
-            If it cannot be opened.
-        """
+        """Open the database for reading alone."""
         if self.image is not None:
             database = sqlite3.connect(":memory:", check_same_thread=False)
             database.deserialize(self.image)
@@ -206,13 +164,7 @@ def _text(content: bytes) -> str:
 
 
 def open_sqlite(path: Path) -> SqliteFile:
-    """Open a .db3 file.
-
-    Raises
-    ------
-    RecordingError
-        If the file is missing, empty, or no SQLite bag.
-    """
+    """Open a .db3 file."""
     file = SqliteFile(path, _unpacked(path))
     head = _head(path) if file.image is None else file.image[: len(_MAGIC)]
     if not head:
