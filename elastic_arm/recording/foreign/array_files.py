@@ -1,4 +1,4 @@
-"""Named arrays from files: .npz, .mat with nested structs, tables with or without names, folders of such files."""
+"""Named arrays from files: .npz, .npy, .mat, tables as text, Parquet and HDF5, and folders of such files."""
 
 from __future__ import annotations
 
@@ -11,108 +11,152 @@ import tokenize
 import zipfile
 import zlib
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
 import numpy as np
 
 from elastic_arm.errors import MissingExtraError, RecordingError
 from elastic_arm.recording import limits
-from elastic_arm.recording.foreign import columnar
 from elastic_arm.recording.foreign.matlab import load_matlab
 
-Arrays = dict[str, np.ndarray]
-
 TABLES = (".csv", ".txt", ".dat")
-# What numpy and csv raise for a file that is not what its name promises.
+LEARNERS = (".parquet", ".h5", ".hdf5")
+KINDS = (*TABLES, ".npy", ".npz", ".mat", *LEARNERS)
+FILE_INDEX = "file_index"  # array that numbers the files of a folder whose files hold the same arrays
+# What numpy, csv and the libraries of the formats raise for a file that is not what its name promises.
 _UNREADABLE: tuple[type[Exception], ...] = (OSError, ValueError, TypeError, LookupError, EOFError, MemoryError)
-_UNREADABLE += (
-    AttributeError,
-    NameError,
-    SyntaxError,
-    OverflowError,
-    RuntimeError,
-    AssertionError,
-    struct.error,
-    csv.Error,
-)
-_UNREADABLE += (zlib.error, zipfile.BadZipFile, tokenize.TokenError)
+_UNREADABLE += (AttributeError, NameError, SyntaxError, OverflowError, RuntimeError, AssertionError, struct.error)
+_UNREADABLE += (csv.Error, zlib.error, zipfile.BadZipFile, tokenize.TokenError)
 _ZIP_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # what numpy writes
 _ENCRYPTED = 1  # flag of an entry
 _WHOLE_TABLE = ""
 _NPY = b"\x93NUMPY"
-_DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?$")
+_DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?$")
+_LEARNING = "Install it with: pip install 'elastic_arm[learning]'"
 
 
-def load_arrays(path: Path) -> Arrays:
-    """Read the arrays of a file, or of all files of a folder.
+class Arrays(dict[str, np.ndarray]):
+    """Arrays by name, with what a table as text states beside its numbers."""
 
-    Fields of a MATLAB struct are called `struct.field`; the columns of a table without a line of names by their
-    numbers, from 0. In a folder a file's name without its ending stands before: `file.column`, and `file` alone for
-    a whole table without names.
+    def __init__(self, arrays: Mapping[str, np.ndarray] | Iterable[tuple[str, np.ndarray]] = ()) -> None:
+        super().__init__(arrays)
+        self.units: dict[str, str] = {}  # of columns, by a row of units
+        self.faults: dict[str, str] = {}  # of columns that are no numbers: the first line that is none
+        self.decimal = "."
+
+
+def load_arrays(path: Path, decimal: str | None = ".") -> Arrays:
+    """Read the arrays of a file, or of all files of a folder, as docs/channel_maps.md names them.
+
+    `decimal` is the decimal mark of tables as text; None for the one that fits. Columns that are no numbers come as
+    texts. Files of a folder that all hold the same arrays, as the episodes of a dataset do, are read one below the
+    other, and `file_index` numbers them.
     """
     # Path.is_dir raises for names that are too long.
     if not os.path.isdir(path):
-        return {name: values for name, values in _load(path).items() if name != _WHOLE_TABLE}
+        found = _load(path, decimal)
+        found.pop(_WHOLE_TABLE, None)
+        return found
     try:
-        files = sorted(file for file in path.iterdir() if file.suffix.lower() in (*TABLES, ".npy", ".npz", ".mat"))
+        root = path / "data" if (path / "meta" / "info.json").is_file() else path  # a dataset of LeRobot's
+        files = [file for file in sorted(path.iterdir()) if file.suffix.lower() in set(KINDS) - set(LEARNERS)]
+        below = [file for depth in ("*", "*/*", "*/*/*") for file in root.glob(depth)]
+        learned = sorted((f for f in below if f.suffix.lower() in LEARNERS and f.is_file()), key=_number)
+        files += learned
     except OSError as error:
         raise RecordingError(f"{path} cannot be read: {error.strerror}", "Check its permissions.") from None
-    arrays: Arrays = {}
+    if not files:
+        raise RecordingError(f"{path} holds no arrays", f"Give a folder of files {', '.join(KINDS)}.")
+    parts: dict[Path, Arrays] = {}
     for file in files:
-        found = _load(file)
-        found = {f"{file.stem}.{name}" if name != _WHOLE_TABLE else file.stem: v for name, v in found.items()}
-        if twice := sorted(arrays.keys() & found.keys()):
-            raise RecordingError(f"{path}: two files hold an array {twice[0][:60]!r}", "Give files other names.")
-        arrays |= found
-    if not arrays:
-        raise RecordingError(f"{path} holds no arrays", "Give a folder of .csv, .txt, .npy, .npz or .mat files.")
+        parts[file] = _load(file, decimal)
+        _refuse_large(path, sum(array.nbytes for part in parts.values() for array in part.values()))
+    alike = {tuple((name, values.shape[1:]) for name, values in part.items()) for part in parts.values()}
+    return _stacked(list(parts.values())) if len(alike) == 1 and files == learned else _side_by_side(path, parts)
+
+
+def _number(file: Path) -> list[tuple[int, str]]:
+    """Order `episode_2` before `episode_10`."""
+    return [(int(word), "") if word.isdecimal() else (-1, word) for word in re.split(r"(\d{1,18})", str(file))]
+
+
+def _stacked(parts: Sequence[Arrays]) -> Arrays:
+    arrays = Arrays({name: np.concatenate([part[name] for part in parts]) for name in parts[0]})
+    if len(parts) > 1 and arrays:
+        counts = [Counter(len(values) for values in part.values()).most_common(1)[0][0] for part in parts]
+        arrays.setdefault(FILE_INDEX, np.repeat(np.arange(len(parts)), counts))
     return arrays
 
 
-def _load(path: Path) -> Arrays:
+def _side_by_side(path: Path, parts: Mapping[Path, Arrays]) -> Arrays:
+    arrays = Arrays()
+    for file, part in parts.items():
+        # The one column of a file of one number a line is the file.
+        only = _WHOLE_TABLE in part and len(part) == 2
+        found = Arrays({_in_folder(file, name): v for name, v in part.items() if not (only and name)})
+        if twice := sorted(arrays.keys() & found.keys()):
+            raise RecordingError(f"{path}: two files hold an array {twice[0][:60]!r}", "Give files other names.")
+        arrays.update(found)
+        arrays.units |= {_in_folder(file, name): unit for name, unit in part.units.items()}
+        arrays.faults |= {_in_folder(file, name): fault for name, fault in part.faults.items()}
+        arrays.decimal = "," if part.decimal == "," else arrays.decimal
+    return arrays
+
+
+def _in_folder(file: Path, name: str) -> str:
+    return f"{file.stem}.{name}" if name != _WHOLE_TABLE else file.stem
+
+
+def _load(path: Path, decimal: str | None) -> Arrays:
     kind = path.suffix.lower()
+    if kind not in KINDS:
+        raise RecordingError(f"{path} is none of {', '.join(KINDS)}", "Convert it to one of them.")
     try:
-        if kind in (*TABLES, *columnar.KINDS, ".npy", ".npz", ".mat"):
-            _check_file(path)
-        if kind in columnar.KINDS:
-            return columnar.load_columns(path)
+        status = path.stat()
+        if not stat.S_ISREG(status.st_mode):
+            raise RecordingError(f"{path} is no file, but a pipe or a device", "Save it as a file first.")
+        _refuse_large(path, status.st_size)
+        if kind in TABLES:
+            return _table(path, decimal)
         if kind == ".npz":
-            _check_zip(path)
-            with zipfile.ZipFile(path) as archive:
-                for entry in archive.namelist():
-                    with archive.open(entry) as stream:
-                        _refuse_objects(stream, path, entry.removesuffix(".npy"))
-            with np.load(path, allow_pickle=False) as content:
-                arrays = dict(content)
-            # Where the head of an entry is damaged, numpy returns its bytes.
-            if strange := [name for name, values in arrays.items() if not isinstance(values, np.ndarray)]:
-                raise ValueError(f"its entry {strange[0][:60]!r} is no array")
-            return arrays
+            return _npz(path)
         if kind == ".npy":
             with open(path, "rb") as file:
                 _refuse_objects(file, path, "it")
-            return {_WHOLE_TABLE: np.load(path, allow_pickle=False)}
+            return Arrays({_WHOLE_TABLE: np.load(path, allow_pickle=False)})
         if kind == ".mat":
-            return load_matlab(path)
-        if kind in TABLES:
-            return _load_table(path)
+            return Arrays(load_matlab(path))
+        arrays = Arrays(_parquet(path) if kind == ".parquet" else _hdf5(path))
+        if not arrays:
+            raise RecordingError(f"{path} holds no tables of numbers", "Give a file with joint states.")
+        return arrays
     except (RecordingError, MissingExtraError):
         raise
     except _UNREADABLE as error:
-        reason = getattr(error, "strerror", None) or str(error)[:200] or type(error).__name__
+        reason = getattr(error, "strerror", None) or " ".join(str(error).split())[:200] or type(error).__name__
         raise RecordingError(f"{path} cannot be read: {reason}", "Check the path and the format.") from None
-    raise RecordingError(f"{path} is none of .npz, .csv, .mat, .parquet, .hdf5", "Convert it to one of them.")
 
 
-def _check_file(path: Path) -> None:
-    """Refuse what may not end, or does not fit into the memory."""
-    status, most = path.stat(), limits.unpacked_bytes()
-    if not stat.S_ISREG(status.st_mode):
-        raise RecordingError(f"{path} is no file, but a pipe or a device", "Save it as a file first.")
-    if status.st_size > most:
-        raise RecordingError(f"{path} has {status.st_size} bytes, {most} are the limit", "Cut it into parts.")
+def _refuse_large(path: Path, size: int) -> None:
+    """Refuse what does not fit into the memory."""
+    if size > (most := limits.unpacked_bytes()):
+        raise RecordingError(f"{path} unpacks to {size} bytes, {most} are the limit", "Cut it into parts.")
+
+
+def _npz(path: Path) -> Arrays:
+    _check_zip(path)
+    with zipfile.ZipFile(path) as archive:
+        for entry in archive.namelist():
+            with archive.open(entry) as stream:
+                _refuse_objects(stream, path, entry.removesuffix(".npy"))
+    with np.load(path, allow_pickle=False) as content:
+        arrays = Arrays(dict(content))
+    # Where the head of an entry is damaged, numpy returns its bytes.
+    if strange := [name for name, values in arrays.items() if not isinstance(values, np.ndarray)]:
+        raise ValueError(f"its entry {strange[0][:60]!r} is no array")
+    return arrays
 
 
 def _check_zip(path: Path) -> None:
@@ -128,9 +172,7 @@ def _check_zip(path: Path) -> None:
         raise RecordingError(f"{path} is encrypted", "Save it with numpy.savez.")
     if other := [entry.filename for entry in entries if entry.compress_type not in _ZIP_METHODS]:
         raise RecordingError(f"{path}: {other[0]!r} is packed in a way that numpy does not use", "Save it with numpy.")
-    claimed, most = sum(entry.file_size for entry in entries), limits.unpacked_bytes()
-    if claimed > most:
-        raise RecordingError(f"{path} unpacks to {claimed} bytes, {most} are the limit", "Cut it into parts.")
+    _refuse_large(path, sum(entry.file_size for entry in entries))
 
 
 def _refuse_objects(stream: IO[bytes], path: Path, name: str) -> None:
@@ -146,61 +188,76 @@ def _refuse_objects(stream: IO[bytes], path: Path, name: str) -> None:
         raise RecordingError(f"{path} cannot be read: {name} holds Python objects, no numbers", "Save numbers alone.")
 
 
-def _load_table(path: Path) -> Arrays:
+def _table(path: Path, decimal: str | None) -> Arrays:
+    """Read a table as text: with or without a line of names, a row of units, columns of texts, and blank cells."""
     # Excel begins a file with a mark that it is UTF-8.
     with open(path, encoding="utf-8-sig", newline="") as file:
         numbered = [(n, line) for n, line in enumerate(file.read().splitlines(), start=1) if line.strip()]
     if not numbered:
         raise RecordingError(f"{path} cannot be read: it is empty", "Give a file with a table of numbers.")
-    head = numbered[0][1]
     delimiter = _delimiter([line for _, line in numbered[:2]])
     # Blanks may come several at a time, and stand behind the comment mark that numpy writes.
-    words = head.lstrip("#").split() if delimiter is None else next(csv.reader([head], delimiter=delimiter))
-    names = [name.strip().lstrip("#").strip() for name in words]
+    names = [name.strip().lstrip("#").strip() for name in _cells(numbered[0][1].lstrip("#"), delimiter)]
     nameless = all(_is_number(name) or _DECIMAL_COMMA.match(name) for name in names)
     rows = [(n, line) for n, line in numbered[0 if nameless else 1 :] if line.partition("#")[0].strip()]
     if not rows:
         raise ValueError("there are no numbers below the first line")
+    if nameless:
+        names = [str(column) for column in range(len(names))]
+    elif len(set(names)) < len(names):
+        raise ValueError(f"two columns are called {Counter(names).most_common(1)[0][0][:60]!r}")
     try:
         table = np.loadtxt([line for _, line in rows], delimiter=delimiter, ndmin=2)
+        arrays = Arrays(zip(names, table.T, strict=True))
     except ValueError:
-        _explain_row(path, rows, delimiter)
-        raise
-    if nameless:
-        return {str(column): table[:, column] for column in range(table.shape[1])} | {_WHOLE_TABLE: table}
-    if table.shape[1] != len(names):
-        raise ValueError(f"{len(names)} names in the first line, {table.shape[1]} columns of numbers")
-    if len(set(names)) < len(names):
-        twice = Counter(names).most_common(1)[0][0]
-        raise ValueError(f"two columns are called {twice[:60]!r}")
-    return {name: table[:, column] for column, name in enumerate(names)}
+        arrays = _by_cells(path, names, rows, delimiter, decimal)
+    if nameless and not arrays.faults:
+        arrays[_WHOLE_TABLE] = np.column_stack(list(arrays.values()))
+    return arrays
+
+
+def _by_cells(
+    path: Path, names: Sequence[str], rows: Sequence[tuple[int, str]], delimiter: str | None, decimal: str | None
+) -> Arrays:
+    """Read the rows of a table that are not all numbers with decimal points."""
+    parted = [(n, [cell.strip() for cell in _cells(line.partition("#")[0], delimiter)]) for n, line in rows]
+    for n, cells in parted:
+        if len(cells) != len(names):
+            problem = f"{path} cannot be read: line {n}: {len(cells)} columns, where the lines before have {len(names)}"
+            raise RecordingError(problem, "Give all lines as many columns; decimal marks are points.")
+    commas = next(((n, cell) for n, cells in parted for cell in cells if _DECIMAL_COMMA.match(cell)), None)
+    if commas is not None and decimal == ".":
+        problem = f"{path} cannot be read: line {commas[0]}: {commas[1]!r} has a decimal comma"
+        raise RecordingError(problem, "Write decimal: ',' in the mapping, or numbers with decimal points.")
+    arrays = Arrays()
+    arrays.decimal = "," if commas is not None else "."
+    units = parted[0][1]
+    if len(parted) > 1 and any(units) and not any(_is_number(cell.replace(",", ".")) for cell in units):
+        arrays.units = {name: unit for name, unit in zip(names, units, strict=True) if unit}
+        parted = parted[1:]
+    table = np.array([cells for _, cells in parted])
+    for k, name in enumerate(names):
+        column = np.char.replace(table[:, k], ",", ".") if arrays.decimal == "," else table[:, k]
+        try:
+            arrays[name] = np.where(column == "", "nan", column).astype(np.float64)
+        except ValueError:
+            arrays[name] = table[:, k]
+            wrong = next(i for i, cell in enumerate(column.tolist()) if cell and not _is_number(cell))
+            arrays.faults[name] = f"line {parted[wrong][0]}: {str(table[wrong, k])[:60]!r} is no number"
+    return arrays
+
+
+def _cells(line: str, delimiter: str | None) -> list[str]:
+    return line.split() if delimiter is None else next(csv.reader([line], delimiter=delimiter), [])
 
 
 def _delimiter(lines: Sequence[str]) -> str | None:
     """Return what parts the columns, by the first lines; None for blanks."""
-    # Commas beside as many semicolons in every line are decimal ones, or parts of names.
-    if lines[0].count(";") and len({line.count(";") for line in lines}) == 1:
-        return ";"
+    # Commas beside as many semicolons or tabs in every line are decimal ones, or parts of names.
+    for mark in ";\t":
+        if lines[0].count(mark) and len({line.count(mark) for line in lines}) == 1:
+            return mark
     return next((mark for mark in (",", ";", "\t") if mark in lines[0]), None)
-
-
-def _explain_row(path: Path, rows: Sequence[tuple[int, str]], delimiter: str | None) -> None:
-    """Raise an error that names the first line of a table that cannot be read, and what to do about it."""
-    width = 0
-    read = ((number, content) for number, line in rows if (content := line.split("#")[0]).strip())
-    for number, line in read:
-        words = line.split(delimiter)
-        width = width or len(words)
-        wrong = next((word.strip() for word in words if not _is_number(word)), None)
-        where = f"{path} cannot be read: line {number}"
-        if wrong is not None and _DECIMAL_COMMA.match(wrong):
-            raise RecordingError(f"{where}: {wrong!r} has a decimal comma", "Write numbers with decimal points.")
-        if wrong is not None:
-            what = f"{wrong[:60]!r} is no number" if wrong else "a number is missing"
-            raise RecordingError(f"{where}: {what}", "Write nan where there is no number, and names in line 1 alone.")
-        if len(words) != width:
-            message = f"{where}: {len(words)} columns, where the lines before have {width}"
-            raise RecordingError(message, "Give all lines as many columns; decimal marks are points.")
 
 
 def _is_number(word: str) -> bool:
@@ -209,3 +266,70 @@ def _is_number(word: str) -> bool:
     except ValueError:
         return False
     return True
+
+
+def _parquet(path: Path) -> dict[str, np.ndarray]:
+    """Read columns of numbers, and of lists of equally many numbers, such as LeRobot's `observation.state`."""
+    try:
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+    except ImportError as error:
+        raise MissingExtraError("Parquet files need pyarrow, which is not installed", _LEARNING) from error
+    try:
+        with pq.ParquetFile(path) as file:
+            # A few bytes may stand for any number of equal values, so that the file's own sizes do not count.
+            groups = (file.metadata.row_group(k) for k in range(file.metadata.num_row_groups))
+            columns = (group.column(k) for group in groups for k in range(group.num_columns))
+            _refuse_large(path, 8 * sum(c.num_values for c in columns if c.physical_type != "BYTE_ARRAY"))
+            numbers = [field.name for field in file.schema_arrow if _has_numbers(field.type)]
+            table = file.read(columns=numbers)
+        found = {name: _column(table.column(name)) for name in table.column_names}
+    except pa.ArrowException as error:
+        raise ValueError(str(error)) from None
+    return {name: values for name, values in found.items() if values is not None}
+
+
+def _has_numbers(kind: Any) -> bool:
+    import pyarrow.types as types
+
+    if types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind):
+        kind = kind.value_type
+    return bool(types.is_integer(kind) or types.is_floating(kind) or types.is_boolean(kind) or types.is_timestamp(kind))
+
+
+def _column(column: Any) -> np.ndarray | None:
+    """Return a column as (N,), or as (N, k) where it has lists of k; None where these differ in length."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    if pa.types.is_timestamp(column.type):
+        return np.asarray(column.cast(pa.timestamp("ns")).cast(pa.int64()).to_numpy())
+    if not pa.types.is_nested(column.type):
+        return np.asarray(column.to_numpy())
+    lengths = {n for n in pc.unique(pc.list_value_length(column)).to_pylist() if n is not None}
+    if len(lengths) != 1:
+        return None
+    values = np.full((len(column), lengths.pop()), np.nan)
+    values[column.is_valid().to_numpy()] = pc.list_flatten(column).to_numpy().reshape(-1, values.shape[1])
+    return values
+
+
+def _hdf5(path: Path) -> dict[str, np.ndarray]:
+    """Read datasets of numbers, called by their paths with dots; pictures and texts are left out."""
+    try:
+        import h5py
+    except ImportError as error:
+        raise MissingExtraError("HDF5 files need h5py, which is not installed", _LEARNING) from error
+    found: list[tuple[str, Any]] = []
+
+    def visit(name: str, item: Any) -> None:
+        if isinstance(item, h5py.Dataset) and item.dtype.kind in "biuf" and item.ndim in (1, 2):
+            if item.external or item.is_virtual:
+                problem = f"{path}: {name[:60]} lies in other files, which an HDF5 file may name at will"
+                raise RecordingError(problem, "Copy it into the file itself, for example with h5repack.")
+            found.append((name, item))
+
+    with h5py.File(path, "r") as file:
+        file.visititems(visit)
+        _refuse_large(path, sum(item.size * item.dtype.itemsize for _, item in found))
+        return {name.replace("/", "."): item[()] for name, item in found}

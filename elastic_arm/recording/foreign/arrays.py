@@ -2,33 +2,39 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import replace
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal, Self
 
 import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
 
 from elastic_arm.errors import RecordingError
 from elastic_arm.input_files import Number, WholeNumber, read_text
-from elastic_arm.recording.foreign.array_files import load_arrays
+from elastic_arm.recording.foreign.array_files import FILE_INDEX, Arrays, load_arrays
 from elastic_arm.recording.foreign.channels import (
     CHANNEL_NAMES,
+    DEFAULT_UNIT,
     MOST_JOINTS,
+    SIDE_NAMES,
     ChannelName,
     ChannelScale,
+    SideName,
     Sign,
     Strict,
     Unit,
     from_currents,
+    known_unit,
     load_yaml,
+    stated_unit,
     validated,
 )
 from elastic_arm.recording.foreign.coupling import Coupling, coupled, coupling_matrix
 from elastic_arm.recording.inspection.quality import REPAIR, checked
 from elastic_arm.recording.recording import Recording
-from elastic_arm.recording.sides import Array, Side, Stamps
+from elastic_arm.recording.sides import Array, Side, Stamps, joints_with
 
 MEND = "Mend these samples in the file: times have to advance, and numbers to be finite."
 _NS = {"s": 1e9, "ms": 1e6, "us": 1e3, "ns": 1.0}
@@ -52,10 +58,10 @@ class Times(Strict):
 
 
 class Rows(Strict):
-    """Which rows are taken of arrays that hold several runs: those where array `key` is `value`, as an episode's."""
+    """The runs of arrays that hold several: rows where array `key` is the same number, as an episode's."""
 
     key: Key
-    value: WholeNumber
+    value: WholeNumber | list[WholeNumber] | None = None  # of one run, or of several; all when None
 
 
 class ArrayChannel(Strict):
@@ -125,13 +131,16 @@ class SideArrays(Strict):
 
 
 class ArrayMap(Strict):
-    """A mapping of arrays to a recording."""
+    """A mapping of arrays to a recording, or to several runs."""
 
     times: Times  # of the samples
     joints: Annotated[list[str], Field(min_length=1, max_length=MOST_JOINTS)]  # names, in robot-description order
     link: SideArrays = SideArrays()  # link, motor: the channels of each side
     motor: SideArrays = SideArrays()
-    rows: Rows | None = None  # one run of several, such as an episode of a dataset; all rows when None
+    command: SideArrays = SideArrays()  # what the arm was told, the recording's reference
+    rows: Rows | None = None  # runs of several, such as the episodes of a dataset; all rows are one when None
+    every: Annotated[WholeNumber, Field(ge=1)] = 1  # of the rows each so many-th is taken
+    decimal: Literal[".", ","] = "."  # mark of tables as text
     # arrays that are left out on purpose, `*` and `?` as in file names; any other that is not mapped is an error
     ignore: Annotated[list[str], Field(default_factory=list)]
     robot_description: str | None = None  # URDF file to put into the bag; relative to the mapping file
@@ -143,11 +152,15 @@ class ArrayMap(Strict):
             raise ValueError("joints: a name occurs twice")
         if not self.link.present() and not self.motor.present():
             raise ValueError("neither link nor motor has a channel")
-        for side in (self.link, self.motor):
-            for name, channel in side.present().items():
-                channel.scales(name, len(channel.places(self.joints)))
+        for _, name, channel in self.channels():
+            channel.scales(name, len(channel.places(self.joints)))
         coupling_matrix(self.coupling, self.joints)
         return self
+
+    def channels(self) -> Iterator[tuple[SideName, ChannelName, ArrayChannel]]:
+        """Yield the channels of all sides."""
+        for side in SIDE_NAMES:
+            yield from ((side, name, channel) for name, channel in getattr(self, side).present().items())
 
     def currents(self) -> tuple[str, ...]:
         """Return the torque channels, by the names of a recording, that are currents of any joint."""
@@ -161,49 +174,57 @@ def load_array_map(path: str | Path) -> ArrayMap:
 
 
 def import_arrays(path: str | Path, mapping: str | Path) -> Recording:
-    """Make a recording of a file of arrays."""
-    arrays, rules = load_arrays(Path(path)), load_array_map(mapping)
-    try:
-        _refuse_strays(arrays, rules)
-        arrays = _of_run(arrays, rules.rows)
-        stamp_ns = _stamps(arrays, rules)
-        link = _side(arrays, rules, "link", stamp_ns)
-        motor = coupled(_side(arrays, rules, "motor", stamp_ns), coupling_matrix(rules.coupling, rules.joints))
-    except RecordingError as error:
-        # There is no bag yet that could be repaired.
-        remedy = MEND if REPAIR in error.remedy else error.remedy
-        raise RecordingError(f"{path}: {error.problem}", remedy) from None
+    """Make a recording of a file of arrays, or of all files of a folder."""
+    runs = import_runs(path, mapping)
+    if len(runs) > 1:
+        raise RecordingError(f"{path} holds {len(runs)} runs", "Give the number of one under rows.value.")
+    return next(iter(runs.values()))
+
+
+def import_runs(path: str | Path, mapping: str | Path) -> dict[str, Recording]:
+    """Make recordings of a file or folder of arrays, by the names of the runs; one alone has an empty name."""
+    rules = load_array_map(mapping)
+    arrays = load_arrays(Path(path), rules.decimal)
     urdf = None
     if rules.robot_description is not None:
         file = Path(mapping).parent / rules.robot_description
         urdf = read_text(file, RecordingError, f"Mend robot_description in {mapping}: a path beside that file.")
-    return Recording(
-        tuple(rules.joints), link, motor, robot_description=urdf, source=str(path), currents=rules.currents()
-    )
+    try:
+        _refuse_strays(arrays, rules)
+        rules, notes = _with_stated_units(arrays, rules, mapping)
+        count = _count(arrays, rules)
+        tables = {
+            side: {name: _scaled(arrays, channel, name, count, rules.joints) for name, channel in present.items()}
+            for side in SIDE_NAMES
+            if (present := getattr(rules, side).present())
+        }
+        return {
+            name: replace(
+                _recording(rules, _times(arrays, rules, count), tables, rows),
+                robot_description=urdf,
+                source=f"{path} {name}".strip(),
+                notes=notes,
+            )
+            for name, rows in _runs(arrays, rules, count)
+        }
+    except RecordingError as error:
+        # There is no bag yet that could be repaired.
+        remedy = MEND if REPAIR in error.remedy else error.remedy
+        raise RecordingError(f"{path}: {error.problem}", remedy) from None
 
 
-def _of_run(arrays: dict[str, np.ndarray], rows: Rows | None) -> dict[str, np.ndarray]:
-    """Return the rows of one run."""
-    if rows is None:
-        return arrays
-    numbers = np.asarray(arrays[rows.key]).ravel()
-    chosen = numbers == rows.value
-    if not chosen.any():
-        known = ", ".join(f"{number:g}" for number in np.unique(numbers)[:8])
-        raise RecordingError(f"no row has {rows.key} {rows.value}", f"Take one of {known} under rows.value.")
-    return {name: values[chosen] if len(values) == len(chosen) else values for name, values in arrays.items()}
-
-
-def _refuse_strays(arrays: Mapping[str, np.ndarray], rules: ArrayMap) -> None:
-    sides = (rules.link, rules.motor)
-    used = {key for side in sides for channel in side.present().values() for key in channel.arrays()}
-    used |= {rules.times.key} if rules.times.key is not None else set()
-    used |= {rules.rows.key} if rules.rows is not None else set()
-    known = ", ".join(arrays)
+def _refuse_strays(arrays: Arrays, rules: ArrayMap) -> None:
+    used = {key for _, _, channel in rules.channels() for key in channel.arrays()}
+    used |= {key for key in (rules.times.key, rules.rows and rules.rows.key) if key}
     if missing := sorted(used - set(arrays)):
-        raise RecordingError(f"no array {', '.join(missing)}; there is {known}", "Correct the names in the mapping.")
-    left = {name for name in arrays if not _other_form(name, arrays, used)} - used
-    if strays := sorted(name for name in left if not any(fnmatchcase(name, pattern) for pattern in rules.ignore)):
+        raise RecordingError(
+            f"no array {', '.join(missing)}; there is {', '.join(arrays)}", "Correct the names in the mapping."
+        )
+    numbers = {name for name, values in arrays.items() if values.dtype.kind in "iufc" and name != FILE_INDEX}
+    # A bracket in a pattern is one of the name: columns are called `Time [ms]`.
+    patterns = [pattern.replace("[", "[[]") for pattern in rules.ignore]
+    left = {name for name in numbers - used if not _other_form(name, arrays, used)}
+    if strays := sorted(name for name in left if not any(fnmatchcase(name, pattern) for pattern in patterns)):
         raise RecordingError(
             f"arrays {', '.join(strays)} are not mapped", "Map them, or list them under 'ignore' in the mapping."
         )
@@ -221,62 +242,142 @@ def _other_form(name: str, arrays: Mapping[str, np.ndarray], used: Collection[st
     return f"{name}.0" in arrays and any(key.rpartition(".")[0] == name for key in used)
 
 
-def _stamps(arrays: Mapping[str, np.ndarray], rules: ArrayMap) -> Stamps:
+def _with_stated_units(arrays: Arrays, rules: ArrayMap, mapping: str | Path) -> tuple[ArrayMap, tuple[str, ...]]:
+    """Give channels without a unit those that their columns' names or a row of units state, and note what differs."""
+    content = rules.model_dump(exclude_unset=True)
+    notes: list[str] = []
+    for side, name, channel in rules.channels():
+        keys = channel.arrays()
+        stated = [stated_unit(key, arrays.units.get(key, "")) for key in keys]
+        known = [known_unit(word) for word in stated]
+        if channel.unit is not None:
+            units = channel.unit if isinstance(channel.unit, list) else [channel.unit] * len(keys)
+            for key, word, found, unit in zip(keys, stated, known, units, strict=False):
+                if word and (found is None or found[0] not in unit) and unit not in ("Nm_motor", "N"):
+                    notes.append(f"{key} is in {word} by its name, and was taken as {unit} by the mapping")
+            continue
+        for key, word, found in zip(keys, stated, known, strict=True):
+            if word and found is None:
+                raise RecordingError(
+                    f"{key} is in {word}, which is no unit of {name}",
+                    f"Give {side}.{name} a unit, and how many of it are one {word} as factor.",
+                )
+        if any(stated):
+            default = DEFAULT_UNIT[name]
+            own = [(default, 1.0) if found is None else found for found in known]
+            n = len(channel.places(rules.joints))
+            own = own * n if len(own) == 1 else own
+            factor = channel.factor if isinstance(channel.factor, list) else [channel.factor] * n
+            content[side][name] |= {
+                "unit": [unit for unit, _ in own],
+                "factor": [given * size for given, (_, size) in zip(factor, own, strict=False)],
+            }
     times = rules.times
-    if times.key is None:
-        side = rules.link if rules.link.present() else rules.motor
-        channel = next(iter(side.present().values()))
-        first = arrays[channel.arrays()[0]]
-        n = len(channel.places(rules.joints))
-        count = first.size // n if channel.flat else max(first.shape, default=1)
-        return round(times.start * 1e9) + np.rint(np.arange(count) * (1e9 / float(times.rate or 1))).astype(np.int64)
-    values = np.asarray(arrays[times.key]).ravel()
+    if times.key is not None and "unit" not in times.model_fields_set:
+        word = stated_unit(times.key, arrays.units.get(times.key, "")).lower().replace("µ", "u").replace("sec", "s")
+        content["times"]["unit"] = word if word in _NS else "s"
+    return validated(ArrayMap, content, mapping), tuple(notes)
+
+
+def _count(arrays: Mapping[str, np.ndarray], rules: ArrayMap) -> int:
+    """Return the number of rows."""
+    if rules.times.key is not None:
+        return arrays[rules.times.key].size
+    _, _, channel = next(rules.channels())
+    first = arrays[channel.arrays()[0]]
+    return first.size // len(channel.places(rules.joints)) if channel.flat else max(first.shape, default=1)
+
+
+def _runs(arrays: Mapping[str, np.ndarray], rules: ArrayMap, count: int) -> list[tuple[str, Stamps]]:
+    """Return the runs by name, each with its rows."""
+    if rules.rows is None:
+        return [("", np.arange(count)[:: rules.every])]
+    numbers, key = np.asarray(arrays[rules.rows.key]).ravel(), rules.rows.key
+    if len(numbers) != count:
+        raise RecordingError(f"{key} has {len(numbers)} rows, of {count}", "Name another array under rows.key.")
+    known = np.unique(numbers)
+    value = rules.rows.value
+    wanted = known.tolist() if value is None else value if isinstance(value, list) else [value]
+    if missing := [number for number in wanted if number not in known]:
+        shown = ", ".join(f"{number:g}" for number in known[:8])
+        raise RecordingError(f"no row has {key} {missing[0]}", f"Take one of {shown} under rows.value.")
+    return [(f"{key}_{number:g}", np.flatnonzero(numbers == number)[:: rules.every]) for number in wanted]
+
+
+def _recording(
+    rules: ArrayMap, times: np.ndarray, tables: Mapping[SideName, Mapping[ChannelName, Array]], rows: Stamps
+) -> Recording:
+    """Build the recording of some rows: those with holes are left out of their side."""
+    notes: list[str] = []
+    sides: dict[str, Side | None] = dict.fromkeys(SIDE_NAMES)
+    for side, channels in tables.items():
+        values = {name: table[rows] for name, table in channels.items()}
+        held = ~np.isnan(times[rows]) if times.dtype.kind == "f" else np.ones(len(rows), np.bool_)
+        for table in values.values():
+            held &= ~np.isnan(table[:, joints_with(table)]).any(axis=1)
+        if not held.any() and len(held):
+            raise RecordingError(f"no row has all numbers of the {side} side", "Map fewer of its channels.")
+        if not held.all():
+            notes.append(f"{np.sum(~held)} of {len(held)} rows have holes on the {side} side and were left out of it")
+        stamp_ns = _stamps(times[rows][held], rules.times, rows[0] if len(rows) else 0)
+        whole = checked(Side(stamp_ns, **{name: v[held] for name, v in values.items()}), side, rules.joints)
+        sides[side] = coupled(whole, coupling_matrix(rules.coupling, rules.joints)) if side == "motor" else whole
+    return Recording(
+        tuple(rules.joints),
+        sides["link"],
+        sides["motor"],
+        sides["command"],
+        notes=tuple(notes),
+        currents=rules.currents(),
+    )
+
+
+def _times(arrays: Mapping[str, np.ndarray], rules: ArrayMap, count: int) -> np.ndarray:
+    """(N,) times as they are, or numbers of the rows."""
+    if rules.times.key is None:
+        return np.arange(count)
+    values = np.asarray(arrays[rules.times.key]).ravel()
     if values.dtype.kind not in "iuf":
-        raise RecordingError(f"{times.key} holds no numbers", "Name the array of times in the mapping.")
-    _refuse_late(times.key, values, times.unit)
+        raise RecordingError(f"{rules.times.key} holds no numbers", "Name the array of times in the mapping.")
+    # Beyond this 64 bits of nanoseconds, and the stamps of ROS, hold no time.
+    late = np.abs(values.astype(np.float64)) >= 2**31 * 1e9 / _NS[rules.times.unit]
+    if late.any():
+        row = int(np.argmax(late))
+        raise RecordingError(
+            f"{rules.times.key} is {values[row]} {rules.times.unit} in row {row}; stamps end at 2^31 s, in 2038",
+            "Give the right unit under times, or subtract a constant.",
+        )
+    return values
+
+
+def _stamps(values: np.ndarray, times: Times, first: int) -> Stamps:
+    """(N,) ns of times as they are."""
+    if times.key is None:
+        return round(times.start * 1e9) + np.rint((values - first) * (1e9 / float(times.rate or 1))).astype(np.int64)
     if values.dtype.kind in "iu":
         return values.astype(np.int64) * int(_NS[times.unit])
-    if not np.isfinite(values).all():
-        raise RecordingError(f"{times.key} is not finite in row {int(np.argmin(np.isfinite(values)))}")
     # Whole units and the rest apart: unix seconds times 1e9 would lose the last bits.
     whole = np.floor(values)
     rest = np.rint((values - whole) * _NS[times.unit]).astype(np.int64)
     return whole.astype(np.int64) * int(_NS[times.unit]) + rest
 
 
-def _refuse_late(key: str, values: np.ndarray, unit: str) -> None:
-    """Raise if a time is beyond what 64 bits of nanoseconds, and the stamps of ROS, hold."""
-    limit = 2**31 * 1e9 / _NS[unit]
-    late = np.abs(values.astype(np.float64)) >= limit
-    if late.any():
-        row = int(np.argmax(late))
-        raise RecordingError(
-            f"{key} is {values[row]} {unit} in row {row}; stamps end at 2^31 s, in January 2038",
-            "Give the right unit under times, or subtract a constant.",
-        )
+def _scaled(arrays: Arrays, source: ArrayChannel, name: ChannelName, count: int, joints: Sequence[str]) -> Array:
+    """(count, n) a channel in SI units, NaN for joints without it."""
+    places = source.places(joints)
+    table = _table(arrays, source, count, len(places))
+    values = np.full((count, len(joints)), np.nan)
+    for i, (place, scale) in enumerate(zip(places, source.scales(name, len(places)), strict=True)):
+        values[:, place] = scale.applied(table[:, i], name)
+    return values
 
 
-def _side(
-    arrays: Mapping[str, np.ndarray], rules: ArrayMap, name: Literal["link", "motor"], stamp_ns: Stamps
-) -> Side | None:
-    channels: dict[ChannelName, ArrayChannel] = getattr(rules, name).present()
-    if not channels:
-        return None
-    n = len(rules.joints)
-    values: dict[str, Any] = {}
-    for channel, source in channels.items():
-        places = source.places(rules.joints)
-        table = _table(arrays, source, len(stamp_ns), len(places))
-        values[channel] = np.full((len(stamp_ns), n), np.nan)
-        for i, (place, scale) in enumerate(zip(places, source.scales(channel, len(places)), strict=True)):
-            values[channel][:, place] = scale.applied(table[:, i], channel)
-    return checked(Side(stamp_ns, **values), name, rules.joints)
-
-
-def _table(arrays: Mapping[str, np.ndarray], source: ArrayChannel, count: int, n: int) -> Array:
+def _table(arrays: Arrays, source: ArrayChannel, count: int, n: int) -> Array:
     """(count, n) numbers of a channel; an array with samples along its second axis is turned."""
     keys = source.arrays()
     for key in keys:
+        if key in arrays.faults:
+            raise RecordingError(f"{key}: {arrays.faults[key]}", "Write nan or nothing where there is no number.")
         if arrays[key].dtype.kind not in "biuf":
             raise RecordingError(
                 f"{key} is no table of numbers, but of {arrays[key].dtype.name}", "Map arrays of real numbers."

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeVar
@@ -15,7 +16,8 @@ from elastic_arm.recording.foreign.coupling import Coupling, coupling_matrix
 from elastic_arm.recording.sides import Array
 from elastic_arm.recording.storage.metadata import TORQUE_CHANNELS
 
-SideName = Literal["link", "motor"]
+SideName = Literal["link", "motor", "command"]
+SIDE_NAMES: tuple[SideName, ...] = ("link", "motor", "command")
 ChannelName = Literal["position", "velocity", "effort"]
 Unit = Literal[
     "rad", "deg", "turns", "rad/s", "deg/s", "turns/s", "rpm", "Nm", "Nm_motor", "A", "m", "mm", "m/s", "mm/s", "N"
@@ -44,7 +46,48 @@ _TO_SI: dict[ChannelName, dict[str, float]] = {
     },
     "effort": {"Nm": 1.0, "N": 1.0, "Nm_motor": 1.0, "A": 1.0},
 }
-_DEFAULT_UNIT: dict[ChannelName, Unit] = {"position": "rad", "velocity": "rad/s", "effort": "Nm"}
+# How files call units, without blanks and in small letters, and how many of a unit one of them is.
+_WORDS: dict[Unit, str] = {
+    "rad": "rad rads radian radians",
+    "deg": "deg degs degree degrees ° º",
+    "turns": "turn turns rev revs",
+    "rad/s": "rad/s rads/s rad/sec rad*s^-1",
+    "deg/s": "deg/s degs/s degrees/s deg/sec °/s º/s",
+    "turns/s": "turns/s rev/s",
+    "rpm": "rpm 1/min rev/min u/min",
+    "Nm": "nm n*m n·m n.m n-m",
+    "A": "a amp amps",
+    "m": "m",
+    "mm": "mm",
+    "m/s": "m/s",
+    "mm/s": "mm/s",
+    "N": "n",
+}
+_WRITTEN: dict[str, tuple[Unit, float]] = {
+    word: (unit, 1.0) for unit, words in _WORDS.items() for word in words.split()
+}
+_WRITTEN |= {"mrad": ("rad", 1e-3), "mrad/s": ("rad/s", 1e-3), "ma": ("A", 1e-3)}
+_WRITTEN |= {"mnm": ("Nm", 1e-3), "knm": ("Nm", 1e3), "kn": ("N", 1e3)}
+# In a column's name what stands in brackets is its unit, unless it is a number; in parentheses it may be a remark.
+_IN_NAME = re.compile(r"\[\s*([^\]\d][^\]]*?)\s*\]|\(\s*([^()\d][^()]*?)\s*\)")
+_OF_A_RANGE = re.compile(r"%|‰|per ?cent|per ?mille?", re.I)
+DEFAULT_UNIT: dict[ChannelName, Unit] = {"position": "rad", "velocity": "rad/s", "effort": "Nm"}
+
+
+def stated_unit(name: str, row: str = "") -> str:
+    """Return the unit that a column's name, or its cell in a row of units, states; empty where neither does."""
+    if row:
+        return row
+    for match in _IN_NAME.finditer(name):
+        if match[1] or known_unit(match[2]) is not None:
+            return match[1] or match[2]
+    share = _OF_A_RANGE.search(name)
+    return "" if share is None else share[0]
+
+
+def known_unit(written: str) -> tuple[Unit, float] | None:
+    """Return the unit that a file's word for one means, and how many of it that is; None for other words."""
+    return _WRITTEN.get("".join(written.split()).lower())
 
 
 class Strict(BaseModel):
@@ -90,7 +133,7 @@ class ChannelScale(Strict):
 
     def scale(self, channel: ChannelName) -> float:
         """Return the factor that turns the recorded number into rad, rad/s or Nm (m, m/s or N) at the output."""
-        si = _TO_SI[channel][self.unit or _DEFAULT_UNIT[channel]] * self.factor * self.sign
+        si = _TO_SI[channel][self.unit or DEFAULT_UNIT[channel]] * self.factor * self.sign
         ratio = self.ratio or 1.0
         return si * (self.torque_constant or 1.0) * ratio if channel == "effort" else si / ratio
 
@@ -137,11 +180,16 @@ def from_currents(link: Sequence[str | None], motor: Sequence[str | None]) -> tu
 
 
 class JointChannels(Strict):
-    """Both sides of a joint; `name` is what the bag calls it, for all channels without a name of their own."""
+    """The sides of a joint and its command; `name` is what the bag calls it, for channels without one of their own."""
 
     name: str = ""
     link: SideChannels = SideChannels()
     motor: SideChannels = SideChannels()
+    command: SideChannels = SideChannels()
+
+    def sides(self) -> tuple[SideChannels, ...]:
+        """Return all sides."""
+        return self.link, self.motor, self.command
 
 
 class ChannelMap(Strict):
@@ -164,14 +212,14 @@ class ChannelMap(Strict):
     @model_validator(mode="after")
     def _usable(self) -> Self:
         for name, joint in self.joints.items():
-            if not any(True for side in (joint.link, joint.motor) for _ in side.present()):
+            if not any(True for side in joint.sides() for _ in side.present()):
                 raise ValueError(f"{name} has no channel")
         coupling_matrix(self.coupling, list(self.joints))
         return self
 
     def topics(self) -> set[str]:
         """Return all topics that are needed."""
-        sides = [side for joint in self.joints.values() for side in (joint.link, joint.motor)]
+        sides = [side for joint in self.joints.values() for side in joint.sides()]
         return {channel.topic for side in sides for _, channel in side.present()}
 
     def currents(self) -> tuple[str, ...]:
@@ -252,4 +300,4 @@ def _filled(joint_name: str, joint: Any) -> Any:
             for channel, source in channels.items()
         }
 
-    return {key: side(value) if key in ("link", "motor") else value for key, value in joint.items()}
+    return {key: side(value) if key in SIDE_NAMES else value for key, value in joint.items()}
