@@ -37,12 +37,13 @@ def test_a_draft_of_named_arrays_is_imported_as_it_is(tmp_path: Path) -> None:
 
 
 def test_the_names_of_robot_learners_are_known(tmp_path: Path) -> None:
-    """A dataset's state is the angles, its action the command, which is left out."""
+    """A dataset's state is the angles, its action what they were told."""
     tables = {"observation.state": Q, "observation.effort": TAU, "action": Q + 1e-3}
     np.savez(tmp_path / "run.npz", timestamp=T, **tables)
     draft = guess_mapping(load_arrays(tmp_path / "run.npz"), JOINTS)
-    taken = {guess.channel: guess.table.name for guess in draft.channels}
-    assert taken == {"position": "observation.state", "effort": "observation.effort"}
+    taken = {(guess.side, guess.channel): guess.table.name for guess in draft.channels}
+    state = {("link", "position"): "observation.state", ("motor", "effort"): "observation.effort"}
+    assert taken == {**state, ("command", "position"): "action"}
 
 
 def test_a_table_without_names_is_cut_by_its_derivatives(tmp_path: Path) -> None:

@@ -195,7 +195,7 @@ def _table(path: Path, decimal: str | None) -> Arrays:
         numbered = [(n, line) for n, line in enumerate(file.read().splitlines(), start=1) if line.strip()]
     if not numbered:
         raise RecordingError(f"{path} cannot be read: it is empty", "Give a file with a table of numbers.")
-    delimiter = _delimiter([line for _, line in numbered[:2]])
+    delimiter = _delimiter([line for _, line in numbered[:2]], decimal)
     # Blanks may come several at a time, and stand behind the comment mark that numpy writes.
     names = [name.strip().lstrip("#").strip() for name in _cells(numbered[0][1].lstrip("#"), delimiter)]
     nameless = all(_is_number(name) or _DECIMAL_COMMA.match(name) for name in names)
@@ -251,12 +251,14 @@ def _cells(line: str, delimiter: str | None) -> list[str]:
     return line.split() if delimiter is None else next(csv.reader([line], delimiter=delimiter), [])
 
 
-def _delimiter(lines: Sequence[str]) -> str | None:
+def _delimiter(lines: Sequence[str], decimal: str | None) -> str | None:
     """Return what parts the columns, by the first lines; None for blanks."""
     # Commas beside as many semicolons or tabs in every line are decimal ones, or parts of names.
     for mark in ";\t":
         if lines[0].count(mark) and len({line.count(mark) for line in lines}) == 1:
             return mark
+    if decimal == "," and '"' not in lines[-1]:
+        return None
     return next((mark for mark in (",", ";", "\t") if mark in lines[0]), None)
 
 

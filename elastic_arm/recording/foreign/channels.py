@@ -29,7 +29,7 @@ MOST_JOINTS = 1000
 CHANNEL_NAMES: tuple[ChannelName, ...] = ("position", "velocity", "effort")
 
 # A position's unit on a velocity means that unit per second.
-_TO_SI: dict[ChannelName, dict[str, float]] = {
+TO_SI: dict[ChannelName, dict[str, float]] = {
     "position": {"rad": 1.0, "deg": math.pi / 180, "turns": 2 * math.pi, "m": 1.0, "mm": 1e-3},
     "velocity": {
         "rad": 1.0,
@@ -128,12 +128,12 @@ class ChannelScale(Strict):
 
     def check_unit(self, channel: ChannelName) -> None:
         """Raise a ValueError if the unit is none of this channel's."""
-        if self.unit is not None and self.unit not in _TO_SI[channel]:
-            raise ValueError(f"{channel} cannot have unit {self.unit}; one of {', '.join(_TO_SI[channel])}")
+        if self.unit is not None and self.unit not in TO_SI[channel]:
+            raise ValueError(f"{channel} cannot have unit {self.unit}; one of {', '.join(TO_SI[channel])}")
 
     def scale(self, channel: ChannelName) -> float:
         """Return the factor that turns the recorded number into rad, rad/s or Nm (m, m/s or N) at the output."""
-        si = _TO_SI[channel][self.unit or DEFAULT_UNIT[channel]] * self.factor * self.sign
+        si = TO_SI[channel][self.unit or DEFAULT_UNIT[channel]] * self.factor * self.sign
         ratio = self.ratio or 1.0
         return si * (self.torque_constant or 1.0) * ratio if channel == "effort" else si / ratio
 

@@ -11,7 +11,16 @@ from typing import Literal
 import numpy as np
 
 from elastic_arm.errors import RecordingError
-from elastic_arm.recording.foreign.channels import CHANNEL_NAMES, ChannelName, SideName
+from elastic_arm.recording.foreign.array_files import FILE_INDEX
+from elastic_arm.recording.foreign.channels import (
+    CHANNEL_NAMES,
+    DEFAULT_UNIT,
+    SIDE_NAMES,
+    TO_SI,
+    ChannelName,
+    SideName,
+    known_unit,
+)
 from elastic_arm.recording.foreign.derivatives import ALIKE, integral, integrals, is_no_rate, slope
 from elastic_arm.recording.foreign.draft import Draft, Guess
 from elastic_arm.recording.foreign.tables import Contents, JointTable, TimeArray, find_tables
@@ -35,13 +44,14 @@ _ANGLES = {"rad": 1.0, "deg": np.pi / 180, "turns": 2 * np.pi}
 _ANGLE_WORDS = r"deg|rad|turn|rev"
 _SPEEDS = {"rad/s": 1.0, "deg/s": np.pi / 180, "turns/s": 2 * np.pi, "rpm": 2 * np.pi / 60}
 _WORDS: dict[Quantity, str] = {
-    "other": r"temp|volt|target|desired|des(?=_|\d|$)|ref|cmd|cmpt|command|setpoint|error|status|mode|noise|friction|"
-    r"grav|model|predict|simul|ff(?=_|\d|$)|init|(?<![a-z])action(?![a-z])",
+    "other": r"temp|volt|cmpt|error|status|mode(?!l?led)|noise|friction|grav|model|predict|simul|ff(?=_|\d|$)|init",
     "acceleration": r"acc|ddq|qdd|d2",
     "velocity": r"vel|dq|qd|omega|speed|rpm|dtheta",
     "effort": r"torq|tau|force|eff|cur|load|moment|(?<![a-z])i(?=_|\d|$)",
     "position": r"pos|ang|theta|(?<![a-z])q(?=_|\d|$)|joint_state|(?<![a-z])state$",
 }
+# What the arm was told; without a further word its positions, as a dataset's `action`.
+_COMMAND = r"target|desired|des(?=_|\d|$)|ref(?!l)|cmd|command(ed)?|set_?point|(?<![a-z])action(?![a-z])"
 # Read in this order: a sensor of a motor's torque is rarer than a torque sensor.
 _SIDE_WORDS: dict[SideName, str] = {
     "link": r"link|(?<![a-z])se(?=_|\d|$)|second|output|load|sensor|torq\w*s(m|ens)|tau_?j|arm_side",
@@ -56,14 +66,16 @@ def guess_mapping(arrays: Mapping[str, np.ndarray], joints: Sequence[str], prism
 
     Units follow from names, ranges, and slopes of derivatives; sides and kinds of torque from names.
     """
-    contents = find_tables(arrays, joints)
+    contents = find_tables(arrays, joints, getattr(arrays, "units", {}))
     slides = np.array([joint in prismatic for joint in joints])
     whole = {table.keys: table for table in contents.tables}
     if not slides.all():
         # What is in the columns is told by those of joints that turn.
         turning = [replace(table, values=table.values[:, ~slides]) for table in contents.tables]
         contents = replace(contents, tables=tuple(turning))
-    ignored = [(key, "no table of all joints") for key in contents.rest]
+    faults = getattr(arrays, "faults", {})
+    numbers = [key for key in contents.rest if arrays[key].dtype.kind in "iufc" and key != FILE_INDEX]
+    ignored = [(key, "no table of all joints") for key in numbers]
     chosen: dict[tuple[SideName, ChannelName], Guess] = {}
     for guess in _recognised(contents):
         if isinstance(guess, Guess) and (guess.side, guess.channel) not in chosen:
@@ -89,8 +101,10 @@ def guess_mapping(arrays: Mapping[str, np.ndarray], joints: Sequence[str], prism
     found = {place: _with_lengths(guess, slides.tolist()) for place, guess in _with_ratio(chosen).items()}
     found = {place: _without_dead(guess, found) for place, guess in found.items()}
     ignored += [(key, DEAD) for guess in found.values() for key in _left_out(guess)]
-    ordered = [found[place] for place in product(_SIDE_WORDS, CHANNEL_NAMES) if place in found]
-    return Draft(tuple(joints), contents.times, tuple(ordered), tuple(ignored))
+    ordered = [found[place] for place in product(SIDE_NAMES, CHANNEL_NAMES) if place in found]
+    ignored += [(key, f"no numbers: {fault}") for key, fault in faults.items()]
+    decimal = getattr(arrays, "decimal", ".")
+    return Draft(tuple(joints), contents.times, tuple(ordered), tuple(ignored), contents.runs, decimal)
 
 
 def _without_dead(guess: Guess, chosen: Mapping[tuple[SideName, ChannelName], Guess]) -> Guess:
@@ -132,8 +146,9 @@ def _recognised(contents: Contents) -> list[Guess | tuple[JointTable, str]]:
     named: list[Guess] = []
     unnamed: list[Guess | tuple[JointTable, str]] = []
     tables = [(table, *_quantity(table)) for table in contents.tables]
-    known = [table for table, quantity, _ in tables if quantity == "position"]
-    speeds = [table for table, quantity, _ in tables if quantity == "velocity"]
+    told = [(table, quantity) for table, quantity, _ in tables if not re.search(_COMMAND, table.stem, re.I)]
+    known = [table for table, quantity in told if quantity == "position"]
+    speeds = [table for table, quantity in told if quantity == "velocity"]
     nameless = [table for table, quantity, _ in tables if quantity is None]
     # Wherever they stand in the file: what follows is compared with all of them.
     angles = integrals(nameless, [*speeds, *nameless], contents.times)
@@ -148,6 +163,8 @@ def _recognised(contents: Contents) -> list[Guess | tuple[JointTable, str]]:
             unnamed.append((table, f"the same numbers as {same.name}"))
         elif np.ptp(table.values, axis=0).max() == 0:
             unnamed.append((table, "constant throughout"))
+        elif re.search(_COMMAND, table.stem, re.I):
+            named.append(_guess(table, quantity or "position", by_name, known, contents.times))
         elif quantity == "velocity" and is_no_rate(table, known, contents.times):
             unnamed.append((table, "called a velocity, and the derivative of no position in the file: map it by hand"))
         elif quantity is not None:
@@ -182,11 +199,16 @@ def _rank(guess: Guess) -> tuple[int, bool]:
 
 
 def _quantity(table: JointTable) -> tuple[Quantity | None, str]:
-    """Return what the name of a table means, and the part of the name that shows it."""
+    """Return what the name of a table means, or else the unit that it states; and the name where it shows that."""
+    stem = re.sub(_COMMAND, "", table.stem, flags=re.I)
     for quantity, pattern in _WORDS.items():
-        if re.search(pattern, table.stem, re.I) is not None:
+        if re.search(pattern, stem, re.I) is not None:
             return quantity, table.name
-    return None, ""
+    unit = known_unit(table.stated)
+    of_unit = [name for name in CHANNEL_NAMES if unit is not None and unit[0] in TO_SI[name] and unit[0] not in _ANGLES]
+    if unit is not None and (unit[0] in _ANGLES or of_unit):
+        return "position" if unit[0] in _ANGLES else of_unit[0], table.name
+    return None, table.name if stem != table.stem else ""
 
 
 def _guess(
@@ -195,31 +217,45 @@ def _guess(
     """Return a table as a channel, with side and unit."""
     side, word = _side_by_name(table.name)
     missing: dict[str, str] = {}
-    if quantity == "position":
+    scales: dict[str, list[float]] = {}
+    channel: ChannelName = "position" if quantity == "position" else "velocity" if quantity == "velocity" else "effort"
+    stated = known_unit(table.stated)
+    unit: str
+    if table.stated and (stated is None or stated[0] not in TO_SI[channel]):
+        unit, why = DEFAULT_UNIT[channel], f"in {table.stated} by its name, which is no unit of {channel}"
+        missing = {"factor": f"how many {unit} are one {table.stated}"}
+    elif stated is not None:
+        unit, why = stated[0], f"in {table.stated} by its name"
+        scales = {} if stated[1] == 1.0 else {"factor": [stated[1]] * table.values.shape[1]}
+    elif quantity == "position":
         unit, why = _angle_unit(table)
     elif quantity == "velocity":
         unit, why = _speed_unit(table, positions, times)
     else:
         unit, why = _torque_unit(table)
+    if channel == "effort":
         side = side or "motor"
         if not word:
             why += "; a motor's torque unless the arm has joint torque sensors: then it goes under link"
         if unit == "A":
-            missing = {"torque_constant": "Nm/A at the motor shaft", "ratio": "motor turns per output turn"}
+            missing |= {"torque_constant": "Nm/A at the motor shaft", "ratio": "motor turns per output turn"}
     if word:
         reasons = [*reasons, f"{side} side by {word!r} in its name"]
     elif quantity != "effort":
         reasons = [*reasons, "link side, as nothing in its name points to the motor"]
-    channel: ChannelName = "position" if quantity == "position" else "velocity" if quantity == "velocity" else "effort"
+    if table.flat:
+        reasons = [*reasons, f"numbers one after the other, {table.values.shape[1]} a sample"]
     if still := [str(k) for k in np.flatnonzero(np.ptp(table.values, axis=0) == 0)]:
         reasons.append(f"{CONSTANT} {', '.join(still)} is constant: no sensor there, or a joint that stood")
     n = table.values.shape[1]
     if table.available > n:
         reasons.append(f"the first {n} of {table.available} columns: check that these are the arm's joints")
-    return Guess(side or "link", channel, table, unit, (*reasons, why), missing=missing)
+    return Guess(side or "link", channel, table, unit, (*reasons, why), scales, missing)
 
 
 def _side_by_name(name: str) -> tuple[SideName | None, str]:
+    if (match := re.search(_COMMAND, name, re.I)) is not None:
+        return "command", match[0]
     for side, pattern in _SIDE_WORDS.items():
         if (match := re.search(pattern, name, re.I)) is not None:
             return side, match[0]
@@ -283,7 +319,10 @@ def _with_ratio(chosen: dict[tuple[SideName, ChannelName], Guess]) -> dict[tuple
     slope = (of_rotor * of_link).sum(axis=0) / np.maximum((of_link**2).sum(axis=0), 1e-300)
     if np.abs(slope).min() < SMALLEST_RATIO:
         return chosen
-    scales = {"ratio": [round(float(s), 4) for s in np.abs(slope)], "sign": [float(np.sign(s)) for s in slope]}
+    scales: dict[str, list[float]] = {
+        "ratio": [round(float(s), 4) for s in np.abs(slope)],
+        "sign": [float(np.sign(s)) for s in slope],
+    }
     why = f"slope over the link's angle: turns of the rotor, in {unit}"
     for guess in (motor, chosen.get(("motor", "velocity"))):
         if guess is not None:
