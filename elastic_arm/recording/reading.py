@@ -16,6 +16,7 @@ from elastic_arm.recording.decoding import Decoder
 from elastic_arm.recording.foreign.channels import ChannelMap, load_channels
 from elastic_arm.recording.foreign.mapping import mapped_side
 from elastic_arm.recording.inspection.quality import check_times, checked
+from elastic_arm.recording.joint_names import matched_names
 from elastic_arm.recording.namespaces import choose_namespace, local_name
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.series import Piece, Series
@@ -39,6 +40,7 @@ _POINT = {
     "position": "points.0.positions",
     "velocity": "points.0.velocities",
     "acceleration": "points.0.accelerations",
+    "effort": "points.0.effort",
 }
 
 
@@ -181,12 +183,14 @@ def read_content(bags: Sequence[Bag], wanted: Collection[str], strict: bool = Tr
 def _mapped_recording(content: Content, channels: ChannelMap) -> Recording:
     link, of_link = mapped_side(channels, "link", content.series)
     motor, of_motor = mapped_side(channels, "motor", content.series)
+    command, of_command = mapped_side(channels, "command", content.series)
     return Recording(
         tuple(channels.joints),
         link,
         motor,
+        command,
         robot_description=content.robot_description,
-        notes=(*of_link, *of_motor),
+        notes=(*of_link, *of_motor, *of_command),
         currents=channels.currents(),
     )
 
@@ -209,7 +213,10 @@ def _contract_recording(content: Content, wanted: Sequence[str] | None) -> Recor
     sides = {topic: _side(content.series.get(topic), joints, _STATE, notes) for topic in (JOINT_STATES, MOTOR_STATES)}
     link, motor = _place_torques(sides[JOINT_STATES], sides[MOTOR_STATES], content, joints, notes)
     reference = _reference(content.series.get(REFERENCE), joints, notes)
-    return Recording(joints, link, motor, reference, content.robot_description, notes=tuple(notes))
+    called = joints if wanted is None else tuple(wanted)
+    if called != joints:
+        notes.append(f"{', '.join(joints)} are {', '.join(called)} by their names without what all of them share")
+    return Recording(called, link, motor, reference, content.robot_description, notes=tuple(notes))
 
 
 def _place_torques(
@@ -243,14 +250,14 @@ def _joints(states: Sequence[Series], wanted: Sequence[str] | None, urdf: str | 
     if not names:
         raise RecordingError(f"{states[0].topic} names no joints", "The publisher must fill the field name.")
     if wanted is not None:
-        there = set(names)
-        missing = [name for name in wanted if name not in there]
-        if missing:
+        matched = matched_names(wanted, names)
+        if matched is None:
+            missing = [name for name in wanted if name not in names]
             raise RecordingError(
                 f"joint {', '.join(missing)} was not recorded; there are {', '.join(names)}",
                 "Give the description of the recorded arm (--robot), or map its names in a channel map (--channels).",
             )
-        return tuple(wanted)
+        return tuple(matched)
     known = urdf_joints(urdf)
     recorded = set(names)
     if recorded <= set(known):

@@ -51,8 +51,8 @@ def load_arrays(path: Path, decimal: str | None = ".") -> Arrays:
     """Read the arrays of a file, or of all files of a folder, as docs/channel_maps.md names them.
 
     `decimal` is the decimal mark of tables as text; None for the one that fits. Columns that are no numbers come as
-    texts. Files of a folder that all hold the same arrays, as the episodes of a dataset do, are read one below the
-    other, and `file_index` numbers them.
+    texts. Files of a dataset, which are numbered and all hold the same arrays, are read one below the other, and
+    `file_index` numbers them.
     """
     # Path.is_dir raises for names that are too long.
     if not os.path.isdir(path):
@@ -74,7 +74,8 @@ def load_arrays(path: Path, decimal: str | None = ".") -> Arrays:
         parts[file] = _load(file, decimal)
         _refuse_large(path, sum(array.nbytes for part in parts.values() for array in part.values()))
     alike = {tuple((name, values.shape[1:]) for name, values in part.items()) for part in parts.values()}
-    return _stacked(list(parts.values())) if len(alike) == 1 and files == learned else _side_by_side(path, parts)
+    numbered = len(files) == 1 or (len(alike) == 1 and all(file.stem[-1:].isdecimal() for file in files))
+    return _stacked(list(parts.values())) if numbered and files == learned else _side_by_side(path, parts)
 
 
 def _number(file: Path) -> list[tuple[int, str]]:
@@ -191,15 +192,22 @@ def _refuse_objects(stream: IO[bytes], path: Path, name: str) -> None:
 def _table(path: Path, decimal: str | None) -> Arrays:
     """Read a table as text: with or without a line of names, a row of units, columns of texts, and blank cells."""
     # Excel begins a file with a mark that it is UTF-8.
-    with open(path, encoding="utf-8-sig", newline="") as file:
-        numbered = [(n, line) for n, line in enumerate(file.read().splitlines(), start=1) if line.strip()]
+    lines = path.read_text(encoding="utf-8-sig").split("\n")
+    numbered = [(n, line) for n, line in enumerate(lines, start=1) if line.strip()]
     if not numbered:
         raise RecordingError(f"{path} cannot be read: it is empty", "Give a file with a table of numbers.")
     delimiter = _delimiter([line for _, line in numbered[:2]], decimal)
     # Blanks may come several at a time, and stand behind the comment mark that numpy writes.
-    names = [name.strip().lstrip("#").strip() for name in _cells(numbered[0][1].lstrip("#"), delimiter)]
+    head = numbered[0][1].lstrip("#")
+    names, used = head.split(), 1
+    if delimiter is not None:
+        # A name in quotes may go over several lines.
+        reader = csv.reader([head + "\n", *(f"{line}\n" for line in lines[numbered[0][0] :])], delimiter=delimiter)
+        names, used = next(reader), reader.line_num
+    names = [name.strip().lstrip("#").strip() for name in names]
     nameless = all(_is_number(name) or _DECIMAL_COMMA.match(name) for name in names)
-    rows = [(n, line) for n, line in numbered[0 if nameless else 1 :] if line.partition("#")[0].strip()]
+    below = numbered if nameless else [(n, line) for n, line in numbered if n >= numbered[0][0] + used]
+    rows = [(n, line) for n, line in below if line.partition("#")[0].strip()]
     if not rows:
         raise ValueError("there are no numbers below the first line")
     if nameless:
@@ -207,8 +215,12 @@ def _table(path: Path, decimal: str | None) -> Arrays:
     elif len(set(names)) < len(names):
         raise ValueError(f"two columns are called {Counter(names).most_common(1)[0][0][:60]!r}")
     try:
-        table = np.loadtxt([line for _, line in rows], delimiter=delimiter, ndmin=2)
+        plain = [line for _, line in rows]
+        table = np.loadtxt(plain, delimiter=delimiter, ndmin=2)
         arrays = Arrays(zip(names, table.T, strict=True))
+        # Of nanoseconds since 1970 doubles lose the last ones.
+        for k in np.flatnonzero((np.abs(table) > 2**53).all(axis=0) & (np.abs(table) < 2**63).all(axis=0)).tolist():
+            arrays[names[k]] = np.loadtxt(plain, delimiter=delimiter, usecols=k, dtype=np.int64, ndmin=1)
     except ValueError:
         arrays = _by_cells(path, names, rows, delimiter, decimal)
     if nameless and not arrays.faults:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, model_validator
 
 from elastic_arm.errors import RecordingError
@@ -121,13 +122,21 @@ class ArrayChannel(Strict):
 class SideArrays(Strict):
     """The channels of one side."""
 
+    times: Times | None = None  # of its samples, where they are its own
     position: ArrayChannel | None = None
     velocity: ArrayChannel | None = None
     effort: ArrayChannel | None = None
 
     def present(self) -> dict[ChannelName, ArrayChannel]:
         """Return the channels that are there."""
-        return {name: channel for name in CHANNEL_NAMES if (channel := getattr(self, name)) is not None}
+        names: tuple[ChannelName, ...] = (*CHANNEL_NAMES, "acceleration")
+        return {name: channel for name in names if (channel := getattr(self, name, None)) is not None}
+
+
+class CommandArrays(SideArrays):
+    """What the arm was told; of measured sides accelerations are derived, and not taken."""
+
+    acceleration: ArrayChannel | None = None
 
 
 class ArrayMap(Strict):
@@ -137,7 +146,7 @@ class ArrayMap(Strict):
     joints: Annotated[list[str], Field(min_length=1, max_length=MOST_JOINTS)]  # names, in robot-description order
     link: SideArrays = SideArrays()  # link, motor: the channels of each side
     motor: SideArrays = SideArrays()
-    command: SideArrays = SideArrays()  # what the arm was told, the recording's reference
+    command: CommandArrays = CommandArrays()  # what the arm was told, the recording's reference
     rows: Rows | None = None  # runs of several, such as the episodes of a dataset; all rows are one when None
     every: Annotated[WholeNumber, Field(ge=1)] = 1  # of the rows each so many-th is taken
     decimal: Literal[".", ","] = "."  # mark of tables as text
@@ -145,6 +154,8 @@ class ArrayMap(Strict):
     ignore: Annotated[list[str], Field(default_factory=list)]
     robot_description: str | None = None  # URDF file to put into the bag; relative to the mapping file
     coupling: Coupling = Field(default_factory=dict)  # of motors that move several joints: joint -> motor -> factor
+    # torque channels that were computed from currents before
+    from_currents: Annotated[list[Literal["joint_torque", "motor_torque"]], Field(default_factory=list)]
 
     @model_validator(mode="after")
     def _usable(self) -> Self:
@@ -165,7 +176,12 @@ class ArrayMap(Strict):
     def currents(self) -> tuple[str, ...]:
         """Return the torque channels, by the names of a recording, that are currents of any joint."""
         units = (None if own is None else own.unit for own in (self.link.effort, self.motor.effort))
-        return from_currents(*(unit if isinstance(unit, list) else [unit] for unit in units))
+        found = from_currents(*(unit if isinstance(unit, list) else [unit] for unit in units))
+        return tuple(dict.fromkeys((*self.from_currents, *found)))
+
+    def times_of(self, side: SideName) -> Times:
+        """Return where a side's times come from."""
+        return getattr(self, side).times or self.times
 
 
 def load_array_map(path: str | Path) -> ArrayMap:
@@ -192,30 +208,31 @@ def import_runs(path: str | Path, mapping: str | Path) -> dict[str, Recording]:
     try:
         _refuse_strays(arrays, rules)
         rules, notes = _with_stated_units(arrays, rules, mapping)
-        count = _count(arrays, rules)
-        tables = {
-            side: {name: _scaled(arrays, channel, name, count, rules.joints) for name, channel in present.items()}
-            for side in SIDE_NAMES
-            if (present := getattr(rules, side).present())
-        }
-        return {
-            name: replace(
-                _recording(rules, _times(arrays, rules, count), tables, rows),
-                robot_description=urdf,
-                source=f"{path} {name}".strip(),
-                notes=notes,
-            )
-            for name, rows in _runs(arrays, rules, count)
-        }
+        sides = {side: _read_side(arrays, rules, side) for side in SIDE_NAMES if getattr(rules, side).present()}
+        runs = {name: _recording(rules, sides, rows) for name, rows in _runs(arrays, rules)}
     except RecordingError as error:
         # There is no bag yet that could be repaired.
         remedy = MEND if REPAIR in error.remedy else error.remedy
         raise RecordingError(f"{path}: {error.problem}", remedy) from None
+    return {
+        name: replace(run, robot_description=urdf, source=f"{path} {name}".strip(), notes=(*notes, *run.notes))
+        for name, run in runs.items()
+    }
+
+
+@dataclass(frozen=True)
+class _SideTable:
+    """All rows of a side: times as they are, or numbers of the rows where there is a rate, and channels in SI units."""
+
+    rules: Times
+    times: np.ndarray
+    channels: Mapping[ChannelName, Array]
 
 
 def _refuse_strays(arrays: Arrays, rules: ArrayMap) -> None:
     used = {key for _, _, channel in rules.channels() for key in channel.arrays()}
-    used |= {key for key in (rules.times.key, rules.rows and rules.rows.key) if key}
+    used |= {times.key for side in SIDE_NAMES if (times := rules.times_of(side)).key is not None}
+    used |= {rules.rows.key} if rules.rows is not None else set()
     if missing := sorted(used - set(arrays)):
         raise RecordingError(
             f"no array {', '.join(missing)}; there is {', '.join(arrays)}", "Correct the names in the mapping."
@@ -253,7 +270,8 @@ def _with_stated_units(arrays: Arrays, rules: ArrayMap, mapping: str | Path) -> 
         if channel.unit is not None:
             units = channel.unit if isinstance(channel.unit, list) else [channel.unit] * len(keys)
             for key, word, found, unit in zip(keys, stated, known, units, strict=False):
-                if word and (found is None or found[0] not in unit) and unit not in ("Nm_motor", "N"):
+                same = found is not None and found[1] == 1.0 and unit.startswith(found[0])
+                if word and not same and channel.factor == 1.0:
                     notes.append(f"{key} is in {word} by its name, and was taken as {unit} by the mapping")
             continue
         for key, word, found in zip(keys, stated, known, strict=True):
@@ -272,82 +290,79 @@ def _with_stated_units(arrays: Arrays, rules: ArrayMap, mapping: str | Path) -> 
                 "unit": [unit for unit, _ in own],
                 "factor": [given * size for given, (_, size) in zip(factor, own, strict=False)],
             }
-    times = rules.times
-    if times.key is not None and "unit" not in times.model_fields_set:
+    owners = [(rules.times, content), *((getattr(rules, side).times, content.get(side, {})) for side in SIDE_NAMES)]
+    for times, owner in owners:
+        if times is None or times.key is None or "unit" in times.model_fields_set:
+            continue
         word = stated_unit(times.key, arrays.units.get(times.key, "")).lower().replace("µ", "u").replace("sec", "s")
-        content["times"]["unit"] = word if word in _NS else "s"
+        owner["times"]["unit"] = word if word in _NS else "s"
     return validated(ArrayMap, content, mapping), tuple(notes)
 
 
-def _count(arrays: Mapping[str, np.ndarray], rules: ArrayMap) -> int:
-    """Return the number of rows."""
-    if rules.times.key is not None:
-        return arrays[rules.times.key].size
-    _, _, channel = next(rules.channels())
-    first = arrays[channel.arrays()[0]]
-    return first.size // len(channel.places(rules.joints)) if channel.flat else max(first.shape, default=1)
+def _read_side(arrays: Arrays, rules: ArrayMap, side: SideName) -> _SideTable:
+    """Read all rows of a side."""
+    times, channels = rules.times_of(side), getattr(rules, side).present()
+    if times.key is None:
+        channel = next(iter(channels.values()))
+        first = arrays[channel.arrays()[0]]
+        size = first.size // len(channel.places(rules.joints)) if channel.flat else max(first.shape, default=1)
+        values = np.arange(size)
+    else:
+        values = np.asarray(arrays[times.key]).ravel()
+        if values.dtype.kind not in "iuf":
+            raise RecordingError(f"{times.key} holds no numbers", "Name the array of times in the mapping.")
+        # Beyond this 64 bits of nanoseconds, and the stamps of ROS, hold no time.
+        late = np.abs(values.astype(np.float64)) >= 2**31 * 1e9 / _NS[times.unit]
+        if late.any():
+            row = int(np.argmax(late))
+            raise RecordingError(
+                f"{times.key} is {values[row]} {times.unit} in row {row}; stamps end at 2^31 s, in 2038",
+                "Give the right unit under times, or subtract a constant.",
+            )
+    scaled = {name: _scaled(arrays, source, name, len(values), rules.joints) for name, source in channels.items()}
+    return _SideTable(times, values, scaled)
 
 
-def _runs(arrays: Mapping[str, np.ndarray], rules: ArrayMap, count: int) -> list[tuple[str, Stamps]]:
-    """Return the runs by name, each with its rows."""
+def _runs(arrays: Mapping[str, np.ndarray], rules: ArrayMap) -> list[tuple[str, NDArray[np.bool_] | None]]:
+    """Return the runs by name, each with the rows that are its own; None for all."""
     if rules.rows is None:
-        return [("", np.arange(count)[:: rules.every])]
-    numbers, key = np.asarray(arrays[rules.rows.key]).ravel(), rules.rows.key
-    if len(numbers) != count:
-        raise RecordingError(f"{key} has {len(numbers)} rows, of {count}", "Name another array under rows.key.")
+        return [("", None)]
+    numbers, key, value = np.asarray(arrays[rules.rows.key]).ravel(), rules.rows.key, rules.rows.value
     known = np.unique(numbers)
-    value = rules.rows.value
     wanted = known.tolist() if value is None else value if isinstance(value, list) else [value]
     if missing := [number for number in wanted if number not in known]:
         shown = ", ".join(f"{number:g}" for number in known[:8])
         raise RecordingError(f"no row has {key} {missing[0]}", f"Take one of {shown} under rows.value.")
-    return [(f"{key}_{number:g}", np.flatnonzero(numbers == number)[:: rules.every]) for number in wanted]
+    return [(f"{key}_{number:g}" if len(wanted) > 1 else "", numbers == number) for number in wanted]
 
 
-def _recording(
-    rules: ArrayMap, times: np.ndarray, tables: Mapping[SideName, Mapping[ChannelName, Array]], rows: Stamps
-) -> Recording:
-    """Build the recording of some rows: those with holes are left out of their side."""
+def _recording(rules: ArrayMap, tables: Mapping[SideName, _SideTable], chosen: NDArray[np.bool_] | None) -> Recording:
+    """Build the recording of one run: rows with holes are left out of their side."""
     notes: list[str] = []
     sides: dict[str, Side | None] = dict.fromkeys(SIDE_NAMES)
-    for side, channels in tables.items():
-        values = {name: table[rows] for name, table in channels.items()}
-        held = ~np.isnan(times[rows]) if times.dtype.kind == "f" else np.ones(len(rows), np.bool_)
-        for table in values.values():
-            held &= ~np.isnan(table[:, joints_with(table)]).any(axis=1)
-        if not held.any() and len(held):
+    for side, table in tables.items():
+        if chosen is not None and len(chosen) != len(table.times):
+            problem = f"the {side} side has {len(table.times)} rows, the array of the runs {len(chosen)}"
+            raise RecordingError(problem, "Name another array under rows.key.")
+        rows = (np.arange(len(table.times)) if chosen is None else np.flatnonzero(chosen))[:: rules.every]
+        times, values = table.times[rows], {name: channel[rows] for name, channel in table.channels.items()}
+        whole = ~np.isnan(times) if times.dtype.kind == "f" else np.ones(len(rows), np.bool_)
+        for channel in values.values():
+            whole &= ~np.isnan(channel[:, joints_with(channel)]).any(axis=1)
+        if not whole.any() and len(whole):
             raise RecordingError(f"no row has all numbers of the {side} side", "Map fewer of its channels.")
-        if not held.all():
-            notes.append(f"{np.sum(~held)} of {len(held)} rows have holes on the {side} side and were left out of it")
-        stamp_ns = _stamps(times[rows][held], rules.times, rows[0] if len(rows) else 0)
-        whole = checked(Side(stamp_ns, **{name: v[held] for name, v in values.items()}), side, rules.joints)
-        sides[side] = coupled(whole, coupling_matrix(rules.coupling, rules.joints)) if side == "motor" else whole
+        if not whole.all():
+            notes.append(f"{np.sum(~whole)} of {len(whole)} rows have holes on the {side} side and were left out of it")
+        stamp_ns = _stamps(times[whole], table.rules, int(rows[0]) if len(rows) else 0)
+        sides[side] = checked(Side(stamp_ns, **{k: v[whole] for k, v in values.items()}), side, rules.joints)
     return Recording(
         tuple(rules.joints),
         sides["link"],
-        sides["motor"],
+        coupled(sides["motor"], coupling_matrix(rules.coupling, rules.joints)),
         sides["command"],
         notes=tuple(notes),
         currents=rules.currents(),
     )
-
-
-def _times(arrays: Mapping[str, np.ndarray], rules: ArrayMap, count: int) -> np.ndarray:
-    """(N,) times as they are, or numbers of the rows."""
-    if rules.times.key is None:
-        return np.arange(count)
-    values = np.asarray(arrays[rules.times.key]).ravel()
-    if values.dtype.kind not in "iuf":
-        raise RecordingError(f"{rules.times.key} holds no numbers", "Name the array of times in the mapping.")
-    # Beyond this 64 bits of nanoseconds, and the stamps of ROS, hold no time.
-    late = np.abs(values.astype(np.float64)) >= 2**31 * 1e9 / _NS[rules.times.unit]
-    if late.any():
-        row = int(np.argmax(late))
-        raise RecordingError(
-            f"{rules.times.key} is {values[row]} {rules.times.unit} in row {row}; stamps end at 2^31 s, in 2038",
-            "Give the right unit under times, or subtract a constant.",
-        )
-    return values
 
 
 def _stamps(values: np.ndarray, times: Times, first: int) -> Stamps:

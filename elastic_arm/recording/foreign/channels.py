@@ -18,10 +18,11 @@ from elastic_arm.recording.storage.metadata import TORQUE_CHANNELS
 
 SideName = Literal["link", "motor", "command"]
 SIDE_NAMES: tuple[SideName, ...] = ("link", "motor", "command")
-ChannelName = Literal["position", "velocity", "effort"]
+ChannelName = Literal["position", "velocity", "effort", "acceleration"]
 Unit = Literal[
-    "rad", "deg", "turns", "rad/s", "deg/s", "turns/s", "rpm", "Nm", "Nm_motor", "A", "m", "mm", "m/s", "mm/s", "N"
-]
+    "rad", "deg", "turns", "rad/s", "deg/s", "turns/s", "rpm", "Nm", "Nm_motor", "A", "m", "mm", "m/s", "mm/s", "N",
+    "rad/s^2", "deg/s^2", "m/s^2",
+]  # fmt: skip
 Sign = Annotated[Literal[1, -1], BeforeValidator(refuse_truth)]
 REMEDY = "See docs/channel_maps.md."
 REFERENCE = "docs/channel_maps.md shows every key"
@@ -45,6 +46,7 @@ TO_SI: dict[ChannelName, dict[str, float]] = {
         "mm/s": 1e-3,
     },
     "effort": {"Nm": 1.0, "N": 1.0, "Nm_motor": 1.0, "A": 1.0},
+    "acceleration": {"rad/s^2": 1.0, "deg/s^2": math.pi / 180, "m/s^2": 1.0},
 }
 # How files call units, without blanks and in small letters, and how many of a unit one of them is.
 _WORDS: dict[Unit, str] = {
@@ -71,7 +73,12 @@ _WRITTEN |= {"mnm": ("Nm", 1e-3), "knm": ("Nm", 1e3), "kn": ("N", 1e3)}
 # In a column's name what stands in brackets is its unit, unless it is a number; in parentheses it may be a remark.
 _IN_NAME = re.compile(r"\[\s*([^\]\d][^\]]*?)\s*\]|\(\s*([^()\d][^()]*?)\s*\)")
 _OF_A_RANGE = re.compile(r"%|‰|per ?cent|per ?mille?", re.I)
-DEFAULT_UNIT: dict[ChannelName, Unit] = {"position": "rad", "velocity": "rad/s", "effort": "Nm"}
+DEFAULT_UNIT: dict[ChannelName, Unit] = {
+    "position": "rad",
+    "velocity": "rad/s",
+    "effort": "Nm",
+    "acceleration": "rad/s^2",
+}
 
 
 def stated_unit(name: str, row: str = "") -> str:
