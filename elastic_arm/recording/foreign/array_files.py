@@ -20,10 +20,11 @@ import numpy as np
 from elastic_arm.errors import MissingExtraError, RecordingError
 from elastic_arm.recording import limits
 from elastic_arm.recording.foreign.matlab import load_matlab
+from elastic_arm.recording.storage.bag import ARRAY_FILES
 
 TABLES = (".csv", ".txt", ".dat")
 LEARNERS = (".parquet", ".h5", ".hdf5")
-KINDS = (*TABLES, ".npy", ".npz", ".mat", *LEARNERS)
+KINDS = ARRAY_FILES
 FILE_INDEX = "file_index"  # array that numbers the files of a folder whose files hold the same arrays
 # What numpy, csv and the libraries of the formats raise for a file that is not what its name promises.
 _UNREADABLE: tuple[type[Exception], ...] = (OSError, ValueError, TypeError, LookupError, EOFError, MemoryError)

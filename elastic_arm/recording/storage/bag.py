@@ -19,6 +19,9 @@ from elastic_arm.recording.storage.sqlite import open_sqlite
 METADATA = "metadata.yaml"
 _OPENERS: dict[str, Callable[[Path], BagFile]] = {".mcap": open_mcap, ".db3": open_sqlite}
 _PACKED = ("", ".zstd", ".zst")
+# Files that `bag import` makes bags of.
+ARRAY_FILES = (".csv", ".txt", ".dat", ".npy", ".npz", ".mat", ".parquet", ".h5", ".hdf5")
+_IMPORT = "Make a bag of it: elastic-arm bag import {} --guess --robot ARM --out import.yaml"
 WHAT_IS_A_BAG = "Give a rosbag2 folder, an .mcap or a .db3 file."
 
 
@@ -79,7 +82,8 @@ def _opened(path: Path) -> Bag:
     present = sorted((entry for entry in path.iterdir() if _storage(entry)), key=_number)
     metadata, damage = _read_metadata(path)
     if not present:
-        raise RecordingError(f"{path} holds no .mcap or .db3 file", WHAT_IS_A_BAG)
+        arrays = any(file.suffix.lower() in ARRAY_FILES for depth in ("*", "*/*", "*/*/*") for file in path.glob(depth))
+        raise RecordingError(f"{path} holds no .mcap or .db3 file", _IMPORT.format(path) if arrays else WHAT_IS_A_BAG)
     if metadata is None:
         if len({_storage(file) for file in present}) > 1:
             raise RecordingError(f"{path} holds .mcap and .db3 files", "Name the one to be read.")
@@ -151,4 +155,8 @@ def _storage(path: Path) -> str:
 def _open_file(path: Path) -> BagFile:
     if not path.is_file():
         raise RecordingError(f"{path} is no file, but a pipe or a device", WHAT_IS_A_BAG)
+    if path.suffix.lower() in ARRAY_FILES:
+        raise RecordingError(f"{path} holds arrays, and is no bag", _IMPORT.format(path))
+    if path.suffix.lower() == ".bag":
+        raise RecordingError(f"{path} is a bag of ROS 1", f"Run: rosbags-convert --src {path} --dst {path.stem}")
     return _OPENERS.get(_storage(path), open_mcap)(path)
