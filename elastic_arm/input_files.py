@@ -21,6 +21,8 @@ SHOWN_FAULTS = 5
 LARGEST = 50_000_000  # bytes
 DEEPEST = 50  # collections in each other
 MOST_NODES = 500_000  # entries of a YAML file, aliases written out
+# First and last line of a YAML file that the suite wrote: one that is cut off may be YAML all the same.
+WHOLE_FROM, WHOLE_TO = "# Written by elastic_arm, whole up to the last line, which has three dots.", "..."
 LONGEST_NUMBER = 1000  # characters; the largest number has 309 digits, and Python writes out no more than 4300
 # Written in C where the library has it: in Python, metadata.yaml takes as long as a hundred thousand messages.
 _SAFE_LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
@@ -101,6 +103,8 @@ def read_text(path: str | Path, kind: type[ElasticArmError], remedy: str, most: 
 def read_fields(path: str | Path, kind: type[ElasticArmError], remedy: str, most: int = LARGEST) -> dict[str, Any]:
     """Read a YAML file that holds fields; an error of `kind` names file, line and reason where it does not."""
     text = read_text(path, kind, remedy, most)
+    if text.startswith(WHOLE_FROM) and text.rstrip().rpartition("\n")[2] != WHOLE_TO:
+        raise kind(f"{path}: is cut off: its last line is not {WHOLE_TO}", "Write it again, or mend it and add that line.")
     try:
         content = parse_yaml(text)
     except yaml.YAMLError as error:

@@ -77,9 +77,8 @@ def load_robot(path: str | Path | None = None, chain: str | None = None, at: str
     if path.suffix.lower() in (".urdf", ".xml"):
         return read_urdf(path, ends)
     if path.suffix.lower() == ".xacro":
-        raise RobotError(
-            f"{path} is a xacro, of which a URDF is made", f"Run: xacro {path} > {path.stem}, and give that."
-        )
+        urdf = f"{path.name.split('.')[0]}.urdf"
+        raise RobotError(f"{path} is a xacro, of which a URDF is made", f"Run: xacro {path} > {urdf}, and give that.")
     if path.suffix.lower() == ".sdf":
         raise RobotError(
             f"{path} is an SDF", "Give the robot's URDF or MJCF; pysdf's sdf2urdf.py makes a URDF of an SDF."

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import csv
+import io
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
-from elastic_arm.errors import MissingExtraError, OutputError, RecordingError
+from elastic_arm.errors import MissingExtraError, RecordingError
+from elastic_arm.output_files import write_result, yaml_text
 from elastic_arm.recording.recording import Recording
 
 KINDS = (".csv", ".npz", ".parquet", ".h5")
@@ -35,15 +36,12 @@ def export_arrays(recording: Recording, path: Path, joined: bool = False) -> lis
     if kind not in KINDS:
         raise RecordingError(f"{path} is none of {', '.join(KINDS)}", "Give the file one of these endings.")
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
         return _joined(recording, path) if joined else _sides(recording, path)
     except ImportError as error:
         raise MissingExtraError(
             f"{kind} files need {error.name}, which is not installed",
             "Install it with: pip install 'elastic_arm[learning]', or write .npz",
         ) from error
-    except OSError as error:
-        raise OutputError(f"{path} cannot be written: {error.strerror}", "Name another file with --out.") from error
 
 
 def _sides(recording: Recording, path: Path) -> list[str]:
@@ -63,7 +61,6 @@ def _sides(recording: Recording, path: Path) -> list[str]:
         for name in table.keys() - {"stamp_ns"}:
             mapping[side][name] = {"key": [f"{prefix}{name}.{j}" for j in joints] if of_joints else f"{prefix}{name}"}
         if of_joints:
-            file.parent.mkdir(parents=True, exist_ok=True)
             _write(file, _columns(table, joints))
         said.append(f"{file}: {len(table['stamp_ns'])} samples of the {side} side, {', '.join(table)}")
     if not of_joints:
@@ -72,11 +69,11 @@ def _sides(recording: Recording, path: Path) -> list[str]:
         mapping["from_currents"] = list(recording.currents)
     if recording.robot_description is not None:
         urdf = path.with_suffix(".urdf")
-        urdf.write_bytes(recording.robot_description.encode())
+        write_result(urdf, recording.robot_description)
         mapping["robot_description"] = urdf.name
         said.append(f"{urdf}: the robot description")
     file = path.with_suffix(".yaml")
-    file.write_text(yaml.safe_dump(mapping, sort_keys=False, allow_unicode=True), encoding="utf-8")
+    write_result(file, yaml_text(mapping))
     source = path.with_suffix("") if in_folder else path
     return [*said, f"{file}: the mapping; elastic-arm bag import {source} --map {file} --out BAG makes the bag again"]
 
@@ -103,24 +100,25 @@ def _columns(table: Mapping[str, np.ndarray], joints: Any) -> Table:
 
 
 def _write(path: Path, arrays: Table) -> None:
+    content = io.BytesIO()
     match path.suffix.lower():
         case ".npz":
-            np.savez(path, **arrays)  # type: ignore[arg-type]
+            np.savez(content, **arrays)  # type: ignore[arg-type]
         case ".csv":
-            rows = np.rec.fromarrays(list(arrays.values()))
-            with open(path, "w", newline="", encoding="utf-8") as file:
-                csv.writer(file, lineterminator="\n").writerow(arrays)
-                np.savetxt(
-                    file, rows, delimiter=",", fmt=["%d" if v.dtype.kind == "i" else "%.17g" for v in arrays.values()]
-                )
+            names = io.StringIO()
+            csv.writer(names, lineterminator="\n").writerow(arrays)
+            content.write(names.getvalue().encode())
+            formats = ["%d" if values.dtype.kind == "i" else "%.17g" for values in arrays.values()]
+            np.savetxt(content, np.rec.fromarrays(list(arrays.values())), delimiter=",", fmt=formats)
         case ".parquet":
             import pyarrow as pa
             import pyarrow.parquet as pq
 
-            pq.write_table(pa.table(arrays), path)
+            pq.write_table(pa.table(arrays), content)
         case _:
             import h5py
 
-            with h5py.File(path, "w") as file:
+            with h5py.File(content, "w") as file:
                 for name, values in arrays.items():
                     file[name.replace(".", "/")] = values
+    write_result(path, content.getvalue(), remedy="Name another file with --out.")
