@@ -217,10 +217,10 @@ def test_objects_are_no_numbers(tmp_path: Path, kind: str) -> None:
     ragged = np.array([1, "a", None], dtype=object)
     file = tmp_path / f"run.{kind}"
     np.savez(file, q=ragged) if kind == "npz" else np.save(file, ragged)
-    with pytest.raises(RecordingError, match="holds Python objects, no numbers"):
+    with pytest.raises(RecordingError, match="Object arrays cannot be loaded"):
         load_arrays(file)
     file.write_bytes(b"PK no archive")
-    with pytest.raises(RecordingError, match=f"is no .{kind} file"):
+    with pytest.raises(RecordingError, match="cannot be read"):
         load_arrays(file)
 
 

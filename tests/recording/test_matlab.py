@@ -36,7 +36,7 @@ def test_a_file_that_ends_its_reader_is_refused_in_one_line(file: Path, monkeypa
     """The signal is named; this process lives."""
     crash = file.with_name("crash.py")
     crash.write_text("import os, signal\nos.kill(os.getpid(), signal.SIGSEGV)\n")
-    monkeypatch.setattr(matlab.matlab_process, "__file__", str(crash))
+    monkeypatch.setattr(matlab, "SCRIPT", str(crash))
     with pytest.raises(RecordingError, match="SIGSEGV") as refused:
         load_arrays(file)
     assert "\n" not in str(refused.value)
@@ -62,7 +62,7 @@ def test_a_reader_that_never_ends_is_ended(file: Path, monkeypatch: pytest.Monke
     """By the time on the clock that a file of this size may take."""
     sleep = file.with_name("sleep.py")
     sleep.write_text("import time\ntime.sleep(60)\n")
-    monkeypatch.setattr(matlab.matlab_process, "__file__", str(sleep))
+    monkeypatch.setattr(matlab, "SCRIPT", str(sleep))
     monkeypatch.setattr(matlab, "START_SECONDS", 1)
     monkeypatch.setattr(matlab, "PATIENCE", 1)
     with pytest.raises(RecordingError, match="takes more than 1 s"):

@@ -13,7 +13,7 @@ import zlib
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 
@@ -30,10 +30,7 @@ FILE_INDEX = "file_index"  # array that numbers the files of a folder whose file
 _UNREADABLE: tuple[type[Exception], ...] = (OSError, ValueError, TypeError, LookupError, EOFError, MemoryError)
 _UNREADABLE += (AttributeError, NameError, SyntaxError, OverflowError, RuntimeError, AssertionError, struct.error)
 _UNREADABLE += (csv.Error, zlib.error, zipfile.BadZipFile, tokenize.TokenError)
-_ZIP_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # what numpy writes
-_ENCRYPTED = 1  # flag of an entry
 _WHOLE_TABLE = ""
-_NPY = b"\x93NUMPY"
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?$")
 _LEARNING = "Install it with: pip install 'elastic_arm[learning]'"
 
@@ -125,8 +122,6 @@ def _load(path: Path, decimal: str | None) -> Arrays:
         if kind == ".npz":
             return _npz(path)
         if kind == ".npy":
-            with open(path, "rb") as file:
-                _refuse_objects(file, path, "it")
             return Arrays({_WHOLE_TABLE: np.load(path, allow_pickle=False)})
         if kind == ".mat":
             return Arrays(load_matlab(path))
@@ -148,46 +143,20 @@ def _refuse_large(path: Path, size: int) -> None:
 
 
 def _npz(path: Path) -> Arrays:
-    _check_zip(path)
+    if not zipfile.is_zipfile(path):
+        raise ValueError("it is no .npz file, or is cut off")
     with zipfile.ZipFile(path) as archive:
-        for entry in archive.namelist():
-            with archive.open(entry) as stream:
-                _refuse_objects(stream, path, entry.removesuffix(".npy"))
+        entries = archive.infolist()
+    counts = Counter(entry.filename.removesuffix(".npy") for entry in entries)
+    if twice := [name for name, count in counts.items() if count > 1]:
+        raise ValueError(f"it holds two arrays called {twice[0][:60]!r}")
+    _refuse_large(path, sum(entry.file_size for entry in entries))
     with np.load(path, allow_pickle=False) as content:
         arrays = Arrays(dict(content))
     # Where the head of an entry is damaged, numpy returns its bytes.
     if strange := [name for name, values in arrays.items() if not isinstance(values, np.ndarray)]:
         raise ValueError(f"its entry {strange[0][:60]!r} is no array")
     return arrays
-
-
-def _check_zip(path: Path) -> None:
-    """Refuse entries that numpy cannot read, or that claim more than fits into the memory."""
-    if not zipfile.is_zipfile(path):
-        raise RecordingError(f"{path} cannot be read: it is no .npz file, or is cut off", "Save it with numpy.savez.")
-    with zipfile.ZipFile(path) as archive:
-        entries = archive.infolist()
-    counts = Counter(entry.filename.removesuffix(".npy") for entry in entries)
-    if twice := [name for name, count in counts.items() if count > 1]:
-        raise RecordingError(f"{path} holds two arrays called {twice[0][:60]!r}", "Save it with numpy.savez.")
-    if any(entry.flag_bits & _ENCRYPTED for entry in entries):
-        raise RecordingError(f"{path} is encrypted", "Save it with numpy.savez.")
-    if other := [entry.filename for entry in entries if entry.compress_type not in _ZIP_METHODS]:
-        raise RecordingError(f"{path}: {other[0]!r} is packed in a way that numpy does not use", "Save it with numpy.")
-    _refuse_large(path, sum(entry.file_size for entry in entries))
-
-
-def _refuse_objects(stream: IO[bytes], path: Path, name: str) -> None:
-    """Refuse an array of Python objects, such as lists of unequal length: reading one would run what it holds."""
-    readers = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
-    start = stream.read(len(_NPY))
-    if start != _NPY:
-        if path.suffix.lower() == ".npy":
-            raise RecordingError(f"{path} cannot be read: it is no .npy file", "Save it with numpy.save.")
-        return
-    version = tuple(stream.read(2))
-    if version in readers and readers[version](stream)[2].hasobject:
-        raise RecordingError(f"{path} cannot be read: {name} holds Python objects, no numbers", "Save numbers alone.")
 
 
 def _table(path: Path, decimal: str | None) -> Arrays:
