@@ -21,8 +21,7 @@ from elastic_arm.recording.namespaces import choose_namespace, local_name
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.series import Piece, Series
 from elastic_arm.recording.sides import Side, joints_with
-from elastic_arm.recording.storage.bag import Bag, open_bag
-from elastic_arm.recording.storage.interface import BagFile, Block
+from elastic_arm.recording.storage.bag import Bag, BagFile, Block, open_bag
 from elastic_arm.recording.timebase.joining import pair
 from elastic_arm.recording.topics import (
     JOINT_STATES,

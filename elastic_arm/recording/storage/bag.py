@@ -11,11 +11,14 @@ from typing import Any
 from elastic_arm.errors import RecordingError
 from elastic_arm.input_files import read_fields
 from elastic_arm.recording import limits
-from elastic_arm.recording.storage.interface import BagFile
-from elastic_arm.recording.storage.mcap import open_mcap
+from elastic_arm.recording.storage.mcap import McapFile, open_mcap
+from elastic_arm.recording.storage.mcap_blocks import McapBlock
 from elastic_arm.recording.storage.metadata import METADATA_KEY, stated_currents
-from elastic_arm.recording.storage.sqlite import open_sqlite
+from elastic_arm.recording.storage.sqlite import SqliteBlock, SqliteFile, open_sqlite
 
+# A storage format is a module with two such classes, which have the same members, and a function that opens a file.
+BagFile = McapFile | SqliteFile
+Block = McapBlock | SqliteBlock
 METADATA = "metadata.yaml"
 _OPENERS: dict[str, Callable[[Path], BagFile]] = {".mcap": open_mcap, ".db3": open_sqlite}
 _PACKED = ("", ".zstd", ".zst")

@@ -21,8 +21,7 @@ from elastic_arm.codegen.parallel import ahead
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording import limits
 from elastic_arm.recording.spans import Bytes, Offsets, by_value, column
-from elastic_arm.recording.storage.interface import LATEST_NS
-from elastic_arm.recording.storage.mcap_blocks import McapBlock, indexed, repeated
+from elastic_arm.recording.storage.mcap_blocks import LATEST_NS, McapBlock, indexed, repeated
 from elastic_arm.recording.storage.mcap_scan import Record, Scan, scan
 from elastic_arm.recording.storage.metadata import INSIDE, Topic, plain_data, stated_currents
 from elastic_arm.recording.storage.unpacking import PACKED_FILES, unpack_chunk, unpack_file

@@ -8,9 +8,10 @@ import numpy as np
 from mcap.opcode import Opcode
 
 from elastic_arm.recording.spans import Bytes, Offsets, Spans, column, progression, shifted
-from elastic_arm.recording.storage.interface import LATEST_NS
 from elastic_arm.recording.storage.mcap_records import MESSAGE_HEAD, RECORD_HEAD
 from elastic_arm.recording.storage.mcap_scan import HEAD_WORDS, Record
+
+LATEST_NS = 2**63 - 1
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from elastic_arm.recording.spans import offsets_of
-from elastic_arm.recording.storage.bag import open_bag
-from elastic_arm.recording.storage.interface import BagFile, Block
+from elastic_arm.recording.storage.bag import BagFile, Block, open_bag
 from elastic_arm.recording.storage.metadata import Topic
 
 
@@ -55,7 +54,8 @@ def topics_of(files: Sequence[BagFile]) -> list[Topic]:
 
 def _of_file(file: BagFile, topics: Collection[str] | None, strict: bool) -> Iterator[Message]:
     waiting: list[tuple[int, int, int, Message]] = []
-    for number, block in enumerate(file.blocks(strict)):
+    blocks: Iterator[Block] = file.blocks(strict)
+    for number, block in enumerate(blocks):
         for offset, message in _of_block(file, block, topics):
             heapq.heappush(waiting, (message.log_ns, number, offset, message))
         while waiting and waiting[0][0] < block.horizon_ns:
