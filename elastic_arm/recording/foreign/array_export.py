@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import shlex
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -21,16 +22,16 @@ Table = dict[str, np.ndarray]
 
 
 def export_paths(path: Path, joined: bool = False) -> list[Path]:
-    """Return the files and folders that an export to `path` may make."""
-    return [path] if joined else [path, path.with_suffix(""), path.with_suffix(".yaml"), path.with_suffix(".urdf")]
+    """Return the files or folder that an export to `path` may make."""
+    return [path] if joined else [path, path.with_suffix(".yaml"), path.with_suffix(".urdf")]
 
 
 def export_arrays(recording: Recording, path: Path, joined: bool = False) -> list[str]:
     """Write a recording, and return what was done, line by line.
 
-    Each side is a table with stamps of its own. An .npz or .h5 holds all of them; of a .csv or .parquet each side has
-    a file in the folder that is called as `path` without its ending, or is `path` where there is one side alone. With
-    `joined` all channels go on one time base, by interpolation where stamps are apart.
+    Each side is a table with stamps of its own. An .npz or .h5 holds all of them; a .csv or .parquet of several sides
+    is a folder with a file for each. With `joined` all channels go on one time base, by interpolation where stamps are
+    apart.
     """
     kind = path.suffix.lower()
     if kind not in KINDS:
@@ -52,13 +53,13 @@ def _sides(recording: Recording, path: Path) -> list[str]:
     said = []
     in_folder = path.suffix.lower() in _ONE_TABLE and len(tables) > 1
     for side, table in tables.items():
-        file = path.with_suffix("") / f"{side}{path.suffix}" if in_folder else path
+        file = path / f"{side}{path.suffix}" if in_folder else path
         prefix = f"{side}." if in_folder or path.suffix.lower() not in _ONE_TABLE else ""
         of_joints = path.suffix.lower() in _ONE_TABLE
         times = {"key": f"{prefix}stamp_ns", "unit": "ns"}
-        mapping["times"] = mapping["times"] or times
+        mapping["times"] = mapping["times"] or dict(times)
         mapping[side] = {"times": times}
-        for name in table.keys() - {"stamp_ns"}:
+        for name in list(table)[1:]:
             mapping[side][name] = {"key": [f"{prefix}{name}.{j}" for j in joints] if of_joints else f"{prefix}{name}"}
         if of_joints:
             _write(file, _columns(table, joints))
@@ -74,8 +75,8 @@ def _sides(recording: Recording, path: Path) -> list[str]:
         said.append(f"{urdf}: the robot description")
     file = path.with_suffix(".yaml")
     write_result(file, yaml_text(mapping))
-    source = path.with_suffix("") if in_folder else path
-    return [*said, f"{file}: the mapping; elastic-arm bag import {source} --map {file} --out BAG makes the bag again"]
+    command = shlex.join(["elastic-arm", "bag", "import", str(path), "--map", str(file), "--out"])
+    return [*said, f"{file}: the mapping; {command} BAG makes the bag again"]
 
 
 def _joined(recording: Recording, path: Path) -> list[str]:

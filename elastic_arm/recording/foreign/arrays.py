@@ -238,8 +238,8 @@ def _refuse_strays(arrays: Arrays, rules: ArrayMap) -> None:
             f"no array {', '.join(missing)}; there is {', '.join(arrays)}", "Correct the names in the mapping."
         )
     numbers = {name for name, values in arrays.items() if values.dtype.kind in "iufc" and name != FILE_INDEX}
-    # A bracket in a pattern is one of the name: columns are called `Time [ms]`.
-    patterns = [pattern.replace("[", "[[]") for pattern in rules.ignore]
+    # A bracket in a pattern may be one of the name: columns are called `Time [ms]`.
+    patterns = [*rules.ignore, *(pattern.replace("[", "[[]") for pattern in rules.ignore)]
     left = {name for name in numbers - used if not _other_form(name, arrays, used)}
     if strays := sorted(name for name in left if not any(fnmatchcase(name, pattern) for pattern in patterns)):
         raise RecordingError(

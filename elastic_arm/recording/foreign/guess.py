@@ -100,6 +100,12 @@ def guess_mapping(arrays: Mapping[str, np.ndarray], joints: Sequence[str], prism
             "Check --robot: it needs as many joints as the arrays have columns; or write the mapping by hand.",
         )
     chosen = {place: replace(guess, table=whole[guess.table.keys]) for place, guess in chosen.items()}
+    command = chosen.get(("command", "position"))
+    followed = chosen.get(("link", "position")) or chosen.get(("motor", "position"))
+    if command is not None and followed is not None:
+        ranges = [np.median(np.std(guess.table.values, axis=0)) for guess in (followed, command)]
+        why = f"{followed.table.name} moves {ranges[0] / ranges[1]:.3g} times as far"
+        chosen["command", "position"] = replace(command, reasons=(*command.reasons, why))
     found = {place: _with_lengths(guess, slides.tolist()) for place, guess in _with_ratio(chosen).items()}
     found = {place: _without_dead(guess, found) for place, guess in found.items()}
     ignored += [(key, DEAD) for guess in found.values() for key in _left_out(guess)]
@@ -144,7 +150,7 @@ def _with_lengths(guess: Guess, slides: Sequence[bool]) -> Guess:
 
 
 class _Reader:
-    """Tells what tables are, by their names and units and by which follows the derivative of which."""
+    """What tables are, by their names and units and by which follows the derivative of which."""
 
     def __init__(self, contents: Contents) -> None:
         self.tables, self.times = contents.tables, contents.times
