@@ -184,48 +184,49 @@ def _table(path: Path, decimal: str | None) -> Arrays:
         names = [str(column) for column in range(len(names))]
     elif len(set(names)) < len(names):
         raise ValueError(f"two columns are called {Counter(names).most_common(1)[0][0][:60]!r}")
+    units = [cell.strip() for cell in _cells(rows[0][1], delimiter)]
+    stated = len(rows) > 1 and any(units) and not any(_is_number(cell.replace(",", ".")) for cell in units)
+    rows = rows[1:] if stated else rows
+    with_commas = (row for row in rows if "," in row[1] and (delimiter != "," or '"' in row[1]))
+    cells = ((n, cell) for n, line in with_commas for cell in _cells(line, delimiter))
+    comma = next(((n, cell) for n, cell in cells if _DECIMAL_COMMA.match(cell.strip())), None)
+    if comma is not None and decimal == ".":
+        problem = f"{path} cannot be read: line {comma[0]}: {comma[1].strip()!r} has a decimal comma"
+        raise RecordingError(problem, "Write decimal: ',' in the mapping, or numbers with decimal points.")
+    plain = [line if comma is None or delimiter == "," else line.replace(",", ".") for _, line in rows]
     try:
-        plain = [line for _, line in rows]
         table = np.loadtxt(plain, delimiter=delimiter, ndmin=2)
         arrays = Arrays(zip(names, table.T, strict=True))
         # Of nanoseconds since 1970 doubles lose the last ones.
         for k in np.flatnonzero((np.abs(table) > 2**53).all(axis=0) & (np.abs(table) < 2**63).all(axis=0)).tolist():
             arrays[names[k]] = np.loadtxt(plain, delimiter=delimiter, usecols=k, dtype=np.int64, ndmin=1)
     except ValueError:
-        arrays = _by_cells(path, names, rows, delimiter, decimal)
+        arrays = _by_cells(path, names, rows, delimiter, "." if comma is None else ",")
+    arrays.decimal = "." if comma is None else ","
+    arrays.units = {name: unit for name, unit in zip(names, units, strict=False) if stated and unit}
     if nameless and not arrays.faults:
         arrays[_WHOLE_TABLE] = np.column_stack(list(arrays.values()))
     return arrays
 
 
 def _by_cells(
-    path: Path, names: Sequence[str], rows: Sequence[tuple[int, str]], delimiter: str | None, decimal: str | None
+    path: Path, names: Sequence[str], rows: Sequence[tuple[int, str]], delimiter: str | None, decimal: str
 ) -> Arrays:
-    """Read the rows of a table that are not all numbers with decimal points."""
-    parted = [(n, [cell.strip() for cell in _cells(line.partition("#")[0], delimiter)]) for n, line in rows]
+    """Read a table with blank cells or texts."""
+    parted = [(n, _cells(line.partition("#")[0], delimiter)) for n, line in rows]
     for n, cells in parted:
         if len(cells) != len(names):
             problem = f"{path} cannot be read: line {n}: {len(cells)} columns, where the lines before have {len(names)}"
             raise RecordingError(problem, "Give all lines as many columns; decimal marks are points.")
-    commas = next(((n, cell) for n, cells in parted for cell in cells if _DECIMAL_COMMA.match(cell)), None)
-    if commas is not None and decimal == ".":
-        problem = f"{path} cannot be read: line {commas[0]}: {commas[1]!r} has a decimal comma"
-        raise RecordingError(problem, "Write decimal: ',' in the mapping, or numbers with decimal points.")
     arrays = Arrays()
-    arrays.decimal = "," if commas is not None else "."
-    units = parted[0][1]
-    if len(parted) > 1 and any(units) and not any(_is_number(cell.replace(",", ".")) for cell in units):
-        arrays.units = {name: unit for name, unit in zip(names, units, strict=True) if unit}
-        parted = parted[1:]
-    table = np.array([cells for _, cells in parted])
     for k, name in enumerate(names):
-        column = np.char.replace(table[:, k], ",", ".") if arrays.decimal == "," else table[:, k]
+        column = [cells[k].strip().replace(decimal, ".") for _, cells in parted]
         try:
-            arrays[name] = np.where(column == "", "nan", column).astype(np.float64)
+            arrays[name] = np.array([float(cell) if cell else np.nan for cell in column])
         except ValueError:
-            arrays[name] = table[:, k]
-            wrong = next(i for i, cell in enumerate(column.tolist()) if cell and not _is_number(cell))
-            arrays.faults[name] = f"line {parted[wrong][0]}: {str(table[wrong, k])[:60]!r} is no number"
+            arrays[name] = np.array(column)
+            wrong = next(i for i, cell in enumerate(column) if cell and not _is_number(cell))
+            arrays.faults[name] = f"line {parted[wrong][0]}: {column[wrong][:60]!r} is no number"
     return arrays
 
 
