@@ -277,7 +277,7 @@ def test_a_share_of_a_torque_is_no_torque(tmp_path: Path, name: str) -> None:
     (tmp_path / "run.csv").write_text(f"t,q,{name}\n{rows}")
     word = name.split()[-1].strip("[]()").replace("torque_", "")
     mapping: dict[str, object] = {"times": {"key": "t"}, "joints": ["a"], "link": {"position": {"key": "q"}}}
-    with pytest.raises(RecordingError, match=re.escape(f"is in {word}, which is no unit of effort. Give motor.effort")):
+    with pytest.raises(RecordingError, match=re.escape(f"is in {word}. Give effort a unit")):
         bare = {**mapping, "motor": {"effort": {"key": name}}}
         import_arrays(tmp_path / "run.csv", write_yaml(tmp_path / "map.yaml", bare))
     draft = guess_mapping(load_arrays(tmp_path / "run.csv"), ["a"])

@@ -20,6 +20,7 @@ from elastic_arm.recording.foreign.channels import (
     DEFAULT_UNIT,
     MOST_JOINTS,
     SIDE_NAMES,
+    TO_SI,
     ChannelName,
     ChannelScale,
     SideName,
@@ -207,8 +208,8 @@ def import_runs(path: str | Path, mapping: str | Path) -> dict[str, Recording]:
         urdf = read_text(file, RecordingError, f"Mend robot_description in {mapping}: a path beside that file.")
     try:
         _refuse_strays(arrays, rules)
-        rules, notes = _with_stated_units(arrays, rules, mapping)
-        sides = {side: _read_side(arrays, rules, side) for side in SIDE_NAMES if getattr(rules, side).present()}
+        notes: list[str] = []
+        sides = {side: _read_side(arrays, rules, side, notes) for side in SIDE_NAMES if getattr(rules, side).present()}
         runs = {name: _recording(rules, sides, rows) for name, rows in _runs(arrays, rules)}
     except RecordingError as error:
         # There is no bag yet that could be repaired.
@@ -259,47 +260,32 @@ def _other_form(name: str, arrays: Mapping[str, np.ndarray], used: Collection[st
     return f"{name}.0" in arrays and any(key.rpartition(".")[0] == name for key in used)
 
 
-def _with_stated_units(arrays: Arrays, rules: ArrayMap, mapping: str | Path) -> tuple[ArrayMap, tuple[str, ...]]:
-    """Give channels without a unit those that their columns' names or a row of units state, and note what differs."""
-    content = rules.model_dump(exclude_unset=True)
-    notes: list[str] = []
-    for side, name, channel in rules.channels():
-        keys = channel.arrays()
-        stated = [stated_unit(key, arrays.units.get(key, "")) for key in keys]
-        known = [known_unit(word) for word in stated]
-        if channel.unit is not None:
-            units = channel.unit if isinstance(channel.unit, list) else [channel.unit] * len(keys)
-            for key, word, found, unit in zip(keys, stated, known, units, strict=False):
-                same = found is not None and found[1] == 1.0 and unit.startswith(found[0])
-                if word and not same and channel.factor == 1.0:
-                    notes.append(f"{key} is in {word} by its name, and was taken as {unit} by the mapping")
-            continue
-        for key, word, found in zip(keys, stated, known, strict=True):
-            if word and found is None:
-                raise RecordingError(
-                    f"{key} is in {word}, which is no unit of {name}",
-                    f"Give {side}.{name} a unit, and how many of it are one {word} as factor.",
-                )
-        if any(stated):
-            default = DEFAULT_UNIT[name]
-            own = [(default, 1.0) if found is None else found for found in known]
-            n = len(channel.places(rules.joints))
-            own = own * n if len(own) == 1 else own
-            factor = channel.factor if isinstance(channel.factor, list) else [channel.factor] * n
-            content[side][name] |= {
-                "unit": [unit for unit, _ in own],
-                "factor": [given * size for given, (_, size) in zip(factor, own, strict=False)],
-            }
-    owners = [(rules.times, content), *((getattr(rules, side).times, content.get(side, {})) for side in SIDE_NAMES)]
-    for times, owner in owners:
-        if times is None or times.key is None or "unit" in times.model_fields_set:
-            continue
-        word = stated_unit(times.key, arrays.units.get(times.key, "")).lower().replace("µ", "u").replace("sec", "s")
-        owner["times"]["unit"] = word if word in _NS else "s"
-    return validated(ArrayMap, content, mapping), tuple(notes)
+def _in_stated_unit(channel: ArrayChannel, name: ChannelName, arrays: Arrays, n: int) -> tuple[ArrayChannel, list[str]]:
+    """Give a channel without a unit those that its columns' names or a row of units state; note those that differ."""
+    keys = channel.arrays()
+    words = [stated_unit(key, arrays.units.get(key, "")) for key in keys]
+    known = [known_unit(word) or ("", 1.0) for word in words]
+    if channel.unit is not None:
+        units = channel.unit if isinstance(channel.unit, list) else [channel.unit] * len(keys)
+        others = [
+            f"{key} is in {word} by its name, and was taken as {unit} by the mapping"
+            for key, word, found, unit in zip(keys, words, known, units, strict=False)
+            if word and not (found[0] and unit.startswith(found[0]) and found[1] == 1.0) and channel.factor == 1.0
+        ]
+        return channel, others
+    if not any(words):
+        return channel, []
+    for key, word, (unit, _) in zip(keys, words, known, strict=True):
+        if word and (unit not in TO_SI[name] or unit == "A"):
+            raise RecordingError(f"{key} is in {word}", f"Give {name} a unit in the mapping, and what belongs to it.")
+    known = [found if word else (DEFAULT_UNIT[name], 1.0) for word, found in zip(words, known, strict=True)]
+    known = known * n if len(known) == 1 else known
+    factors = channel.factor if isinstance(channel.factor, list) else [channel.factor] * n
+    scaled = [factor * size for factor, (_, size) in zip(factors, known, strict=False)]
+    return channel.model_copy(update={"unit": [unit for unit, _ in known], "factor": scaled}), []
 
 
-def _read_side(arrays: Arrays, rules: ArrayMap, side: SideName) -> _SideTable:
+def _read_side(arrays: Arrays, rules: ArrayMap, side: SideName, notes: list[str]) -> _SideTable:
     """Read all rows of a side."""
     times, channels = rules.times_of(side), getattr(rules, side).present()
     if times.key is None:
@@ -311,6 +297,9 @@ def _read_side(arrays: Arrays, rules: ArrayMap, side: SideName) -> _SideTable:
         values = np.asarray(arrays[times.key]).ravel()
         if values.dtype.kind not in "iuf":
             raise RecordingError(f"{times.key} holds no numbers", "Name the array of times in the mapping.")
+        if "unit" not in times.model_fields_set:
+            word = stated_unit(times.key, arrays.units.get(times.key, "")).lower().replace("µ", "u").replace("sec", "s")
+            times = times.model_copy(update={"unit": word if word in _NS else "s"})
         # Beyond this 64 bits of nanoseconds, and the stamps of ROS, hold no time.
         late = np.abs(values.astype(np.float64)) >= 2**31 * 1e9 / _NS[times.unit]
         if late.any():
@@ -319,8 +308,16 @@ def _read_side(arrays: Arrays, rules: ArrayMap, side: SideName) -> _SideTable:
                 f"{times.key} is {values[row]} {times.unit} in row {row}; stamps end at 2^31 s, in 2038",
                 "Give the right unit under times, or subtract a constant.",
             )
-    scaled = {name: _scaled(arrays, source, name, len(values), rules.joints) for name, source in channels.items()}
-    return _SideTable(times, values, scaled)
+    tables = {}
+    for name, channel in channels.items():
+        places = channel.places(rules.joints)
+        channel, others = _in_stated_unit(channel, name, arrays, len(places))
+        notes += others
+        table = _table(arrays, channel, len(values), len(places))
+        tables[name] = np.full((len(values), len(rules.joints)), np.nan)
+        for i, (place, scale) in enumerate(zip(places, channel.scales(name, len(places)), strict=True)):
+            tables[name][:, place] = scale.applied(table[:, i], name)
+    return _SideTable(times, values, tables)
 
 
 def _runs(arrays: Mapping[str, np.ndarray], rules: ArrayMap) -> list[tuple[str, NDArray[np.bool_] | None]]:
@@ -375,16 +372,6 @@ def _stamps(values: np.ndarray, times: Times, first: int) -> Stamps:
     whole = np.floor(values)
     rest = np.rint((values - whole) * _NS[times.unit]).astype(np.int64)
     return whole.astype(np.int64) * int(_NS[times.unit]) + rest
-
-
-def _scaled(arrays: Arrays, source: ArrayChannel, name: ChannelName, count: int, joints: Sequence[str]) -> Array:
-    """(count, n) a channel in SI units, NaN for joints without it."""
-    places = source.places(joints)
-    table = _table(arrays, source, count, len(places))
-    values = np.full((count, len(joints)), np.nan)
-    for i, (place, scale) in enumerate(zip(places, source.scales(name, len(places)), strict=True)):
-        values[:, place] = scale.applied(table[:, i], name)
-    return values
 
 
 def _table(arrays: Arrays, source: ArrayChannel, count: int, n: int) -> Array:
