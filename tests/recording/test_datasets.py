@@ -89,6 +89,7 @@ def test_hdf5_files_of_aloha_kind_are_recordings(tmp_path: Path) -> None:
         with h5py.File(tmp_path / f"episode_{k}.hdf5", "w") as file:
             file["observations/qpos"], file["observations/effort"] = np.radians(motion(k)), 3.0 * motion(k)
             file["action"], file["observations/images/top"] = np.radians(motion(k)) + 0.1, np.zeros((LENGTH, 4, 4, 3))
+            file["compress_len"] = np.ones((2, LENGTH + k))
     draft = guess_mapping(load_arrays(tmp_path), JOINTS)
     assert draft.missing == ["times.rate"]
     (tmp_path / "map.yaml").write_text(draft.to_yaml().replace("{rate: }", "{rate: 50}"))

@@ -71,9 +71,12 @@ def load_arrays(path: Path, decimal: str | None = ".") -> Arrays:
     for file in files:
         parts[file] = _load(file, decimal)
         _refuse_large(path, sum(array.nbytes for part in parts.values() for array in part.values()))
-    alike = {tuple((name, values.shape[1:]) for name, values in part.items()) for part in parts.values()}
-    numbered = len(files) == 1 or (len(alike) == 1 and all(file.stem[-1:].isdecimal() for file in files))
-    return _stacked(list(parts.values())) if numbered and files == learned else _side_by_side(path, parts)
+    if files != learned:
+        return _side_by_side(path, parts)
+    rows = [_rows(part) for part in parts.values()]
+    alike = {tuple((name, values.shape[1:]) for name, values in part.items()) for part in rows}
+    numbered = len(alike) == 1 and all(file.stem[-1:].isdecimal() for file in files)
+    return _stacked(rows) if numbered or len(files) == 1 else _side_by_side(path, parts)
 
 
 def _number(file: Path) -> list[tuple[int, str]]:
@@ -81,10 +84,16 @@ def _number(file: Path) -> list[tuple[int, str]]:
     return [(int(word), "") if word.isdecimal() else (-1, word) for word in re.split(r"(\d{1,18})", str(file))]
 
 
+def _rows(part: Arrays) -> Arrays:
+    """Return the arrays of a file that have a row a sample, which most have."""
+    count = Counter(len(values) for values in part.values()).most_common(1)[0][0]
+    return Arrays({name: values for name, values in part.items() if len(values) == count})
+
+
 def _stacked(parts: Sequence[Arrays]) -> Arrays:
     arrays = Arrays({name: np.concatenate([part[name] for part in parts]) for name in parts[0]})
-    if len(parts) > 1 and arrays:
-        counts = [Counter(len(values) for values in part.values()).most_common(1)[0][0] for part in parts]
+    if len(parts) > 1:
+        counts = [len(next(iter(part.values()))) for part in parts]
         arrays.setdefault(FILE_INDEX, np.repeat(np.arange(len(parts)), counts))
     return arrays
 
