@@ -13,13 +13,12 @@ import zlib
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from elastic_arm.errors import MissingExtraError, RecordingError
 from elastic_arm.recording import limits
-from elastic_arm.recording.foreign.matlab import load_matlab
+from elastic_arm.recording.foreign.compiled_readers import load_compiled
 from elastic_arm.recording.storage.bag import ARRAY_FILES
 
 TABLES = (".csv", ".txt", ".dat")
@@ -32,7 +31,6 @@ _UNREADABLE += (AttributeError, NameError, SyntaxError, OverflowError, RuntimeEr
 _UNREADABLE += (csv.Error, zlib.error, zipfile.BadZipFile, tokenize.TokenError)
 _WHOLE_TABLE = ""
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?$")
-_LEARNING = "Install it with: pip install 'elastic_arm[learning]'"
 
 
 class Arrays(dict[str, np.ndarray]):
@@ -54,7 +52,7 @@ def load_arrays(path: Path, decimal: str | None = ".") -> Arrays:
     """
     # Path.is_dir raises for names that are too long.
     if not os.path.isdir(path):
-        found = _load(path, decimal)
+        (found,) = _load([path], decimal)
         found.pop(_WHOLE_TABLE, None)
         return found
     try:
@@ -68,8 +66,8 @@ def load_arrays(path: Path, decimal: str | None = ".") -> Arrays:
     if not files:
         raise RecordingError(f"{path} holds no arrays", f"Give a folder of files {', '.join(KINDS)}.")
     parts: dict[Path, Arrays] = {}
-    for file in files:
-        parts[file] = _load(file, decimal)
+    for some in [[file] for file in files if file not in learned] + [learned] * bool(learned):
+        parts |= zip(some, _load(some, decimal), strict=True)
         _refuse_large(path, sum(array.nbytes for part in parts.values() for array in part.values()))
     if files != learned:
         return _side_by_side(path, parts)
@@ -117,27 +115,26 @@ def _in_folder(file: Path, name: str) -> str:
     return f"{file.stem}.{name}" if name != _WHOLE_TABLE else file.stem
 
 
-def _load(path: Path, decimal: str | None) -> Arrays:
-    kind = path.suffix.lower()
+def _load(paths: Sequence[Path], decimal: str | None) -> list[Arrays]:
+    """Read one file, or several of formats that compiled libraries read."""
+    path, kind = paths[0], paths[0].suffix.lower()
     if kind not in KINDS:
         raise RecordingError(f"{path} is none of {', '.join(KINDS)}", "Convert it to one of them.")
     try:
-        status = path.stat()
-        if not stat.S_ISREG(status.st_mode):
-            raise RecordingError(f"{path} is no file, but a pipe or a device", "Save it as a file first.")
-        _refuse_large(path, status.st_size)
+        for file in paths:
+            if not stat.S_ISREG(file.stat().st_mode):
+                raise RecordingError(f"{file} is no file, but a pipe or a device", "Save it as a file first.")
+        _refuse_large(path, sum(file.stat().st_size for file in paths))
         if kind in TABLES:
-            return _table(path, decimal)
+            return [_table(path, decimal)]
         if kind == ".npz":
-            return _npz(path)
+            return [_npz(path)]
         if kind == ".npy":
-            return Arrays({_WHOLE_TABLE: np.load(path, allow_pickle=False)})
-        if kind == ".mat":
-            return Arrays(load_matlab(path))
-        arrays = Arrays(_parquet(path) if kind == ".parquet" else _hdf5(path))
-        if not arrays:
-            raise RecordingError(f"{path} holds no tables of numbers", "Give a file with joint states.")
-        return arrays
+            return [Arrays({_WHOLE_TABLE: np.load(path, allow_pickle=False)})]
+        found = load_compiled(paths, limits.unpacked_bytes())
+        if empty := [file for file, arrays in zip(paths, found, strict=True) if not arrays]:
+            raise RecordingError(f"{empty[0]} holds no tables of numbers", "Give a file with joint states.")
+        return [Arrays(arrays) for arrays in found]
     except (RecordingError, MissingExtraError):
         raise
     except _UNREADABLE as error:
@@ -260,70 +257,3 @@ def _is_number(word: str) -> bool:
     except ValueError:
         return False
     return True
-
-
-def _parquet(path: Path) -> dict[str, np.ndarray]:
-    """Read columns of numbers, and of lists of equally many numbers, such as LeRobot's `observation.state`."""
-    try:
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-    except ImportError as error:
-        raise MissingExtraError("Parquet files need pyarrow, which is not installed", _LEARNING) from error
-    try:
-        with pq.ParquetFile(path) as file:
-            # A few bytes may stand for any number of equal values, so that the file's own sizes do not count.
-            groups = (file.metadata.row_group(k) for k in range(file.metadata.num_row_groups))
-            columns = (group.column(k) for group in groups for k in range(group.num_columns))
-            _refuse_large(path, 8 * sum(c.num_values for c in columns if c.physical_type != "BYTE_ARRAY"))
-            numbers = [field.name for field in file.schema_arrow if _has_numbers(field.type)]
-            table = file.read(columns=numbers)
-        found = {name: _column(table.column(name)) for name in table.column_names}
-    except pa.ArrowException as error:
-        raise ValueError(str(error)) from None
-    return {name: values for name, values in found.items() if values is not None}
-
-
-def _has_numbers(kind: Any) -> bool:
-    import pyarrow.types as types
-
-    if types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind):
-        kind = kind.value_type
-    return bool(types.is_integer(kind) or types.is_floating(kind) or types.is_boolean(kind) or types.is_timestamp(kind))
-
-
-def _column(column: Any) -> np.ndarray | None:
-    """Return a column as (N,), or as (N, k) where it has lists of k; None where these differ in length."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
-
-    if pa.types.is_timestamp(column.type):
-        return np.asarray(column.cast(pa.timestamp("ns")).cast(pa.int64()).to_numpy())
-    if not pa.types.is_nested(column.type):
-        return np.asarray(column.to_numpy())
-    lengths = {n for n in pc.unique(pc.list_value_length(column)).to_pylist() if n is not None}
-    if len(lengths) != 1:
-        return None
-    values = np.full((len(column), lengths.pop()), np.nan)
-    values[column.is_valid().to_numpy()] = pc.list_flatten(column).to_numpy().reshape(-1, values.shape[1])
-    return values
-
-
-def _hdf5(path: Path) -> dict[str, np.ndarray]:
-    """Read datasets of numbers, called by their paths with dots; pictures and texts are left out."""
-    try:
-        import h5py
-    except ImportError as error:
-        raise MissingExtraError("HDF5 files need h5py, which is not installed", _LEARNING) from error
-    found: list[tuple[str, Any]] = []
-
-    def visit(name: str, item: Any) -> None:
-        if isinstance(item, h5py.Dataset) and item.dtype.kind in "biuf" and item.ndim in (1, 2):
-            if item.external or item.is_virtual:
-                problem = f"{path}: {name[:60]} lies in other files, which an HDF5 file may name at will"
-                raise RecordingError(problem, "Copy it into the file itself, for example with h5repack.")
-            found.append((name, item))
-
-    with h5py.File(path, "r") as file:
-        file.visititems(visit)
-        _refuse_large(path, sum(item.size * item.dtype.itemsize for _, item in found))
-        return {name.replace("/", "."): item[()] for name, item in found}

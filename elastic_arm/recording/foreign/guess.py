@@ -63,6 +63,7 @@ _SIDE_WORDS: dict[SideName, str] = {
 _MEASURED = r"act(?=_|ual)|meas|rec|sens|raw|abs"
 
 
+@np.errstate(over="ignore", invalid="ignore", divide="ignore")
 def guess_mapping(arrays: Mapping[str, np.ndarray], joints: Sequence[str], prismatic: Collection[str] = ()) -> Draft:
     """Return a draft of the mapping from arrays to a recording.
 
