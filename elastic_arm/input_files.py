@@ -104,7 +104,9 @@ def read_fields(path: str | Path, kind: type[ElasticArmError], remedy: str, most
     """Read a YAML file that holds fields; an error of `kind` names file, line and reason where it does not."""
     text = read_text(path, kind, remedy, most)
     if text.startswith(WHOLE_FROM) and text.rstrip().rpartition("\n")[2] != WHOLE_TO:
-        raise kind(f"{path}: is cut off: its last line is not {WHOLE_TO}", "Write it again, or mend it and add that line.")
+        raise kind(
+            f"{path}: is cut off: its last line is not {WHOLE_TO}", "Write it again, or mend it and add that line."
+        )
     try:
         content = parse_yaml(text)
     except yaml.YAMLError as error:

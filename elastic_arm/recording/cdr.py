@@ -147,10 +147,8 @@ class Layouts:
             if layout.matches(one).all():
                 return layout
         if sum(map(len, self.known.values())) >= limits.LAYOUTS or self._walked > limits.LAYOUT_FIELDS:
-            raise RecordingError(
-                f"its messages differ in more than {limits.LAYOUTS} ways in their names and lengths",
-                "Stop publishers that change the names or the number of joints.",
-            )
+            problem = f"its messages differ in more than {limits.LAYOUTS} ways in their names and lengths"
+            raise RecordingError(problem, "Stop publishers that change the names or the number of joints.")
         layout = layout_of(pattern, self.type_name, self.store)
         layout.learn(pattern)
         self._walked += len(layout.fixed) + len(layout.numbers)

@@ -54,16 +54,12 @@ def parse_definition(type_name: str, encoding: str, text: str) -> Typesdict:
         found = {name: (constants, fields or _EMPTY) for name, (constants, fields) in found.items()}
         _check_depth(found)
     except _Unusable as error:
-        raise RecordingError(
-            f"the definition of message type {type_name[:60]!r} in the bag cannot be read: {error}",
-            "Record again with the definitions of ROS.",
-        ) from None
+        problem = f"the definition of message type {type_name[:60]!r} in the bag cannot be read: {error}"
+        raise RecordingError(problem, "Record again with the definitions of ROS.") from None
     except (TypesysError, ValueError, RecursionError) as error:
         reason = "it does not follow the grammar" if "\n" in str(error) else str(error)[:80]
-        raise RecordingError(
-            f"the definition of message type {type_name!r} in the bag cannot be read: {reason}",
-            "Record again with the definitions of ROS.",
-        ) from None
+        problem = f"the definition of message type {type_name!r} in the bag cannot be read: {reason}"
+        raise RecordingError(problem, "Record again with the definitions of ROS.") from None
     return found
 
 

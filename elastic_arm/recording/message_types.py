@@ -69,7 +69,6 @@ def types_of(topic: Topic) -> TypeFields:
     """Return the types that a topic's messages are made of: as the bag defines them, or else the known ones."""
     types = _defined(topic.type_name, topic.encoding, topic.definition)
     if topic.type_name not in types.fielddefs:
-        raise RecordingError(
-            f"message type {topic.type_name} is not defined in the bag", "Record it with its definition."
-        )
+        problem = f"message type {topic.type_name} is not defined in the bag"
+        raise RecordingError(problem, "Record it with its definition.")
     return types

@@ -100,16 +100,12 @@ def write_recording(path: str | Path, recording: Recording, compression: Compres
         raise RecordingError("the recording holds no samples", "Nothing was written.")
     first_ns = min(int(stream.stamp_ns[0]) for stream in streams if len(stream.stamp_ns))
     if first_ns < 0:
-        raise RecordingError(
-            f"the recording begins at {first_ns * 1e-9:.6g} s, before time zero, and a bag has no such stamps",
-            "Add a constant to all times.",
-        )
+        problem = f"the recording begins at {first_ns * 1e-9:.6g} s, before time zero, and a bag has no such stamps"
+        raise RecordingError(problem, "Add a constant to all times.")
     last_ns = max(int(stream.stamp_ns[-1]) for stream in streams if len(stream.stamp_ns))
     if last_ns >= LAST_STAMP_NS:
-        raise RecordingError(
-            f"the recording ends at {last_ns * 1e-9:.10g} s; the stamps of ROS end at 2^31 s, in January 2038",
-            "Subtract a constant from all times.",
-        )
+        problem = f"the recording ends at {last_ns * 1e-9:.10g} s; the stamps of ROS end at 2^31 s, in January 2038"
+        raise RecordingError(problem, "Subtract a constant from all times.")
     if os.path.exists(folder):  # of a name that is too long Path.exists raises
         raise RecordingError(f"{folder} exists already", "Choose another name; nothing is overwritten.")
     sink = McapSink(folder / f"{folder.name}_0.mcap", compression)
@@ -141,9 +137,8 @@ def finish_bag(sink: McapSink, before: Sequence[FileSummary] = (), currents: Seq
     try:
         file.write_text(yaml.safe_dump({METADATA_KEY: information}, sort_keys=False), encoding="utf-8")
     except OSError as error:
-        raise RecordingError(
-            f"{file} cannot be written: {error.strerror}", "Free space, then check --repair."
-        ) from None
+        problem = f"{file} cannot be written: {error.strerror}"
+        raise RecordingError(problem, "Free space, then check --repair.") from None
 
 
 def _streams(recording: Recording) -> list[Stream]:

@@ -12,6 +12,8 @@ from typer.testing import CliRunner, Result
 
 from elastic_arm.cli.bag import bag_app
 from elastic_arm.recording import read_recording, write_recording
+from elastic_arm.recording.foreign.array_files import load_arrays
+from elastic_arm.recording.foreign.guess import guess_mapping
 from tests.helpers.bags import assert_equal, two_sided
 
 
@@ -96,8 +98,8 @@ def test_a_dataset_becomes_a_bag_an_episode_and_a_bag_becomes_arrays_and_the_sam
     t = np.arange(100) / 50.0
     rows = [f"{k},{a},{np.sin(a)},{np.cos(a) if a != t[5] else ''}" for k in (0, 1) for a in t]
     (tmp_path / "run.csv").write_text("run,t,q1,q2\n" + "\n".join(rows) + "\n")
-    mapping = {"times": {"key": "t"}, "joints": ["a", "b"], "rows": {"key": "run"}}
-    (tmp_path / "map.yaml").write_text(yaml.safe_dump({**mapping, "link": {"position": {"key": ["q1", "q2"]}}}))
+    draft = guess_mapping(load_arrays(tmp_path / "run.csv"), ["a", "b"])
+    (tmp_path / "map.yaml").write_text(draft.to_yaml())
     done = run("import", tmp_path / "run.csv", "--map", tmp_path / "map.yaml", "--out", tmp_path / "bags")
     assert done.exit_code == 0 and done.stdout.count("1 of 100 rows have holes on the link side") == 2
     assert [len(read_recording(tmp_path / "bags" / f"run_{k}").link or ()) for k in (0, 1)] == [99, 99]

@@ -235,17 +235,15 @@ def _refuse_strays(arrays: Arrays, rules: ArrayMap) -> None:
     used |= {times.key for side in SIDE_NAMES if (times := rules.times_of(side)).key is not None}
     used |= {rules.rows.key} if rules.rows is not None else set()
     if missing := sorted(used - set(arrays)):
-        raise RecordingError(
-            f"no array {', '.join(missing)}; there is {', '.join(arrays)}", "Correct the names in the mapping."
-        )
+        problem = f"no array {', '.join(missing)}; there is {', '.join(arrays)}"
+        raise RecordingError(problem, "Correct the names in the mapping.")
     numbers = {name for name, values in arrays.items() if values.dtype.kind in "iufc" and name != FILE_INDEX}
     # A bracket in a pattern may be one of the name: columns are called `Time [ms]`.
     patterns = [*rules.ignore, *(pattern.replace("[", "[[]") for pattern in rules.ignore)]
     left = {name for name in numbers - used if not _other_form(name, arrays, used)}
     if strays := sorted(name for name in left if not any(fnmatchcase(name, pattern) for pattern in patterns)):
-        raise RecordingError(
-            f"arrays {', '.join(strays)} are not mapped", "Map them, or list them under 'ignore' in the mapping."
-        )
+        problem = f"arrays {', '.join(strays)} are not mapped"
+        raise RecordingError(problem, "Map them, or list them under 'ignore' in the mapping.")
 
 
 def _other_form(name: str, arrays: Mapping[str, np.ndarray], used: Collection[str]) -> bool:
@@ -304,10 +302,8 @@ def _read_side(arrays: Arrays, rules: ArrayMap, side: SideName, notes: list[str]
         late = np.abs(values.astype(np.float64)) >= 2**31 * 1e9 / _NS[times.unit]
         if late.any():
             row = int(np.argmax(late))
-            raise RecordingError(
-                f"{times.key} is {values[row]} {times.unit} in row {row}; stamps end at 2^31 s, in 2038",
-                "Give the right unit under times, or subtract a constant.",
-            )
+            problem = f"{times.key} is {values[row]} {times.unit} in row {row}; stamps end at 2^31 s, in 2038"
+            raise RecordingError(problem, "Give the right unit under times, or subtract a constant.")
     tables = {}
     for name, channel in channels.items():
         places = channel.places(rules.joints)
@@ -381,9 +377,8 @@ def _table(arrays: Arrays, source: ArrayChannel, count: int, n: int) -> Array:
         if key in arrays.faults:
             raise RecordingError(f"{key}: {arrays.faults[key]}", "Write nan or nothing where there is no number.")
         if arrays[key].dtype.kind not in "biuf":
-            raise RecordingError(
-                f"{key} is no table of numbers, but of {arrays[key].dtype.name}", "Map arrays of real numbers."
-            )
+            problem = f"{key} is no table of numbers, but of {arrays[key].dtype.name}"
+            raise RecordingError(problem, "Map arrays of real numbers.")
     try:
         parts = [np.asarray(arrays[key], dtype=np.float64) for key in keys]
         table = parts[0] if len(parts) == 1 else np.column_stack([part.ravel() for part in parts])
@@ -400,7 +395,6 @@ def _table(arrays: Arrays, source: ArrayChannel, count: int, n: int) -> Array:
         remedy = "Name one column a joint ('columns', or a list of keys), and the right times."
         if 1 in table.shape and n > 1 and table.size % n == 0 and len(keys) == 1 and not source.flat:
             remedy += f" If it holds {n} numbers a sample one after the other, add flat: true to the channel."
-        raise RecordingError(
-            f"{', '.join(keys)} has shape {table.shape}; {count} samples of {n} joints are wanted", remedy
-        )
+        problem = f"{', '.join(keys)} has shape {table.shape}; {count} samples of {n} joints are wanted"
+        raise RecordingError(problem, remedy)
     return table

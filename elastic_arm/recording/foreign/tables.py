@@ -126,7 +126,7 @@ def _sorted(
 def _find_runs(arrays: Mapping[str, np.ndarray]) -> tuple[str, int] | None:
     """Return the array that numbers runs, which stand one below the other, and how many there are."""
     for key, values in arrays.items():
-        if _RUN_NAME.search(key) and values.ndim == 1 and len(values) > 1 and values.dtype.kind in "iu":
+        if _RUN_NAME.search(key) and values.ndim == 1 and len(values) > 1 and np.array_equal(values, np.round(values)):
             count = 1 + int(np.count_nonzero(np.diff(values)))
             if 1 < count == len(np.unique(values)):
                 return key, count

@@ -92,9 +92,8 @@ def _opened(path: Path) -> Bag:
             raise RecordingError(f"{path} holds .mcap and .db3 files", "Name the one to be read.")
         return Bag(path, [_open_file(file) for file in present], None, damage)
     if metadata.compression_mode == "message":
-        raise RecordingError(
-            f"{path} compresses each message by itself", "Convert it with ros2 bag convert to storage compression."
-        )
+        problem = f"{path} compresses each message by itself"
+        raise RecordingError(problem, "Convert it with ros2 bag convert to storage compression.")
     # Of a name that is too long Path.exists raises.
     listed = {path / name: os.path.exists(path / name) for name in metadata.files}
     unlisted = [file for file in present if file not in listed]

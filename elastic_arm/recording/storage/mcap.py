@@ -126,9 +126,8 @@ class McapFile:
     def topic(self, channel: int) -> Topic:
         """Return the topic of a channel; with an empty type where the file gives no schema."""
         if channel not in self.channels:
-            raise RecordingError(
-                f"{self.path}: messages of channel {channel}, which the file does not describe", "Record again."
-            )
+            problem = f"{self.path}: messages of channel {channel}, which the file does not describe"
+            raise RecordingError(problem, "Record again.")
         described = self.channels[channel]
         schema = self.schemas.get(described.schema_id, records.Schema(0, b"", "", ""))
         return Topic(

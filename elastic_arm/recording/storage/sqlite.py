@@ -107,9 +107,8 @@ class SqliteFile:
     def topic(self, channel: int) -> Topic:
         """Return the topic of a channel."""
         if channel not in self.channels:
-            raise RecordingError(
-                f"{self.path}: messages of topic number {channel}, which the file does not describe", "Record again."
-            )
+            problem = f"{self.path}: messages of topic number {channel}, which the file does not describe"
+            raise RecordingError(problem, "Record again.")
         return self.channels[channel]
 
     def expected(self, _: int) -> int:

@@ -47,10 +47,8 @@ def unpack_file(path: Path, limit: int) -> bytearray:
             while piece := reader.read(_PIECE):
                 plain += piece
                 if len(plain) > limit:
-                    raise RecordingError(
-                        f"{path} unpacks to more than {limit // limits.MEGABYTE} MB",
-                        "If you trust it, raise the limit: set ELASTIC_ARM_MAX_UNPACKED_MB.",
-                    )
+                    problem = f"{path} unpacks to more than {limit // limits.MEGABYTE} MB"
+                    raise RecordingError(problem, "If you trust it, raise the limit: set ELASTIC_ARM_MAX_UNPACKED_MB.")
     except zstandard.ZstdError as error:
         raise RecordingError(f"{path} cannot be read: {error}", "Copy it again: it is not whole.") from None
     return plain
