@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self, TypeVar
+from typing import Annotated, Any, Literal, Self, TypeVar, get_args
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
@@ -29,45 +29,29 @@ REFERENCE = "docs/channel_maps.md shows every key"
 MOST_JOINTS = 1000
 CHANNEL_NAMES: tuple[ChannelName, ...] = ("position", "velocity", "effort")
 
+_SIZES = {"rad": 1.0, "deg": math.pi / 180, "turns": 2 * math.pi, "m": 1.0, "mm": 1e-3}
 # A position's unit on a velocity means that unit per second.
 TO_SI: dict[ChannelName, dict[str, float]] = {
-    "position": {"rad": 1.0, "deg": math.pi / 180, "turns": 2 * math.pi, "m": 1.0, "mm": 1e-3},
-    "velocity": {
-        "rad": 1.0,
-        "deg": math.pi / 180,
-        "turns": 2 * math.pi,
-        "rad/s": 1.0,
-        "deg/s": math.pi / 180,
-        "turns/s": 2 * math.pi,
-        "rpm": 2 * math.pi / 60,
-        "m": 1.0,
-        "mm": 1e-3,
-        "m/s": 1.0,
-        "mm/s": 1e-3,
-    },
-    "effort": {"Nm": 1.0, "N": 1.0, "Nm_motor": 1.0, "A": 1.0},
-    "acceleration": {"rad/s^2": 1.0, "deg/s^2": math.pi / 180, "m/s^2": 1.0},
+    "position": _SIZES,
+    "velocity": _SIZES | {f"{unit}/s": size for unit, size in _SIZES.items()} | {"rpm": 2 * math.pi / 60},
+    "effort": dict.fromkeys(("Nm", "N", "Nm_motor", "A"), 1.0),
+    "acceleration": {f"{unit}/s^2": size for unit, size in _SIZES.items()},
 }
-# How files call units, without blanks and in small letters, and how many of a unit one of them is.
-_WORDS: dict[Unit, str] = {
-    "rad": "rad rads radian radians",
-    "deg": "deg degs degree degrees ° º",
-    "turns": "turn turns rev revs",
-    "rad/s": "rad/s rads/s rad/sec rad*s^-1",
-    "deg/s": "deg/s degs/s degrees/s deg/sec °/s º/s",
-    "turns/s": "turns/s rev/s",
-    "rpm": "rpm 1/min rev/min u/min",
-    "Nm": "nm n*m n·m n.m n-m",
-    "A": "a amp amps",
-    "m": "m",
-    "mm": "mm",
-    "m/s": "m/s",
-    "mm/s": "mm/s",
-    "N": "n",
+# How files call units beside their own names, without blanks and in small letters.
+_CALLED: dict[Unit, str] = {
+    "rad": "rads radian radians",
+    "deg": "degs degree degrees ° º",
+    "turns": "turn rev revs",
+    "rad/s": "rads/s rad/sec rad*s^-1",
+    "deg/s": "degs/s degrees/s deg/sec °/s º/s",
+    "turns/s": "rev/s",
+    "rpm": "1/min rev/min u/min",
+    "Nm": "n*m n·m n.m n-m",
+    "A": "amp amps",
 }
-_WRITTEN: dict[str, tuple[Unit, float]] = {
-    word: (unit, 1.0) for unit, words in _WORDS.items() for word in words.split()
-}
+# Which unit a word means, and how many of it that is.
+_WRITTEN: dict[str, tuple[Unit, float]] = {unit.lower(): (unit, 1.0) for unit in get_args(Unit)}
+_WRITTEN |= {word: (unit, 1.0) for unit, words in _CALLED.items() for word in words.split()}
 _WRITTEN |= {"mrad": ("rad", 1e-3), "mrad/s": ("rad/s", 1e-3), "ma": ("A", 1e-3)}
 _WRITTEN |= {"mnm": ("Nm", 1e-3), "knm": ("Nm", 1e3), "kn": ("N", 1e3)}
 # In a column's name what stands in brackets is its unit, unless it is a number; in parentheses it may be a remark.
