@@ -261,6 +261,15 @@ def test_a_row_of_units_blank_cells_and_texts_are_read(tmp_path: Path) -> None:
     assert run.notes == ("1 of 8 rows have holes on the link side and were left out of it",)
 
 
+@pytest.mark.parametrize("text", ["t,q,\n0,1,\n1,2,\n", "t,q\n0,1,\n1,2,\n", '"t","q"\n"0,0","1,0"\n"1,0","2,0"\n'])
+def test_marks_at_the_end_of_lines_and_numbers_in_quotes_are_read(tmp_path: Path, text: str) -> None:
+    """As loggers and spreadsheets write them."""
+    (tmp_path / "run.csv").write_text(text)
+    arrays = load_arrays(tmp_path / "run.csv", None)
+    assert list(arrays) == ["t", "q"]
+    np.testing.assert_array_equal(arrays["q"], [1.0, 2.0])
+
+
 def test_every_third_row_is_taken(tmp_path: Path) -> None:
     """As of a log that repeats each sample."""
     run = log(tmp_path, "Time [ms],q\n" + "".join(f"{k},{k // 3}\n" for k in range(30)), every=3)

@@ -221,6 +221,8 @@ def _by_cells(
     """Read a table with blank cells or texts."""
     parted = [(n, _cells(line.partition("#")[0], delimiter)) for n, line in rows]
     for n, cells in parted:
+        if len(cells) == len(names) + 1 and not cells[-1].strip():
+            cells.pop()  # a mark at the end of the line parts nothing
         if len(cells) != len(names):
             problem = f"{path} cannot be read: line {n}: {len(cells)} columns, where the lines before have {len(names)}"
             raise RecordingError(problem, "Give all lines as many columns; decimal marks are points.")
@@ -228,7 +230,8 @@ def _by_cells(
     for k, name in enumerate(names):
         column = [cells[k].strip().replace(decimal, ".") for _, cells in parted]
         try:
-            arrays[name] = np.array([float(cell) if cell else np.nan for cell in column])
+            if name or any(column):
+                arrays[name] = np.array([float(cell) if cell else np.nan for cell in column])
         except ValueError:
             arrays[name] = np.array(column)
             wrong = next(i for i, cell in enumerate(column) if cell and not _is_number(cell))
