@@ -14,11 +14,11 @@ from elastic_arm.recording import limits
 from elastic_arm.recording.storage.mcap import McapFile, open_mcap
 from elastic_arm.recording.storage.mcap_blocks import McapBlock
 from elastic_arm.recording.storage.metadata import METADATA_KEY, stated_currents
-from elastic_arm.recording.storage.sqlite import SqliteBlock, SqliteFile, open_sqlite
+from elastic_arm.recording.storage.sqlite import SqliteFile, open_sqlite
 
-# A storage format is a module with two such classes, which have the same members, and a function that opens a file.
+# A storage format is a module with such a class, all of which have the same members, and a function that opens a file.
 BagFile = McapFile | SqliteFile
-Block = McapBlock | SqliteBlock
+Block = McapBlock
 METADATA = "metadata.yaml"
 _OPENERS: dict[str, Callable[[Path], BagFile]] = {".mcap": open_mcap, ".db3": open_sqlite}
 _PACKED = ("", ".zstd", ".zst")

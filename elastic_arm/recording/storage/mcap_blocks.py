@@ -16,7 +16,7 @@ LATEST_NS = 2**63 - 1
 
 @dataclass(frozen=True)
 class McapBlock:
-    """The messages of one chunk, or of an unchunked file."""
+    """The messages of one chunk, of an unchunked file, or of rows laid out as such."""
 
     buffer: Bytes  # plain bytes
     messages: dict[int, Offsets]  # where the message records begin, by channel

@@ -54,8 +54,7 @@ def topics_of(files: Sequence[BagFile]) -> list[Topic]:
 
 def _of_file(file: BagFile, topics: Collection[str] | None, strict: bool) -> Iterator[Message]:
     waiting: list[tuple[int, int, int, Message]] = []
-    blocks: Iterator[Block] = file.blocks(strict)
-    for number, block in enumerate(blocks):
+    for number, block in enumerate(file.blocks(strict)):
         for offset, message in _of_block(file, block, topics):
             heapq.heappush(waiting, (message.log_ns, number, offset, message))
         while waiting and waiting[0][0] < block.horizon_ns:

@@ -6,15 +6,15 @@ import sqlite3
 from collections.abc import Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
-from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording import limits
-from elastic_arm.recording.spans import Bytes, Offsets, Spans, by_value, progression
+from elastic_arm.recording.spans import by_value, place
+from elastic_arm.recording.storage.mcap_blocks import McapBlock
+from elastic_arm.recording.storage.mcap_records import MESSAGE_HEAD, RECORD_HEAD
 from elastic_arm.recording.storage.metadata import Topic
 from elastic_arm.recording.storage.unpacking import PACKED_FILES, unpack_file
 
@@ -31,46 +31,6 @@ _MESSAGES = (
     "WHERE typeof(data) = 'blob' AND typeof(timestamp) = 'integer' AND typeof(topic_id) = 'integer' "
     "ORDER BY timestamp, id"
 )
-
-
-@dataclass(frozen=True)
-class SqliteBlock:
-    """Messages in a row, in the order of their timestamps."""
-
-    buffer: Bytes  # their bytes, one message after the other
-    channel: Offsets  # channel, stamp_ns, size: (N,) of each message
-    stamp_ns: Offsets
-    size: Offsets
-
-    @property
-    def horizon_ns(self) -> int:
-        """No later message was received before this."""
-        return int(self.stamp_ns[-1])
-
-    def counts(self) -> dict[int, int]:
-        """Return how many messages of each channel there are."""
-        return {channel: len(self.stamp_ns[where]) for channel, where in self._rows.items()}
-
-    def spans(self, channel: int) -> Spans:
-        """Return where the messages of a channel lie."""
-        chosen = self._rows[channel]
-        return Spans(self.buffer, progression(self._begin[chosen]), self.size[chosen])
-
-    def log_ns(self, channel: int) -> Offsets:
-        """(N,) when the messages of a channel were received."""
-        return self.stamp_ns[self._rows[channel]]
-
-    def publish_ns(self, channel: int) -> Offsets:
-        """(N,) the same: this format holds one time a message."""
-        return self.log_ns(channel)
-
-    @cached_property
-    def _rows(self) -> dict[int, NDArray[np.intp] | slice]:
-        return by_value(self.channel)
-
-    @cached_property
-    def _begin(self) -> Offsets:
-        return np.cumsum(self.size) - self.size
 
 
 @dataclass
@@ -115,7 +75,7 @@ class SqliteFile:
         """Return 0: to count the messages takes as long as to read them."""
         return 0
 
-    def blocks(self, strict: bool = True) -> Iterator[SqliteBlock]:
+    def blocks(self, strict: bool = True) -> Iterator[McapBlock]:
         """Yield the messages in the order of their timestamps."""
         rows: list[tuple[int, int, bytes]] = []
         size, most = 0, limits.chunk_bytes()
@@ -218,8 +178,14 @@ def _columns(database: sqlite3.Connection, table: str) -> set[str]:
     return {row[1] for row in database.execute(f"PRAGMA table_info({table})")}
 
 
-def _block(rows: Sequence[tuple[int, int, bytes]]) -> SqliteBlock:
-    channel, stamp_ns, data = zip(*rows, strict=True)
-    size = np.fromiter(map(len, data), np.int64, len(data))
-    buffer = np.frombuffer(b"".join(data), np.uint8)
-    return SqliteBlock(buffer, np.array(channel, np.int64), np.array(stamp_ns, np.int64), size)
+def _block(rows: Sequence[tuple[int, int, bytes]]) -> McapBlock:
+    """Lay rows into bytes as the records of an MCAP file are."""
+    channel, stamps, data = zip(*rows, strict=True)
+    size, stamp_ns = np.fromiter(map(len, data), np.int64, len(data)), np.array(stamps, np.int64)
+    head = bytearray(MESSAGE_HEAD)
+    buffer = np.frombuffer(head + head.join(data), np.uint8)
+    begin = np.cumsum(size + MESSAGE_HEAD) - size - MESSAGE_HEAD
+    for at, items in ((1, size + MESSAGE_HEAD - RECORD_HEAD), (15, stamp_ns), (23, stamp_ns)):
+        place(buffer, begin, at, items)
+    where = by_value(np.array(channel, np.int64))
+    return McapBlock(buffer, {number: begin[rows] for number, rows in where.items()}, int(stamp_ns[-1]))
