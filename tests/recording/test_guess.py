@@ -150,6 +150,8 @@ def test_a_single_axis_has_columns_of_one_name_each() -> None:
     draft = guess_mapping(arrays, ("axis",), prismatic=("axis",))
     found = {(guess.side, guess.channel): guess.unit for guess in draft.channels}
     assert found == {("link", "position"): "m", ("link", "velocity"): "m/s", ("motor", "effort"): "N"}
+    (stated,) = guess_mapping({"time": T, "position [mm]": Q[:, 0]}, ("axis",), prismatic=("axis",)).channels
+    assert stated.unit == "mm"
 
 
 def test_arrays_without_a_sample_are_refused() -> None:

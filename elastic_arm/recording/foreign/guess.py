@@ -38,6 +38,7 @@ CONSTANT = "column"  # begin of a reason
 DEAD = "constant while its joint moves: no sensor there, and left out"
 # What a motor has, whether its joint turns or slides.
 _AT_SHAFT = ("A", "Nm_motor")
+_OF_SLIDES = ("m", "mm", "m/s", "mm/s", "N")  # by a unit that is stated
 # A rotor's angle over the joint's is at least this.
 SMALLEST_RATIO = 5.0
 
@@ -139,7 +140,7 @@ def _left_out(guess: Guess) -> list[str]:
 
 def _with_lengths(guess: Guess, slides: Sequence[bool]) -> Guess:
     """Return a guess with the units of a length or force for joints that slide."""
-    if not any(slides) or guess.unit in _AT_SHAFT:
+    if not any(slides) or guess.unit in (*_AT_SHAFT, *_OF_SLIDES):
         return guess
     largest = float(np.abs(guess.table.values[:, np.flatnonzero(slides)]).max())
     length = "mm" if largest > LARGEST_TRAVEL else "m"
