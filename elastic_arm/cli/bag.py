@@ -18,6 +18,7 @@ from elastic_arm.cli.options import AtOption, ChainOption, Namespace, load_arm
 from elastic_arm.cli.outputs import Force, claim_bag, claim_folder
 from elastic_arm.cli.processes import require_ros
 from elastic_arm.errors import RecordingError
+from elastic_arm.output_files import write_result
 from elastic_arm.recording import read_recording
 from elastic_arm.recording.foreign.array_export import KINDS, export_arrays, export_paths
 from elastic_arm.recording.foreign.array_files import load_arrays
@@ -212,10 +213,7 @@ def _write_draft(arrays: Path, file: Path, draft: Draft) -> None:
     """Write the draft of a mapping and print it, with what to do next."""
     if os.path.exists(file):
         raise RecordingError(f"{file} exists", "Give another --out, or move it away.")
-    try:
-        file.write_text(draft.to_yaml(), encoding="utf-8")
-    except OSError as error:
-        raise RecordingError(f"{file} cannot be written: {error.strerror}", "Choose another --out.") from None
+    write_result(file, draft.to_yaml(), remedy="Choose another --out.")
     out.print(escape(draft.to_yaml()), soft_wrap=True, highlight=False)
     if draft.missing:
         out.print(f"[yellow]to be filled in[/] {', '.join(draft.missing)}", soft_wrap=True)

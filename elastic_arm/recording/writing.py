@@ -15,6 +15,7 @@ import numpy as np
 import yaml
 
 from elastic_arm.errors import RecordingError
+from elastic_arm.output_files import write_result
 from elastic_arm.recording import cdr, message_types
 from elastic_arm.recording.inspection.quality import check_times
 from elastic_arm.recording.recording import Recording, recordings_of
@@ -133,12 +134,8 @@ def finish_bag(sink: McapSink, before: Sequence[FileSummary] = (), currents: Seq
     record, key = INSIDE
     sink.add_metadata(record, {key: inside, "ROS_DISTRO": "jazzy"})
     sink.finish()
-    file = sink.path.parent / METADATA
-    try:
-        file.write_text(yaml.safe_dump({METADATA_KEY: information}, sort_keys=False), encoding="utf-8")
-    except OSError as error:
-        problem = f"{file} cannot be written: {error.strerror}"
-        raise RecordingError(problem, "Free space, then check --repair.") from None
+    text = yaml.safe_dump({METADATA_KEY: information}, sort_keys=False)
+    write_result(sink.path.parent / METADATA, text, RecordingError, "Free space, then check --repair.")
 
 
 def _streams(recording: Recording) -> list[Stream]:
