@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import resource
 import struct
 import subprocess
@@ -41,6 +42,17 @@ def test_a_file_that_ends_its_reader_is_refused_in_one_line(file: Path, monkeypa
     with pytest.raises(RecordingError, match="SIGSEGV") as refused:
         load_arrays(file)
     assert "\n" not in str(refused.value)
+
+
+def test_modules_beside_the_files_are_not_run(file: Path) -> None:
+    """A folder of data may hold a numpy.py: reading in it runs nothing of it."""
+    file.with_name("numpy.py").write_text("raise SystemExit('owned')")
+    script = "import sys; from elastic_arm.recording.foreign.array_files import load_arrays; from pathlib import Path; "
+    script += "print(load_arrays(Path('run.mat'))['q'].sum())"
+    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}
+    command = [sys.executable, "-P", "-c", script]
+    done = subprocess.run(command, cwd=file.parent, env=environment, capture_output=True, text=True, check=False)
+    assert done.stdout.strip() == "15.0", done.stderr
 
 
 def test_claimed_sizes_do_not_take_this_process_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -46,8 +46,10 @@ def load_compiled(paths: Sequence[Path], most: int) -> list[dict[str, np.ndarray
             missing = f"{paths[0]} needs {library}, which is not installed"
             raise MissingExtraError(missing, "Install it with: pip install 'elastic_arm[learning]'")
     seconds = START_SECONDS + sum(path.stat().st_size for path in paths) // BYTES_A_SECOND
-    command = [sys.executable, "-m", MODULE, str(most), str(seconds), *(str(path.absolute()) for path in paths)]
-    where = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1") | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    # As here, and without the folder that the user stands in, which may hold modules of any name.
+    command = [sys.executable, "-P", "-m", MODULE, str(most), str(seconds), *(str(path.absolute()) for path in paths)]
+    known = [folder or os.getcwd() for folder in sys.path]
+    where = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1") | {"PYTHONPATH": os.pathsep.join(known)}
     try:
         run = subprocess.run(command, capture_output=True, timeout=PATIENCE * seconds, env=os.environ | where)
     except subprocess.TimeoutExpired:
