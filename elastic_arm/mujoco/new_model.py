@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.effects import Catalogue, EffectInstance, robot_effects
-from elastic_arm.errors import OutputError
 from elastic_arm.mujoco.changes import six, text_of
 from elastic_arm.mujoco.mjcf_export import Exported
 from elastic_arm.mujoco.stated_arm import StatedArm, stated_arm
+from elastic_arm.output_files import write_result
 from elastic_arm.robot import Inertia, Robot
 from elastic_arm.robot.kinematics import link_radius
 from elastic_arm.robot.urdf_export import bodies_with_components
@@ -54,11 +54,7 @@ def export_new_mjcf(
         If the file cannot be written.
     """
     text, left = to_mjcf(robot, catalogue=catalogue, timestep=timestep)
-    try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        out.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise OutputError(f"{out} cannot be written: {error.strerror}", "Name another file.") from error
+    write_result(out, text)
     return Exported((out,), (), left, units=robot.units)
 
 

@@ -45,15 +45,15 @@ class Numbers:
 class Layout:
     """Where everything lies in a message."""
 
-    size: int  # Length of the message in bytes
-    # By path: `header.stamp.sec`, `position`, `points.0.velocities`
+    size: int  # length of the message in bytes
+    # by path: `header.stamp.sec`, `position`, `points.0.velocities`
     numbers: dict[str, Numbers] = field(default_factory=dict)
-    strings: dict[str, list[str]] = field(default_factory=dict)  # Lists of strings, by path
-    # Single strings, by path: where their bytes begin and end. Only their lengths are the layout's.
+    strings: dict[str, list[str]] = field(default_factory=dict)  # lists of strings, by path
+    # single strings, by path: where their bytes begin and end. Only their lengths are the layout's.
     text: dict[str, tuple[int, int]] = field(default_factory=dict)
-    # The bytes (begin, end) that must agree for another message to have this layout and these names
+    # the bytes (begin, end) that must agree for another message to have this layout and these names
     fixed: list[tuple[int, int]] = field(default_factory=list)
-    words: list[tuple[int, str, int]] = field(default_factory=list)  # What they hold: (begin, dtype, value)
+    words: list[tuple[int, str, int]] = field(default_factory=list)  # what they hold: (begin, dtype, value)
 
     def learn(self, pattern: memoryview) -> None:
         """Keep what `pattern`, a message of this layout, has in its fixed bytes."""
@@ -147,10 +147,8 @@ class Layouts:
             if layout.matches(one).all():
                 return layout
         if sum(map(len, self.known.values())) >= limits.LAYOUTS or self._walked > limits.LAYOUT_FIELDS:
-            raise RecordingError(
-                f"its messages differ in more than {limits.LAYOUTS} ways in their names and lengths",
-                "Stop publishers that change the names or the number of joints.",
-            )
+            problem = f"its messages differ in more than {limits.LAYOUTS} ways in their names and lengths"
+            raise RecordingError(problem, "Stop publishers that change the names or the number of joints.")
         layout = layout_of(pattern, self.type_name, self.store)
         layout.learn(pattern)
         self._walked += len(layout.fixed) + len(layout.numbers)

@@ -10,7 +10,7 @@ from elastic_arm.recording import cdr, limits, message_types
 from elastic_arm.recording.series import Piece, Series
 from elastic_arm.recording.sides import Stamps
 from elastic_arm.recording.spans import Spans
-from elastic_arm.recording.storage.interface import BagFile, Block
+from elastic_arm.recording.storage.bag import BagFile, Block
 from elastic_arm.recording.storage.metadata import Topic
 
 _SECONDS, _NANOSECONDS = "header.stamp.sec", "header.stamp.nanosec"

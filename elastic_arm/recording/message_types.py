@@ -62,17 +62,13 @@ class _Defined:
 
 @lru_cache(maxsize=64)
 def _defined(name: str, encoding: str, text: str) -> TypeFields:
-    # A known type needs no definition in another language than that of .msg files.
-    if not text or (encoding != "ros2msg" and known(name)):
-        return typestore()
-    return _Defined(parse_definition(name, encoding, text))
+    return _Defined(parse_definition(name, encoding, text)) if text else typestore()
 
 
 def types_of(topic: Topic) -> TypeFields:
     """Return the types that a topic's messages are made of: as the bag defines them, or else the known ones."""
     types = _defined(topic.type_name, topic.encoding, topic.definition)
     if topic.type_name not in types.fielddefs:
-        raise RecordingError(
-            f"message type {topic.type_name} is not defined in the bag", "Record it with its definition."
-        )
+        problem = f"message type {topic.type_name} is not defined in the bag"
+        raise RecordingError(problem, "Record it with its definition.")
     return types

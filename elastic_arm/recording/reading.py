@@ -18,12 +18,12 @@ from elastic_arm.recording.foreign.channels import ChannelMap, load_channels
 from elastic_arm.recording.foreign.mapping import mapped_side
 from elastic_arm.recording.inspection.quality import check_times, checked
 from elastic_arm.recording.inspection.report import Finding, Severity
+from elastic_arm.recording.joint_names import matched_names
 from elastic_arm.recording.namespaces import choose_namespace, local_name
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.series import Series
 from elastic_arm.recording.sides import Side, joints_with
-from elastic_arm.recording.storage.bag import Bag, open_bag
-from elastic_arm.recording.storage.interface import BagFile, Block
+from elastic_arm.recording.storage.bag import Bag, BagFile, Block, open_bag
 from elastic_arm.recording.timebase.joining import pair
 from elastic_arm.recording.topics import (
     JOINT_STATES,
@@ -41,6 +41,7 @@ _POINT = {
     "position": "points.0.positions",
     "velocity": "points.0.velocities",
     "acceleration": "points.0.accelerations",
+    "effort": "points.0.effort",
 }
 
 
@@ -161,7 +162,7 @@ def recording_of(
             recording = recording if joints is None else recording.select(joints)
     except RecordingError as error:
         raise RecordingError(f"{source}: {error.problem}", error.remedy) from None
-    notes = tuple(dict.fromkeys((*content.damage, *(finding.message for finding in found))))
+    notes = tuple(dict.fromkeys((*content.damage, *(finding.message for finding in found), *recording.notes)))
     return replace(recording, source=source, notes=notes), found
 
 
@@ -174,12 +175,13 @@ def _mapped_recording(
 ) -> Recording:
     link, of_link = mapped_side(channels, "link", series)
     motor, of_motor = mapped_side(channels, "motor", series)
-    for words in (*of_link, *of_motor):
+    command, of_command = mapped_side(channels, "command", series)
+    for words in (*of_link, *of_motor, *of_command):
         _note(found, words)
     for each in series.values():
         found += each.findings
-    urdf, currents = content.robot_description, channels.currents()
-    return Recording(tuple(channels.joints), link, motor, robot_description=urdf, currents=currents)
+    joints, urdf = tuple(channels.joints), content.robot_description
+    return Recording(joints, link, motor, command, robot_description=urdf, currents=channels.currents())
 
 
 def _contract_recording(
@@ -201,7 +203,10 @@ def _contract_recording(
     sides = {topic: _side(series.get(topic), joints, _STATE, found) for topic in (JOINT_STATES, MOTOR_STATES)}
     link, motor = _place_torques(sides[JOINT_STATES], sides[MOTOR_STATES], series, joints, found)
     reference = _reference(series.get(REFERENCE), joints, found)
-    return Recording(joints, link, motor, reference, content.robot_description, currents=content.currents)
+    called = joints if wanted is None else tuple(wanted)
+    if called != joints:
+        _note(found, f"{', '.join(joints)} are {', '.join(called)} by their names without what all of them share")
+    return Recording(called, link, motor, reference, content.robot_description, currents=content.currents)
 
 
 def _place_torques(
@@ -240,14 +245,14 @@ def _joints(states: Sequence[Series], wanted: Sequence[str] | None, urdf: str | 
     if not names:
         raise RecordingError(f"{states[0].topic} names no joints", "The publisher must fill the field name.")
     if wanted is not None:
-        there = set(names)
-        missing = [name for name in wanted if name not in there]
-        if missing:
+        matched = matched_names(wanted, names)
+        if matched is None:
+            missing = [name for name in wanted if name not in names]
             raise RecordingError(
                 f"joint {', '.join(missing)} was not recorded; there are {', '.join(names)}",
                 "Give the description of the recorded arm (--robot), or map its names in a channel map (--channels).",
             )
-        return tuple(wanted)
+        return tuple(matched)
     known = urdf_joints(urdf)
     recorded = set(names)
     if recorded <= set(known):

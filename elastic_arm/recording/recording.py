@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from elastic_arm.errors import RecordingError, require_kind
+from elastic_arm.recording.joint_names import matched_names
 from elastic_arm.recording.sides import ClockMode, Samples, Side
 from elastic_arm.recording.timebase.joining import join
 
@@ -103,20 +104,24 @@ class Recording:
 
     def select(self, joints: Sequence[str]) -> Recording:
         """Return the recording with the columns of `joints`, in that order."""
-        unknown = [name for name in joints if name not in self.joints]
-        if unknown:
+        called = matched_names(joints, self.joints)
+        if called is None:
+            unknown = [name for name in joints if name not in self.joints]
             raise RecordingError(
                 f"{self.source or 'the recording'} has no joint {', '.join(unknown)}; it has {', '.join(self.joints)}",
                 "Use a robot description with these joint names, or give the names in a channel map (--channels).",
             )
         if tuple(joints) == self.joints:
             return self
-        columns = [self.joints.index(name) for name in joints]
+        notes = self.notes
+        if called != list(joints):
+            notes = (*notes, f"{', '.join(called)} are {', '.join(joints)} by their names without what all share")
+        columns = [self.joints.index(name) for name in called]
         cut: dict[str, Any] = {
             side_name: Side(side.stamp_ns, **{name: values[:, columns] for name, values in side.channels().items()})
             for side_name, side in self.sides().items()
         }
-        return replace(self, joints=tuple(joints), **cut)
+        return replace(self, joints=tuple(joints), notes=notes, **cut)
 
     def _measured(self) -> list[Side]:
         measured = [side for side in self.measured().values() if len(side)]

@@ -203,7 +203,9 @@ class _Reading:
 
     def _limits(self, element: ET.Element, name: str) -> Limits:
         limit = element.find("limit")
-        given = {} if limit is None else {k: number(v, f"joint {name!r}: limit {k}") for k, v in limit.items()}
+        # A limit that is infinite is none.
+        stated = {} if limit is None else {k: None if _endless(v) else v for k, v in limit.items()}
+        given = {k: None if v is None else number(v, f"joint {name!r}: limit {k}") for k, v in stated.items()}
         lower, upper = given.get("lower", 0.0), given.get("upper", 0.0)
         bounded = element.get("type") != "continuous" and lower != upper
         if element.get("type") == "continuous":
@@ -246,3 +248,7 @@ class _Reading:
     def _note_unused(self) -> None:
         if self._element.find("transmission") is not None:
             self._notes.append("<transmission> states no stiffness: the joints are taken as rigid")
+
+
+def _endless(text: str) -> bool:
+    return text.strip().lower().lstrip("+-") in ("inf", "infinity", ".inf")

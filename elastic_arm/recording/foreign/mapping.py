@@ -21,20 +21,6 @@ def mapped_side(
     """Build one side of all joints; None where the map has no channel of it.
 
     Channels of one topic share its stamps; those of further topics are brought to the stamps of the first.
-
-    Parameters
-    ----------
-    channels
-        The channel map.
-    side_name
-        "link" or "motor".
-    series
-        The topics that were read, by name.
-
-    Raises
-    ------
-    RecordingError
-        If a topic, field or joint is missing, or the numbers cannot be used.
     """
     built: Side | None = None
     notes: tuple[str, ...] = ()
@@ -98,23 +84,18 @@ def _one(messages: Series, source: Channel, name: ChannelName) -> Array:
         return source.applied(messages.column(source.field, source.index), name)
     if not messages.names():
         if messages.width(source.field) > 1:
-            raise RecordingError(
-                f"{messages.topic} has several numbers in field {source.field!r} and names none of them",
-                f"Give {source.name} its index in the channel map.",
-            )
+            problem = f"{messages.topic} has several numbers in field {source.field!r} and names none of them"
+            raise RecordingError(problem, f"Give {source.name} its index in the channel map.")
         return source.applied(messages.column(source.field, 0), name)
     part = messages.keep(lambda piece: source.name in piece.names)
     if part.count < messages.count:
         known = ", ".join(messages.names())
-        raise RecordingError(
-            f"{messages.topic}: joint {source.name} is missing in {messages.count - part.count} messages",
-            f"Joints there: {known}.",
-        )
+        problem = f"{messages.topic}: joint {source.name} is missing in {messages.count - part.count} messages"
+        raise RecordingError(problem, f"Joints there: {known}.")
     values = messages.columns(source.field, (source.name,))
     if values is None:
-        raise RecordingError(
-            f"{messages.topic} has no numbers in field {source.field!r}", "Name another field in the channel map."
-        )
+        problem = f"{messages.topic} has no numbers in field {source.field!r}"
+        raise RecordingError(problem, "Name another field in the channel map.")
     return source.applied(values[:, 0], name)
 
 
