@@ -166,7 +166,7 @@ def test_wrong_channel_maps_are_refused_by_field(tmp_path: Path, content: object
     ("change", "words"),
     [
         ({"topic": "/nowhere"}, "no messages on /nowhere"),
-        ({"name": "elbow"}, "joint elbow is missing in 30 messages. Joints there: joint_1, joint_2, joint_3"),
+        ({"name": "elbow"}, "no message on /motor_states names elbow; there are joint_1, joint_2, joint_3"),
         ({"field": "torque"}, "no numbers in field 'torque'"),
         ({"field": "effort", "index": 7}, "no number 7 in field 'effort'"),
     ],

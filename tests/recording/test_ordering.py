@@ -109,6 +109,13 @@ def test_half_messages_of_one_arm_are_joined(tmp_path: Path, late_ns: int) -> No
     np.testing.assert_allclose(recording.motor.position, np.tile(seconds[:, None], 3), rtol=0, atol=1e-9)
     assert len(seconds) >= COUNT - 1
     assert check_bag(bag).usable and any("they are joined" in note for note in recording.notes)
+    file = tmp_path / "map.yaml"
+    file.write_text(
+        "joints:\n" + "".join(f"  {j}: {{motor: {{position: {{topic: /motor_states}}}}}}\n" for j in JOINTS)
+    )
+    mapped = read_recording(bag, file)
+    assert mapped.motor is not None and mapped.motor.position is not None
+    np.testing.assert_allclose(mapped.motor.position, recording.motor.position, rtol=0, atol=1e-9)
 
 
 def test_messages_of_a_gripper_are_no_fault(tmp_path: Path) -> None:

@@ -13,8 +13,10 @@ from elastic_arm.recording.inspection.outliers import without_zeros
 from elastic_arm.recording.inspection.quality import REPAIR, moment, wrong_rate
 from elastic_arm.recording.inspection.recorded import looked_through
 from elastic_arm.recording.inspection.report import Report
+from elastic_arm.recording.joint_names import matched_names
 from elastic_arm.recording.reading import Content, open_content, recording_of, urdf_joints
 from elastic_arm.recording.recording import Recording
+from elastic_arm.recording.series import Series
 from elastic_arm.recording.sides import Stamps
 from elastic_arm.recording.storage.bag import open_bag
 from elastic_arm.recording.topics import JOINT_STATES, JOINT_TORQUES, MOTOR_STATES, REFERENCE
@@ -99,7 +101,7 @@ def _check_names(content: Content, report: Report, joints: Sequence[str] | None)
     for topic in present:
         series = content.series[topic]
         others = [name for name in series.names() if name not in set(known)]
-        if known and others:
+        if known and others and matched_names(known, series.names()) != series.names():
             message = f"{topic} names joints that the robot description does not have: {', '.join(others)}"
             report.add("note" if joints is not None else "warning", "unknown_joint", message, topic=topic)
         if len({piece.names for piece in series.pieces}) > len({frozenset(piece.names) for piece in series.pieces}):
@@ -158,11 +160,13 @@ def _check_drift(content: Content, report: Report) -> None:
     both = [content.series[topic] for topic in _STATES if topic in content.series]
     if len(both) < 2 or any(len(series.stamp_ns) < 100 for series in both):
         return
-    rates = [_clock_rate(series.log_ns, series.stamp_ns) for series in both]
-    steps = [_step(series.stamp_ns) for series in both]
-    drift = rates[1] - rates[0]
-    if abs(drift) <= _DRIFT and abs(steps[1] / steps[0] - 1) < _SAME_RATE:
-        drift = steps[1] / steps[0] - 1
+    drift = _clock_rate(both[1]) - _clock_rate(both[0])
+    steps = [float(np.median(np.diff(series.stamp_ns))) for series in both]
+    # Mean intervals without gaps.
+    every = [(np.diff(series.stamp_ns), step) for series, step in zip(both, steps, strict=True)]
+    rates = [float(np.mean(apart[apart < 1.5 * step])) for apart, step in every]
+    if abs(drift) <= _DRIFT and abs(rates[1] / rates[0] - 1) < _SAME_RATE:
+        drift = rates[1] / rates[0] - 1
     duration = (both[0].stamp_ns[-1] - both[0].stamp_ns[0]) * 1e-9
     if abs(drift) > _DRIFT and abs(drift) * duration * 1e9 > 0.5 * steps[0]:
         message = (
@@ -172,17 +176,9 @@ def _check_drift(content: Content, report: Report) -> None:
         report.add("warning", "drift", message, topic=both[1].topic)
 
 
-def _clock_rate(log_ns: Stamps, stamp_ns: Stamps) -> float:
+def _clock_rate(series: Series) -> float:
     """Slope of the stamps against the recorder's clock, less 1; from medians, as arrivals are late now and then."""
-    log, ahead = (log_ns - log_ns[0]) * 1e-9, (stamp_ns - log_ns) * 1e-9
+    log, ahead = (series.log_ns - series.log_ns[0]) * 1e-9, (series.stamp_ns - series.log_ns) * 1e-9
     third = len(log) // 3
     span = float(np.median(log[-third:]) - np.median(log[:third]))
     return float(np.median(ahead[-third:]) - np.median(ahead[:third])) / span if span > 0 else 0.0
-
-
-def _step(stamp_ns: Stamps) -> float:
-    """Mean sample interval without the gaps, ns; where a single sample is missing there are two."""
-    step = np.diff(stamp_ns)
-    usual = np.median(step)
-    even = step[step <= _GAP * usual]
-    return float(np.sum(even) / np.sum(np.maximum(np.rint(even / usual), 1.0)))

@@ -33,14 +33,22 @@ _AROUND = 5  # samples to either side, within which a joint that turns changes i
 _LONG = 5  # samples in a row that repeat; a lost cycle or two is ordinary
 _TIMES = 3.0  # times the usual run of repeats, of channels that hold every value for some samples
 _LOOKED_AT = 0.1  # s of a run over which a joint would have moved on; one that brakes has stopped by then
-_ADVANCE = 5e-3  # rad, beyond the steps of any encoder
-_STEPS = 10  # of the channel's resolution, likewise
+_ADVANCE = 0.01  # rad, beyond the steps of any encoder
 _LISTED = 5  # times that are written out
 
-_REMEDIES = {
-    "stuck": "the channel is not connected, or not read: nothing that follows from it can be trusted",
-    "zeros": "zeros are filled in between its values: leave them out",
-    "clipped": "the drive or its channel saturates, and the true torque is beyond: record with less torque",
+# Codes, words and remedies.
+_SAID = {
+    "stuck": (
+        "stuck",
+        "stays where it is while the joint moves",
+        "the channel is not connected, or not read: nothing that follows from it can be trusted",
+    ),
+    "zeros": ("zeros_between", "is zero between values that are none", "zeros are filled in: leave them out"),
+    "clipped": (
+        "clipped",
+        "sits at an end of its range while the joint moves",
+        "the drive or its channel saturates, and the true torque is beyond: record with less torque",
+    ),
 }
 
 
@@ -94,13 +102,11 @@ def _of_channel(
         if ends:
             share = 100.0 * sum(ends.values())
             said["clipped"].append(f"{joint} for {share:.2g} % ({', '.join(f'{end:.3g}' for end in ends)})")
-    words = {
-        "stuck": f"{what} stays where it is while the joint moves",
-        "zeros": f"{what} is zero between values that are none",
-        "clipped": f"{what} sits at an end of its range while the joint moves",
-    }
-    codes = {"stuck": f"stuck_{channel}", "zeros": "zeros_between", "clipped": "clipped"}
-    found = [warning(codes[k], f"{words[k]}: {', '.join(joints)}", _REMEDIES[k]) for k, joints in said.items()]
+    found = [
+        warning(code, f"{what} {words}: {', '.join(said[kind])}", remedy)
+        for kind, (code, words, remedy) in _SAID.items()
+        if said[kind]
+    ]
     held = shares > _HELD
     if held.any():
         names, rate = listed(recording.joints, held), 1e9 / float(np.median(np.diff(side.stamp_ns)))
@@ -223,51 +229,34 @@ def frozen(recording: Recording) -> list[Finding]:
 
 
 def _frozen(what: str, sides: list[Side], start_ns: int) -> list[Finding]:
-    """Return the stretches in which the channels of sides with equal stamps stay as they are."""
+    """Return the stretches in which the channels of sides with equal stamps stay as they are, at speed before them."""
     columns = np.hstack([values for side in sides for values in side.channels().values()])
     t: Array = np.asarray((sides[0].stamp_ns - start_ns) * 1e-9, dtype=np.float64)
-    if len(t) < FEWEST:
+    moving = [(side.position, side.velocity) for side in sides if side.position is not None]
+    if len(t) < FEWEST or not moving:
         return []
     same = (np.diff(columns[:, joints_with(columns)], axis=0) == 0.0).all(axis=1)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]]).astype(np.int8)))
-    begin, length = edges[::2], edges[1::2] - edges[::2]
+    begin, end = edges[::2], edges[1::2]
     # Of an arm that stands still every sample is like the first.
-    if not len(length) or same.all():
+    if not len(begin) or same.all():
         return []
     usual = float(np.median(np.diff(np.flatnonzero(~same), prepend=-1)))
-    long = (length >= _LONG) & (length > _TIMES * usual)
-    stretches = [
-        (float(t[first]), float(t[first + count] - t[first]))
-        for first, count in zip(begin[long].tolist(), length[long].tolist(), strict=True)
-        if _moved_on(sides, t, first, first + count)
-    ]
-    if not stretches:
+    before = np.maximum(begin - _AROUND, 0)
+    seconds = np.maximum(t[begin] - t[before], 1e-9)
+    rates = [(q[begin] - q[before]) / seconds[:, None] if v is None else v[begin] for q, v in moving]
+    speed = np.max([np.nan_to_num(np.abs(rate)).max(axis=1) for rate in rates], axis=0)
+    lasting = t[end] - t[begin]
+    long = (end - begin >= _LONG) & (end - begin > _TIMES * usual)
+    found = np.flatnonzero(long & (speed * np.minimum(lasting, _LOOKED_AT) > _ADVANCE))
+    if not len(found):
         return []
-    shown = ", ".join(f"{lasting:.2g} s from {at:.2f} s" for at, lasting in stretches[:_LISTED])
-    more = f" and {len(stretches) - _LISTED} more" if len(stretches) > _LISTED else ""
-    longest = max(stretches, key=lambda stretch: stretch[1])
-    if longest not in stretches[:_LISTED]:
-        more += f", the longest {longest[1]:.2g} s from {longest[0]:.2f} s"
-    often = "once" if len(stretches) == 1 else f"{len(stretches)} times"
-    message = f"{what} stay as they are {often} while the arm moves: {shown}{more}"
+    stretches = [f"{lasting[k]:.2g} s from {t[begin[k]]:.2f} s" for k in found]
+    shown = ", ".join(stretches[:_LISTED])
+    if len(found) > _LISTED:
+        longest = int(np.argmax(lasting[found]))
+        shown += f" and {len(found) - _LISTED} more, the longest {stretches[longest]}"
+    often = "once" if len(found) == 1 else f"{len(found)} times"
+    message = f"{what} stay as they are {often} while the arm moves: {shown}"
     remedy = "the recording froze, and these samples are old ones: cut them out"
-    return [Finding("warning", "frozen", f"{message}: {remedy}", time=stretches[0][0])]
-
-
-def _moved_on(sides: list[Side], t: Array, first: int, last: int) -> bool:
-    """Return whether a joint was so fast at sample `first` that its position cannot be the same at `last`."""
-    lasting = min(float(t[last] - t[first]), _LOOKED_AT)
-    for side in sides:
-        if side.position is None:
-            continue
-        if side.velocity is not None:
-            rate = side.velocity[first]
-        else:
-            earlier = max(first - _AROUND, 0)
-            rate = (side.position[first] - side.position[earlier]) / max(float(t[first] - t[earlier]), 1e-9)
-        steps = np.abs(np.diff(side.position, axis=0))
-        smallest = np.where(steps > 0.0, steps, np.inf).min(axis=0)
-        least = np.maximum(_ADVANCE, _STEPS * np.where(np.isfinite(smallest), smallest, 0.0))
-        if (np.abs(rate) * lasting > least).any():
-            return True
-    return False
+    return [Finding("warning", "frozen", f"{message}: {remedy}", time=float(t[begin[found[0]]]))]
