@@ -158,8 +158,9 @@ ONES = (1.0, 1.0, 1.0, 1.0)
 @pytest.mark.parametrize(
     ("order", "signs", "which", "code", "words"),
     [
-        ((0, 2, 1, 3), ONES, "torques", "exchanged", "effort of joint_2 and joint_3 seems to be exchanged"),
+        ((0, 2, 1, 3), ONES, "torques", "exchanged", "efforts of joint_2 and joint_3 seem to be exchanged"),
         ((3, 1, 2, 0), ONES, "all", "exchanged", "all channels of joint_1 and joint_4 seem to be exchanged"),
+        ((3, 2, 1, 0), ONES, "all", "exchanged", "all channels are in the reversed order"),
         ((0, 1, 2, 3), (1.0, 1.0, -1.0, 1.0), "all", "mirrored", "joint_3 turns the other way than described"),
         ((0, 1, 2, 3), (1.0, 1.0, -1.0, 1.0), "angles", "mirrored", "the angle of joint_3 has the other sign"),
     ],

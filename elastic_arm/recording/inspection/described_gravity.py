@@ -190,6 +190,7 @@ def _independent(one: Array, other: Array) -> float:
 
 def _arranged(motion: _Motion, side: str, robot: Robot) -> list[tuple[Finding, tuple[str, ...]]]:
     """Return which joints turn the other way, or have their channels exchanged, as the geometry shows it."""
+    steps: list[tuple[Finding, tuple[str, ...]]] = []
     found: list[tuple[Finding, tuple[str, ...]]] = []
     if len(motion.measured) < 2:
         return found
@@ -218,15 +219,17 @@ def _arranged(motion: _Motion, side: str, robot: Robot) -> list[tuple[Finding, t
                 tried.append((0.5 * float(free @ change), change, code, words, names, angles, torques))
         odds, change, code, words, names, angles, torques = min(tried, key=lambda each: each[0])
         changed = np.abs(change) > CHANGED
+        if -odds < CERTAIN or not changed.any():
+            break
         share = np.log(left / power)[changed]
-        if -odds < CERTAIN or not changed.any() or np.mean(change[changed]) > np.log(BETTER):
-            break
-        if np.mean(share + change[changed]) > np.log(EXPLAINED):
-            break
-        before, after = (100.0 * float(np.exp(np.mean(each))) for each in (share, share + change[changed]))
-        message = f"{side} side: {words}: so {after:.2g} % of the torques' squares are left, as given {before:.2g} %"
+        before, after = float(np.mean(share)), float(np.mean(share + change[changed]))
+        shown, given = (f"{100 * np.exp(each):.2g} %" for each in (after, before))
+        message = f"{side} side: {words}: so {shown} of the torques' squares are left, as given {given}"
         remedy = "check names, order and signs of the columns in the map, of angle and torque"
-        found.append((warning(code, message, remedy), names))
+        steps.append((warning(code, message, remedy), names))
+        if after - before < np.log(BETTER) and after < np.log(EXPLAINED):
+            # What is only better beside another one comes before it.
+            found = [*steps]
         q, dq, ddq = (angles(rate) for rate in motion[:3])
         motion = _Motion(q, dq, ddq, torques(motion.torque), motion.measured)
     return found
@@ -254,17 +257,23 @@ def _arrangements(joints: Sequence[str], measured: Sequence[int]) -> Iterator[tu
         yield mirrored, [("mirrored", both, (name,), mirrored), ("mirrored", angle, (name,), same)]
         if j in measured:
             alone.append(("gravity_sign", f"the torque of {name} has the other sign than described", (name,), mirrored))
-    for i, j in combinations(measured, 2):
+    orders = [(np.array([j, i]), np.array([i, j])) for i, j in combinations(measured, 2)]
+    backwards = np.array(measured)[::-1]
+    for new, old in [*orders, *([(backwards, np.array(measured))] if len(measured) > 3 else [])]:
         order = np.arange(len(joints))
-        order[[i, j]] = j, i
+        order[old] = new
 
         def exchanged(values: Array, order: Any = order) -> Array:
             return values[..., order]
 
-        names = (joints[i], joints[j])
-        words = "all channels of {} and {} seem to be exchanged".format(*names)
-        yield exchanged, [("exchanged", words, names, exchanged)]
-        alone.append(("exchanged", "effort of {} and {} seems to be exchanged".format(*names), names, exchanged))
+        names = tuple(joints[k] for k in old)
+        whose = (
+            f"of {' and '.join(names)} seem to be exchanged"
+            if len(names) == 2
+            else "are in the reversed order of joints"
+        )
+        yield exchanged, [("exchanged", f"all channels {whose}", names, exchanged)]
+        alone.append(("exchanged", f"efforts {whose}", names, exchanged))
     yield same, alone
 
 
