@@ -6,7 +6,7 @@ torques have the wrong sign, or the arm is mounted otherwise. Where it rises far
 taken for; where it hardly rises at all, gravity has been taken out of the torque before it was recorded.
 
 Joints that turn the other way, torques of the wrong sign, and channels of two joints that were exchanged are tried:
-masses and inertias are left free, tau = Y(q, dq, ddq) pi, so that what tells is the geometry alone, however wrong the
+masses and inertias are left free, tau = Y(q, dq, ddq) pi, so that the geometry alone decides, however wrong the
 described masses are.
 
 Slow samples resemble each other: N of them are worth as few independent ones as the two series' autocorrelations say
@@ -61,7 +61,7 @@ CHANGED = 0.1  # of the logarithm of what is left
 NO_TORQUE = 1e-9  # Nm; what changes less is none
 
 
-class _Motion(NamedTuple):
+class _SideMotion(NamedTuple):
     """Angles, rates, accelerations and torques (N, n) of a side, and the joints whose torque was measured."""
 
     q: Array
@@ -118,7 +118,7 @@ def opposed_joints(recording: Recording, robot: Robot) -> tuple[str, ...]:
     return tuple(name for name in robot.joint_names if name in opposed)
 
 
-def _fits(recording: Recording, robot: Robot) -> Iterator[tuple[str, _Motion, GravityFit]]:
+def _fits(recording: Recording, robot: Robot) -> Iterator[tuple[str, _SideMotion, GravityFit]]:
     """Yield the torques of each side, and beside the described gravity; none of a recording without motion."""
     samples = recording.select(robot.joint_names).samples()
     position = samples.q if samples.q is not None else samples.theta
@@ -132,7 +132,7 @@ def _fits(recording: Recording, robot: Robot) -> Iterator[tuple[str, _Motion, Gr
                 yield side, motion, fit
 
 
-def _motion(samples: Samples, position: Array, channel: str) -> _Motion:
+def _motion(samples: Samples, position: Array, channel: str) -> _SideMotion:
     step = float(np.median(np.diff(samples.t)))
     width = max(round(WINDOW / step) // 2 * 2 + 1, 5)
     dq, ddq = (savgol_filter(position, width, 3, deriv=k, delta=step, axis=0) for k in (1, 2))
@@ -145,10 +145,10 @@ def _motion(samples: Samples, position: Array, channel: str) -> _Motion:
     torque: Array = getattr(samples, channel)
     lacking = [(channel, j) in samples.lacking for j in range(position.shape[1])]
     measured = np.flatnonzero((np.ptp(torque, axis=0) > NO_TORQUE) & ~np.array(lacking)).tolist()
-    return _Motion(position[rows], dq[rows], ddq[rows], torque[rows], measured)
+    return _SideMotion(position[rows], dq[rows], ddq[rows], torque[rows], measured)
 
 
-def _fit_gravity(motion: _Motion, robot: Robot, *, motors: bool) -> GravityFit:
+def _fit_gravity(motion: _SideMotion, robot: Robot, *, motors: bool) -> GravityFit:
     """Compare the torques of one side with described gravity, of all joints together."""
     states = (np.hstack([rate, rate]) if robot.elastic else rate for rate in motion[:3])
     moved, pull = ArmEquations(robot).moved_and_pulled(*states, motors=motors)
@@ -173,7 +173,7 @@ def _fit_gravity(motion: _Motion, robot: Robot, *, motors: bool) -> GravityFit:
     return GravityFit(left, gravity, weight, correlation, factor, chance, bool((most < MISSING).all()))
 
 
-def _own(motion: _Motion, j: int, *more: Array) -> Array:
+def _own(motion: _SideMotion, j: int, *more: Array) -> Array:
     """Return an orthonormal basis (N, r) of a joint's zero, friction and motor inertia, and of further columns."""
     friction = np.tanh(motion.dq[:, j] / STANDSTILL)
     columns = [np.ones(len(friction)), friction, motion.dq[:, j], motion.ddq[:, j], *more]
@@ -188,14 +188,14 @@ def _independent(one: Array, other: Array) -> float:
     return len(one) / max(1.0, 1.0 + 2.0 * float(alike[0] @ alike[1]))
 
 
-def _arranged(motion: _Motion, side: str, robot: Robot) -> list[tuple[Finding, tuple[str, ...]]]:
+def _arranged(motion: _SideMotion, side: str, robot: Robot) -> list[tuple[Finding, tuple[str, ...]]]:
     """Return which joints turn the other way, or have their channels exchanged, as the geometry shows it."""
     steps: list[tuple[Finding, tuple[str, ...]]] = []
     found: list[tuple[Finding, tuple[str, ...]]] = []
     if len(motion.measured) < 2:
         return found
     every = max(1, len(motion.q) // TRIED)
-    motion = _Motion(*(rate[::every] for rate in motion[:4]), motion.measured)  # type: ignore[call-arg, arg-type]
+    motion = _SideMotion(*(rate[::every] for rate in motion[:4]), motion.measured)  # type: ignore[call-arg, arg-type]
     # A few thousand samples: compiling would take longer than all that is computed.
     n, model = robot.n, build_model(robot, engine="numpy")
 
@@ -212,7 +212,7 @@ def _arranged(motion: _Motion, side: str, robot: Robot) -> list[tuple[Finding, t
             q, dq, ddq = (angles(rate) for rate in motion[:3])
             Y = regressor(q, dq, ddq)
             for code, words, names, torques in ways:
-                squares, *_ = _squares(_Motion(q, dq, ddq, torques(motion.torque), motion.measured), Y)
+                squares, *_ = _squares(_SideMotion(q, dq, ddq, torques(motion.torque), motion.measured), Y)
                 # In the order of the torques as they were given.
                 order = np.argsort(np.abs(torques(np.arange(1.0, n + 1.0)))[motion.measured])
                 change = np.log(squares[order] / left)
@@ -231,7 +231,7 @@ def _arranged(motion: _Motion, side: str, robot: Robot) -> list[tuple[Finding, t
             # What is only better beside another one comes before it.
             found = [*steps]
         q, dq, ddq = (angles(rate) for rate in motion[:3])
-        motion = _Motion(q, dq, ddq, torques(motion.torque), motion.measured)
+        motion = _SideMotion(q, dq, ddq, torques(motion.torque), motion.measured)
     return found
 
 
@@ -277,7 +277,7 @@ def _arrangements(joints: Sequence[str], measured: Sequence[int]) -> Iterator[tu
     yield same, alone
 
 
-def _squares(motion: _Motion, Y: Array) -> tuple[Array, Array, Array]:
+def _squares(motion: _SideMotion, Y: Array) -> tuple[Array, Array, Array]:
     """Return what free masses leave of the torques' squares (m,), what there is, and independent samples of the rest.
 
     Each joint has its own friction, zero, motor inertia and noise.
