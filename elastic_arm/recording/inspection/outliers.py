@@ -20,6 +20,7 @@ from elastic_arm.codegen.parallel import share_out
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording.inspection.quality import moment
 from elastic_arm.recording.inspection.report import Finding, warning
+from elastic_arm.recording.inspection.two_encoders import with_one_zero
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import Array, Side, joints_with, listed
 
@@ -49,6 +50,7 @@ _TORQUE_STEP = 0.003  # of the range
 _OPPOSITE = 0.45  # of a spike's distance, by which its neighbours are off the other way
 _CUBIC = np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / 6.0
 _LEAST = {"position": 1e-3, "velocity": 1e-3, "effort": 0.1, "acceleration": 1e-2}  # rad, rad/s, Nm, rad/s^2
+_SLACK = 0.05  # rad, that play and wind-up of a drive release at once where it turns round
 _LATE = 3.0  # cycles that a sample may be late
 _OF_A_TURN = 0.1  # that nearly all steps are below, where turns can be told from motion
 _APART, _APART_SECONDS = 6, 0.02  # samples, and s, left out behind a jump: a hole that nobody bridges
@@ -89,7 +91,7 @@ def cleared(recording: Recording) -> tuple[Recording, list[Finding]]:
     for step in (without_zeros, _without_outliers, _in_one_piece):
         recording = step(recording, found)
     _require_possible(recording)
-    return recording, found
+    return with_one_zero(recording, found), found
 
 
 def without_zeros(recording: Recording, found: list[Finding]) -> Recording:
@@ -211,7 +213,8 @@ def _continuous(t: Array, q: Array) -> _Continuous:
     turned = np.flatnonzero(turns)
     rows, size, doubt, runs_on = _jumps(t, q)
     usual = float(np.median(np.abs(size))) if len(rows) > 2 else 0.0
-    if usual and not len(turned) and (np.abs(np.abs(size) - usual) < doubt).all():
+    # Within a turn the angle stays in its range; play and wind-up that a reversal releases do not bound it.
+    if len(rows) > 2 and np.ptp(q) < 1.1 * usual and (np.abs(np.abs(size) - usual) < doubt).all():
         jumps = np.zeros_like(turns)
         jumps[rows] = usual * np.sign(size)
         return _Continuous(_less(q, jumps), rows, usual, rows[:0], size[:0], runs_on[:0])
@@ -242,7 +245,7 @@ def _jumps(t: Array, q: Array) -> tuple[NDArray[np.intp], Array, Array, NDArray[
     around = np.stack([near[k : k + len(moved)] for k in (0, 1, 3, 4)])
     noise = 1.48 * float(np.median(np.abs(moved[1:] - moved[:-1] * (lasting[1:] / lasting[:-1]))))
     fastest = np.abs(around).max(axis=0)
-    limit = _SPIKE * noise + 0.5 * _ACCELERATION * lasting**2 + _STEPS * _resolution(q)
+    limit = _SLACK + _SPIKE * noise + 0.5 * _ACCELERATION * lasting**2 + _STEPS * _resolution(q)
     # A sample that is some cycles late moves as far as the joint does in them.
     limit += _LATE * fastest * float(np.median(np.diff(t)))
     found = np.flatnonzero(np.abs(moved) - fastest * lasting > limit)
