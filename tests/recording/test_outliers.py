@@ -235,6 +235,7 @@ def test_joined_recordings_are_parted() -> None:
     assert len(found.notes) == 2 and all("joined recordings? It is parted there" in note for note in found.notes)
     kept = np.isin(joined.motor.stamp_ns, found.motor.stamp_ns)
     assert 5 < np.count_nonzero(~kept) < 12 and not kept[1200:1206].any()
+    assert usable(found) is found
     np.testing.assert_array_equal(found.motor.position, joined.motor.position[kept])  # type: ignore[index]
 
 

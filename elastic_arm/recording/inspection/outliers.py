@@ -133,7 +133,9 @@ def _in_one_piece(recording: Recording, found: list[Finding]) -> Recording:
     """Unwind angles that are given within a turn, and part sides where a joint jumps as none can."""
     kept: dict[str, Any] = {}
     for name, side in recording.measured().items():
-        if side.position is None or len(side) < _FEWEST or not _plain(side.position):
+        if side.position is None or len(side) < _FEWEST or not np.all(np.diff(side.stamp_ns) > 0):
+            continue
+        if np.nanmax(np.abs(side.position), initial=0.0) > LARGEST["position"]:
             continue
         t = np.asarray((side.stamp_ns - side.stamp_ns[0]) * 1e-9)
         columns = [(t, column) for column in np.ascontiguousarray(side.position.T)]
@@ -178,10 +180,6 @@ def _runs_on(effort: Array | None, row: int) -> bool:
     steps = np.abs(np.diff(effort[max(row - _LOOKED_AT, 0) : row + _LOOKED_AT], axis=0))
     usual = np.nanpercentile(steps, _NEARLY_ALL, axis=0) if joints_with(effort).all() else np.inf
     return bool((np.abs(effort[row + 1] - effort[row]) <= 2.0 * usual).all())
-
-
-def _plain(position: Array) -> bool:
-    return bool(np.nanmax(np.abs(position), initial=0.0) < LARGEST["position"])
 
 
 class _Continuous(NamedTuple):
@@ -247,8 +245,11 @@ def _jumps(t: Array, q: Array) -> tuple[NDArray[np.intp], Array, Array, NDArray[
     fastest = np.abs(around).max(axis=0)
     limit = _SLACK + _SPIKE * noise + 0.5 * _ACCELERATION * lasting**2 + _STEPS * _resolution(q)
     # A sample that is some cycles late moves as far as the joint does in them.
-    limit += _LATE * fastest * float(np.median(np.diff(t)))
-    found = np.flatnonzero(np.abs(moved) - fastest * lasting > limit)
+    usual = float(np.median(np.diff(t)))
+    limit += _LATE * fastest * usual
+    # Where samples are missing a joint may have gone anywhere.
+    together = t[rows + 1] - t[rows] < 2.5 * usual
+    found = np.flatnonzero(together & (np.abs(moved) - fastest * lasting > limit))
     around, lasting, limit = around[:, found], lasting[found], limit[found]
     size = moved[found] - np.median(around, axis=0) * lasting
     runs_on = np.abs(around[2] - around[1]) * lasting < 2.0 * limit
