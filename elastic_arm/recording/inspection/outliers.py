@@ -50,6 +50,7 @@ _TORQUE_STEP = 0.003  # of the range
 _OPPOSITE = 0.45  # of a spike's distance, by which its neighbours are off the other way
 _CUBIC = np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / 6.0
 _LEAST = {"position": 1e-3, "velocity": 1e-3, "effort": 0.1, "acceleration": 1e-2}  # rad, rad/s, Nm, rad/s^2
+_RANGE = 1.1  # turns, with noise at the ends, that an angle spans which is given within one
 _SLACK = 0.05  # rad, that play and wind-up of a drive release at once where it turns round
 _LATE = 3.0  # cycles that a sample may be late
 _OF_A_TURN = 0.1  # that nearly all steps are below, where turns can be told from motion
@@ -201,7 +202,8 @@ def _continuous(t: Array, q: Array) -> _Continuous:
     if np.isnan(q[0]):
         return _Continuous(q, *(np.empty(0, np.intp), 0.0, np.empty(0, np.intp), np.empty(0), np.empty(0, np.bool_)))
     turns = np.zeros(len(q) - 1)
-    if np.abs(step := np.diff(q)).max() > np.pi:
+    # An angle that is given within a turn stays in that range.
+    if np.ptp(q) < _RANGE * 2 * np.pi and np.abs(step := np.diff(q)).max() > np.pi:
         turns = np.rint(step / (2 * np.pi))
         # What still jumps then was no turn, and nothing is where any two samples are half a turn apart.
         unwound = _less(q, 2 * np.pi * turns)
@@ -211,8 +213,7 @@ def _continuous(t: Array, q: Array) -> _Continuous:
     turned = np.flatnonzero(turns)
     rows, size, doubt, runs_on = _jumps(t, q)
     usual = float(np.median(np.abs(size))) if len(rows) > 2 else 0.0
-    # Within a turn the angle stays in its range; play and wind-up that a reversal releases do not bound it.
-    if len(rows) > 2 and np.ptp(q) < 1.1 * usual and (np.abs(np.abs(size) - usual) < doubt).all():
+    if len(rows) > 2 and np.ptp(q) < _RANGE * usual and (np.abs(np.abs(size) - usual) < doubt).all():
         jumps = np.zeros_like(turns)
         jumps[rows] = usual * np.sign(size)
         return _Continuous(_less(q, jumps), rows, usual, rows[:0], size[:0], runs_on[:0])
