@@ -161,7 +161,7 @@ def read_by_clock(
     """
     # Not every command that takes these options reads a bag.
     from elastic_arm.recording import read_recording
-    from elastic_arm.recording.inspection.recorded import doubts
+    from elastic_arm.recording.inspection.check import doubts
 
     joints, arrival = robot.joint_names, clock is ClockChoice.arrival
     recording = read_recording(path, channels, joints, arrival=arrival, namespace=namespace)

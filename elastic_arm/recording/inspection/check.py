@@ -9,10 +9,14 @@ import numpy as np
 
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording.foreign.channels import ChannelMap
-from elastic_arm.recording.inspection.outliers import without_zeros
+from elastic_arm.recording.inspection.described_gravity import contradicted_gravity
+from elastic_arm.recording.inspection.magnitudes import beyond_limits
+from elastic_arm.recording.inspection.outliers import cleared, without_zeros
+from elastic_arm.recording.inspection.plausibility import implausible
 from elastic_arm.recording.inspection.quality import REPAIR, moment, wrong_rate
-from elastic_arm.recording.inspection.recorded import looked_through
-from elastic_arm.recording.inspection.report import Report
+from elastic_arm.recording.inspection.report import Finding, Report
+from elastic_arm.recording.inspection.stuck_channels import channel_findings, frozen
+from elastic_arm.recording.inspection.two_encoders import disagreeing
 from elastic_arm.recording.joint_names import matched_names
 from elastic_arm.recording.reading import Content, open_content, recording_of, urdf_joints
 from elastic_arm.recording.recording import Recording
@@ -47,6 +51,24 @@ def check_bag(
         except RecordingError as error:
             report.add("error", "unusable", str(error))
     return report
+
+
+def looked_through(recording: Recording, robot: Robot | None = None) -> list[Finding]:
+    """Return what had to be done to use a recording, and what no sensors of a moving arm, or of this one, measure."""
+    whole, found = cleared(recording)
+    found += [Finding("note", "reading", note) for note in whole.samples().notes if note not in recording.notes]
+    return found + _seen(whole, recording, robot)
+
+
+def doubts(recording: Recording, robot: Robot) -> list[str]:
+    """Return in words what cannot be right of a recording to be fitted; fits look for the mounting themselves."""
+    found = _seen(cleared(recording)[0], recording, robot)
+    return [finding.message for finding in found if finding.severity == "warning" and finding.code != "mounting"]
+
+
+def _seen(whole: Recording, recording: Recording, robot: Robot | None) -> list[Finding]:
+    found = [*channel_findings(whole), *frozen(recording), *implausible(whole), *disagreeing(whole)]
+    return found if robot is None else [*found, *beyond_limits(whole, robot), *contradicted_gravity(whole, robot)]
 
 
 def _read(
