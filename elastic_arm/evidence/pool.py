@@ -16,7 +16,6 @@ from elastic_arm.equations.places import scaling
 from elastic_arm.effects.model import Scope
 from elastic_arm.effects.parameters import Parameter
 from elastic_arm.estimation.effect_columns import Feature
-from elastic_arm.estimation.whitening import WhitenedData
 from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.priors import SIZES, WIDE
 from elastic_arm.evidence.term import Key, Term
