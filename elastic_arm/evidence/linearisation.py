@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +30,14 @@ from elastic_arm.evidence.problem import Observations, Problem
 Array = NDArray[np.float64]
 
 
+class Motions(NamedTuple):
+    """What depends on the motion alone: data, columns of the inertial numbers, and by how much channels were moved."""
+
+    data: WhitenedData
+    inertial: list[Array]
+    late: dict[str, Array]
+
+
 @dataclass(frozen=True, eq=False)
 class Linearisation:
     """Residuals and their derivatives where the numbers of arm and sensors have some values.
@@ -44,14 +53,17 @@ class Linearisation:
     which
         0 for the recordings that are fitted, 1 for those that judge.
     near
-        The same recordings beside other numbers: what depends on the motion alone is taken from them.
+        What depends on the motion alone, of the same recordings beside other numbers.
+    cache
+        What was made of it.
     """
 
     problem: Problem
     values: Array
     acting: tuple[ActingEffect, ...]
     which: int = 0
-    near: WhitenedData | None = field(default=None, repr=False)
+    near: Motions | None = field(default=None, repr=False)
+    cache: dict[str, Any] = field(default_factory=dict, init=False, repr=False)
     _most: dict[tuple[object, str], float] = field(default_factory=dict, init=False, repr=False)
 
     @cached_property
@@ -84,17 +96,32 @@ class Linearisation:
             predicted=True,
             sticking_removed=True,
             acting=self.acting,
-            near=self.near,
+            near=None if self.near is None else self.near.data,
         )
+
+    @cached_property
+    def inertial(self) -> list[Array]:
+        """Columns (N', R, K) of the inertial numbers of each stretch, which depend on the motion alone."""
+        near = self.near
+        if near is not None and near.late.keys() == self.late.keys():
+            moved = max((float(np.abs(self.late[k] - near.late[k]).max()) for k in self.late), default=0.0)
+            alike = [len(y) for y in near.data.y] == [len(y) for y in self.data.y]
+            if alike and moved * self.observed[0].rate < 1.0:
+                return near.inertial
+        return inertial_columns(self.model, self.data, self.problem.numbers, self.problem.directions)
+
+    @property
+    def motions(self) -> Motions:
+        """What another linearisation may take."""
+        return Motions(self.data, self.inertial, self.late)
 
     @cached_property
     def plain_numbers(self) -> list[Array]:
         """Columns (N', R, K) of the numbers of each stretch, Nm for one standard deviation."""
         p = self.problem
-        inertial = inertial_columns(self.model, self.data, p.numbers, p.directions)
         features = features_at(self.model, p.numbers, self.acting)
         return nuisance_columns(
-            self.model, p.robot, self.data, p.numbers, inertial, features, p.indices[self.which]
+            self.model, p.robot, self.data, p.numbers, self.inertial, features, p.indices[self.which]
         )
 
     @cached_property

@@ -129,7 +129,6 @@ class Screen:
         self.own = [bands.products(self.X[:, i:j], self.X[:, i:j]) for i, j in zip(self.at[:-1], self.at[1:], strict=True)]
         self.single = np.flatnonzero(sizes == 1)
         self.squares = np.stack([self.own[k][:, 0, 0] for k in self.single], axis=1) if len(self.single) else None
-        self.is_law = np.array([t.kind == "law" for t in self.terms], dtype=bool)
         self._with: dict[object, Array] = {}
 
     def _with_term(self, term: Term) -> Array:

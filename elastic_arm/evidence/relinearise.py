@@ -118,13 +118,13 @@ def _descended(linear: Linearisation, before: Fit | None, trust: str, refit: boo
 
 def _settled(linear: Linearisation, before: Fit | None, trust: str) -> Linearisation:
     """Return the linearisation where the numbers are most probable beside a set, by Gauss and Newton."""
-    if before is not None:
+    if before is not None and _far(before):
         linear = _moved(linear, before)
     best: tuple[Linearisation, Fit] | None = None
     for _ in range(STEPS):
         if before is None and TRUST[trust].factor < EXACT:
             return linear
-        model = linear_model(linear, known_terms(linear)[0], trust)
+        model = linear_model(linear, trust)
         fit = model.fit([] if before is None else _again(before, linear))
         if best is not None and fit.score < best[1].score - 1.0:
             linear = _moved(best[0], best[1], share=0.3)  # too far
@@ -152,35 +152,44 @@ def _moved(linear: Linearisation, fit: Fit, share: float = 1.0) -> Linearisation
     """Return the linearisation a share of the way to where a fit puts the numbers."""
     limits = np.array([p.limit for p in linear.problem.numbers])
     there = np.clip(linear.values + share * fit.numbers, -limits, limits)
-    return Linearisation(linear.problem, np.where(fit.model.moving, there, 0.0), _acting(fit), near=linear.data)
+    return Linearisation(linear.problem, np.where(fit.model.moving, there, 0.0), _acting(fit), near=linear.motions)
 
 
-def linear_model(linear: Linearisation, always: Sequence[Term], trust: str) -> LinearModel:
-    """Return the data at a linearisation."""
-    return LinearModel(
-        linear.data.white,
-        linear.numbers,
-        Bands(linear.data),
-        -linear.values,
-        np.array([p.is_number for p in linear.problem.numbers], dtype=bool),
-        _moving(linear.problem),
-        tuple(always),
-        trust,
-    )
+def linear_model(linear: Linearisation, trust: str) -> LinearModel:
+    """Return the data at a linearisation; made once."""
+    if "model" not in linear.cache:
+        linear.cache["model"] = LinearModel(
+            linear.data.white,
+            linear.numbers,
+            Bands(linear.data),
+            -linear.values,
+            np.array([p.is_number for p in linear.problem.numbers], dtype=bool),
+            _moving(linear.problem),
+            tuple(known_terms(linear)[0]),
+            trust,
+        )
+    return linear.cache["model"].trusting(trust)
+
+
+def _screens(linear: Linearisation, model: LinearModel, *, laws: bool) -> list[Screen]:
+    """Return what may be added, laws without a form apart; made once."""
+    if "screen" not in linear.cache:
+        linear.cache["screen"] = Screen(model.grams, pool_of(linear))
+    if laws and "laws" not in linear.cache:
+        linear.cache["laws"] = Screen(model.grams, _chosen_among(law_terms(linear)))
+    return [linear.cache["screen"], *([linear.cache["laws"]] if laws else [])]
 
 
 def _explained(linear: Linearisation, before: Fit | None, trust: str, refit: bool, *, whole: bool) -> Explanation:
     """Return the most probable set at a linearisation, from the one found at another."""
     trusts = {name: one for name, one in TRUST.items() if not (refit and name == "as measured")}
-    always, off = known_terms(linear)
-    pool = [*pool_of(linear, laws=whole), *(t.with_odds(float(np.log(len(off)))) for t in off)]
-    model = linear_model(linear, always, trust)
-    screen, log = Screen(model.grams, pool), []
+    model, log = linear_model(linear, trust), []
+    screens = _screens(linear, model, laws=whole)
     terms = [] if before is None else _again(before, linear)
     # The trust in the description that is most probable beside the set, and the set beside it, until both stay.
     tried: dict[str, Search] = {}
     while trust not in tried:
-        search = Search(linear, model.trusting(trust), screen)
+        search = Search(linear, model.trusting(trust), screens)
         tried[trust], best = search, search.run(terms, whole=whole)
         log += [f"{trust}: {line}" for line in search.log]
         terms = best.optional
@@ -195,19 +204,20 @@ def _explained(linear: Linearisation, before: Fit | None, trust: str, refit: boo
     return Explanation(linear, search, best, {k: float(np.exp(v - total)) for k, v in scores.items()}, tuple(log))
 
 
-def pool_of(linear: Linearisation, *, laws: bool) -> list[Term]:
-    """Return all that may be there, with its prior odds: small for each kind, shared by those that could be."""
+def pool_of(linear: Linearisation) -> list[Term]:
+    """Return the effects, numbers and stated effects that may be there, each kind with equal odds among its own."""
     problem = linear.problem
     kinds = (
         effect_terms(linear, linear.placed(problem.candidates)),
         number_terms(problem.numbers, linear.numbers),
-        law_terms(linear) if laws else [],
+        known_terms(linear)[1],
     )
-    found = []
-    for terms in kinds:
-        each = float(np.log(max(len({t.key for t in terms}), 1)))
-        found += [t.with_odds(each) for t in terms]
-    return found
+    return [t for terms in kinds for t in _chosen_among(terms)]
+
+
+def _chosen_among(terms: Sequence[Term]) -> list[Term]:
+    each = float(np.log(max(len({t.key for t in terms}), 1)))
+    return [t.with_odds(each) for t in terms]
 
 
 def known_terms(linear: Linearisation) -> tuple[list[Term], list[Term]]:

@@ -29,13 +29,13 @@ class Search:
 
     Parameters
     ----------
-    linear, model, screen
+    linear, model, screens
         The data, and all that may be added.
     """
 
     linear: Linearisation
     model: LinearModel
-    screen: Screen
+    screens: Sequence[Screen]
     met: dict[frozenset[Key], Fit] = field(default_factory=dict)
     _refined: dict[tuple[Key, frozenset[Key]], Term] = field(default_factory=dict)
     log: list[str] = field(default_factory=list)
@@ -85,15 +85,14 @@ class Search:
 
         At the noise of the fit a term gains less than beside its own: as little as a share of what is needed is tried.
         """
-        gains, have = self.screen.gains(fit), fit.keys | without
-        found: list[Term] = []
-        gains = np.where(self.screen.is_law & (not self._whole), -np.inf, gains)
-        for t in np.argsort(-gains):
-            if len(found) == count or not np.isfinite(gains[t]) or gains[t] < SHORT * needed:
+        gained = [(gain, screen, t) for screen in self.screens for t, gain in enumerate(screen.gains(fit))]
+        have, found = fit.keys | without, list[Term]()
+        for gain, screen, t in sorted(gained, key=lambda one: -one[0]):
+            if len(found) == count or not gain >= SHORT * needed:
                 break
-            key = self.screen.terms[t].key
+            key = screen.terms[t].key
             if key not in have:
-                found.append(self.screen.term(int(t)))
+                found.append(screen.term(t))
                 have = have | {key}
         return found
 
