@@ -1,0 +1,552 @@
+"""The judge: 150 fixed arms, answered by the code as it is, one row of a CSV an arm, and a summary.
+
+    python -m benchmarks.judge --out FILE.csv [--only REGEX] [--jobs 2] [--arms runs/judge_arms] [--data ../shared/data]
+
+Sixty arms of the challenge's laboratory, fifty of its workshop and twenty-five of its field, recordings of real robots
+and public reports. What is not in the folder of arms is drawn and recorded there first; the same bytes are then
+answered by every state of the code, which needs nothing but `diagnose`, `Question` and the command `bag import` for it.
+Every arm is answered by a process of its own with one numeric thread: one that fails is a row with its error. Arms that
+the CSV holds are not answered again. Whole answers are kept in FILE.answers.
+
+A cause is right where the arm has it, at its joint; a truth is found where a cause or an alternative of 5 % or more
+names it. Brier and log score are means over all causes that were said, and over truths that were not, whose confidence
+is 0; the log score takes 0.001 for less. A size is one value of a cause that the arm has, and z its distance from the
+true one in standard deviations.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import math
+import os
+import re
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[1]
+ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+SECONDS = 900  # of the wall clock, after which an arm counts as failed
+DECLARED, SURE, INSIDE, LEAST = 0.05, 0.9, 1.96, 1e-3
+ANY = "any"  # joint of a truth that may be named anywhere
+UNKNOWN, NONE, REFUSED, FAILED = "unknown", "none", "refused", "failed"
+LEVELS = ("laboratory", "workshop", "field", "real", "reports")
+COLUMNS = (
+    "level", "arm", "kind", "truth", "verdict", "causes", "right", "false_causes", "z", "told", "shrink",
+    "cpu_seconds", "error",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Arm:
+    """One arm and what is asked of it: paths are relative to the folder of arms, or to that of the data.
+
+    `truth` holds what the arm has beyond its description, `allowed` what else may be said of it, `verdicts` what is
+    right where no truth is to be found. What is said beside an incomplete truth is not judged.
+    """
+
+    name: str
+    level: str
+    kind: str
+    fit: list[str]
+    judge: list[str]
+    truth: list[dict[str, Any]] = field(default_factory=list)
+    allowed: list[list[str | None]] = field(default_factory=list)
+    verdicts: list[str] = field(default_factory=list)
+    complete: bool = True
+    robot: str | None = None
+    channels: str | None = None
+    imported: str | None = None
+    model: str = "mod3"
+    refit: bool = False
+    known: list[str] = field(default_factory=list)
+    gains: dict[str, float] = field(default_factory=dict)
+    without: str | None = None
+
+
+# --- What is drawn -------------------------------------------------------------------------------------------------
+
+SEEDS = {"laboratory": 720101, "workshop": 720102, "field": 720103}
+CLEAN = {"laboratory": 10, "workshop": 6, "field": 4}
+PAIRS = {"laboratory": 12, "workshop": 6, "field": 3}
+FOREIGN = {"laboratory": (), "workshop": None, "field": ("dress_pack", "cogging_cable", "worn_zone", "oil_drag")}
+# Effects whose arms are asked once more without them: no other law of the catalogue does what they do.
+WITHHELD = {
+    "laboratory": (
+        "backlash", "base_tilt", "coulomb_friction", "encoder_eccentricity", "hysteresis", "joint_torque_gain",
+        "load_dependent_friction", "motor_torque_gain", "nonlinear_stiffness", "stribeck_friction", "torque_ripple",
+        "transmission_error", "viscous_friction",
+    ),
+    "workshop": ("hysteresis", "torque_ripple", "transmission_error"),
+    "field": ("torque_ripple",),
+}  # fmt: skip
+
+
+def requests(level: str) -> list[Any]:
+    """Return what is drawn of a level, in the order of its arms."""
+    import numpy as np
+
+    from elastic_arm.effects import EFFECTS
+    from elastic_arm.studies.blind_challenge import campaign
+    from elastic_arm.studies.blind_challenge.levels import level as levels
+
+    settings = campaign.ChallengeSettings(seed=SEEDS[level], level=level)
+    alone = levels.drawn_effects(tuple(EFFECTS), level)
+    together = [effect for effect in alone if campaign.combines(EFFECTS[effect])]
+    rng = np.random.default_rng(SEEDS[level])
+    pairs = [settings._drawn_set(together, 2, rng) for _ in range(PAIRS[level])]
+    foreign = FOREIGN[level]
+    foreign = levels.foreign_effects(level) if foreign is None else foreign
+    kinds = [()] * CLEAN[level] + [(effect,) for effect in (*alone, *foreign)] + pairs
+    seconds = (12.0, 8.0) if level == "laboratory" else (20.0, 10.0)
+    names = [f"{level}_{k:03d}_{'_and_'.join(kind) or 'clean'}" for k, kind in enumerate(kinds)]
+    return [
+        campaign.SamplingRequest(name, kind, (SEEDS[level], k), seconds)
+        for k, (name, kind) in enumerate(zip(names, kinds, strict=True))
+    ]
+
+
+def record(arms: Path, level: str, request: Any) -> list[Arm]:
+    """Draw and record one arm of a level; return what is asked of it."""
+    import numpy as np
+
+    from elastic_arm.effects import EFFECTS
+    from elastic_arm.recording import write_recording
+    from elastic_arm.robot import load_robot
+    from elastic_arm.studies.blind_challenge import campaign
+    from elastic_arm.studies.blind_challenge.levels.level import level_of
+
+    name, found = request.name, level_of(level)
+    bags = campaign._bags(arms, name)
+    if found is None:
+        robot, rng = load_robot(None), np.random.default_rng(request.seed)
+        item, motions = campaign.sample_arm(request, robot, rng, EFFECTS)
+        arm = campaign.arm_maker(robot, request.effects, EFFECTS)(item.faults)
+        for bag, motion in zip(bags, motions, strict=True):
+            bag.parent.mkdir(parents=True, exist_ok=True)
+            write_recording(bag, arm.record(motion, item.instruments, rng))
+        truth, joints = item.truth(), robot.joint_names
+    else:
+        truth = campaign._recorded(arms, request, found, EFFECTS)
+        joints = tuple(f"joint_{k + 1}" for k in range(len(truth["sensors"]["torque_noise"])))
+    return list(_asked(arms, level, name, json.loads(json.dumps(truth)), joints))
+
+
+def _asked(arms: Path, level: str, name: str, truth: dict[str, Any], joints: Sequence[str]) -> Iterator[Arm]:
+    from elastic_arm.effects import EFFECTS, Scope
+    from elastic_arm.effects.model import MODELS
+    from elastic_arm.studies.blind_challenge.effect_sampling import Fault, true_parameters
+
+    effects, foreign = [], bool(truth.get("foreign"))
+    for fault in (Fault(**one) for one in truth["faults"]):
+        effect = EFFECTS[fault.effect]
+        joint = len(joints) - 1 if effect.scope is Scope.LAST and fault.joint is None else fault.joint
+        sized = {} if fault.parameters.get("coupled") else true_parameters(fault, effect)
+        effects.append(
+            {
+                "effect": fault.effect,
+                "joint": None if joint is None else joints[joint],
+                "parameters": {k: v for k, v in sized.items() if not effect.parameter(k).integer},
+                "phases": [p.name for p in effect.parameters if p.role == "phase"],
+            }
+        )
+    # A poorer model lacks more than the one effect that was asked for.
+    allowed = [[e.id, None] for e in EFFECTS.values() if e.lacked_by != MODELS and truth["model"] in e.lacked_by]
+    allowed += [[c["effect"], joints[c["joint"]]] for c in truth.get("conditions", ())]
+    files = {folder: arms / folder / f"{name}.yaml" for folder in ("robots", "channels")}
+    realistic = level != "laboratory"
+    kind = "foreign" if foreign else ("clean", "single", "pair")[len(effects)]
+    verdicts = [UNKNOWN] if foreign else [NONE, "explained"]
+    arm = Arm(
+        name=name,
+        level=level,
+        kind=kind,
+        fit=[f"bags/{name}_identify"],
+        judge=[f"bags/{name}_validate"],
+        truth=effects,
+        allowed=allowed,
+        verdicts=[*verdicts, NONE] if foreign and not truth["visible"] else verdicts,
+        robot=f"robots/{name}.yaml" if files["robots"].is_file() else None,
+        channels=f"channels/{name}.yaml" if files["channels"].is_file() else None,
+        model=truth["model"],
+        refit=realistic,
+        known=["coulomb_friction", "viscous_friction"] if realistic else [],
+        gains={"motor_torque_gain": 0.15} if level == "field" else {},
+    )
+    yield arm
+    if kind == "single" and effects[0]["effect"] in WITHHELD[level]:
+        yield replace(
+            arm, name=f"{name}_withheld", kind="withheld", truth=[], without=effects[0]["effect"], verdicts=[UNKNOWN]
+        )
+
+
+def _is(effect: str, joint: str | None, **parameters: Any) -> dict[str, Any]:
+    return {"effect": effect, "joint": joint, "parameters": parameters, "phases": []}
+
+
+def real_arms(arms: Path, data: Path) -> list[Arm]:
+    """Import the recordings of real robots, and return what is asked of them and what is known to be true of each."""
+    friction = ["coulomb_friction", "viscous_friction"]
+    maps = ROOT / "examples"
+    ur5e = list(zip((9, 11, 6, 1.6, 1.5, 1.2), (10, 12, 7, 1.8, 1.6, 1.3), strict=True))
+    names = [*(f"{j}_joint" for j in ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3"))]
+    of_ur5e = [
+        *(_is("coulomb_friction", j, torque=c) for j, (c, _) in zip(names, ur5e, strict=True)),
+        *(_is("viscous_friction", j, coefficient=v) for j, (_, v) in zip(names, ur5e, strict=True)),
+        _is("payload", names[-1], mass=1.8, position=[0.01, 0.0, 0.06]),
+        _is("time_delay", ANY, delay=0.012),
+    ]
+    axes = [
+        _is("time_delay", ANY),
+        _is("encoder_offset", "a3"),
+        _is("joint_spring", "a2"),
+    ]
+    kr, lwr, gen3 = "kuka_kr300", "kuka_lwr4", "kinova_gen3"
+    plan: list[tuple[str, str, Path, list[str], int, list[Any], dict[str, Any]]] = [
+        (f"{kr}_3", kr, maps / kr / "import_3.yaml", [f"run_{k}.mat" for k in "ACB"], 2, axes,
+         {"robot": "kr300_3_elastic.yaml"}),
+        (f"{kr}_3_refit", kr, maps / kr / "import_3.yaml", [f"run_{k}.mat" for k in "ACB"], 2, axes,
+         {"robot": "kr300_3_elastic.yaml", "refit": True, "known": friction}),
+        (f"{kr}_6_refit", kr, maps / kr / "import_6.yaml", [f"run_{k}.mat" for k in "ACB"], 2, axes[2:],
+         {"robot": "kr300_6_rigid.yaml", "refit": True, "known": friction}),
+        (f"{lwr}_refit", lwr, maps / lwr / "import.yaml", [f"measurements_{k}.npz" for k in (1, 2, 3)], 2,
+         [_is("coulomb_friction", f"lwr_{k}_joint") for k in (0, 4)], {"robot": f"{lwr}.urdf", "refit": True}),
+        (f"{gen3}_refit", gen3, maps / gen3 / "import.yaml", [f"opti_traj_testing{k}.csv" for k in (1, 2)], 1,
+         [], {"robot": "gen3_2f85.urdf", "refit": True}),
+        *(("ur5e_with_tool" + "_refit" * refit, "ur5e_with_tool", data / "ur5e_with_tool" / "import.yaml",
+           ["run_1.csv", "run_2.csv"], 1, of_ur5e, {"robot": "ur5e.urdf", "refit": refit, "complete": True})
+          for refit in (False, True)),
+    ]  # fmt: skip
+    found = []
+    for name, folder, mapping, files, fitted, truth, asked in plan:
+        if not (data / folder).is_dir():
+            print(f"{name}: left out, as {data / folder} is no folder", flush=True)
+            continue
+        bags = []
+        for file in files:
+            bag = f"bags/{folder}_{mapping.stem}_{Path(file).stem}"
+            if not (arms / bag / "metadata.yaml").is_file():
+                _import(data / folder / file, mapping, arms / bag)
+            bags.append(bag)
+        robot = str((data / folder / asked.pop("robot")).resolve())
+        asked = {"complete": False, "verdicts": [UNKNOWN], **asked}
+        found.append(Arm(name, "real", "real", bags[:fitted], bags[fitted:], truth, robot=robot, **asked))
+    return found
+
+
+def reports(data: Path) -> list[Arm]:
+    """Return what is asked of the small inputs after public reports; they are imported when they are asked."""
+    folder = (data / "public_reports").resolve()
+    if not folder.is_dir():
+        print(f"public reports: left out, as {folder} is no folder", flush=True)
+        return []
+    dry, viscous = _is("coulomb_friction", "j1"), _is("viscous_friction", "j1")
+    sized = _is("coulomb_friction", "j1", torque=0.3), _is("viscous_friction", "j1", coefficient=0.2)
+    clean, refuse = [NONE, "explained"], [REFUSED, UNKNOWN]
+    plan: list[tuple[str, str, str, list[Any], list[str], str]] = [
+        ("good", "good", "pend", [], clean, "clean"),
+        ("stated_10x", "good", "pend_friction_10x", [dry, viscous], [], "pair"),
+        ("plain", "good", "pend_plain", [*sized], [], "pair"),
+        ("no_gravity", "no_gravity", "pend", [_is("gravity_compensation", ANY, share=1.0)], [], "single"),
+        ("wrapped", "wrapped", "pend", [], clean, "clean"),
+        ("step", "step", "pend", [], refuse, "fault"),
+        ("zeros_between", "zeros_between", "pend", [], [*refuse, NONE], "fault"),
+        ("effort_held", "effort_held", "pend", [], refuse, "fault"),
+        ("spring", "spring", "one", [], [UNKNOWN], "foreign"),
+    ]
+    return [
+        Arm(
+            f"report_{name}", "reports", kind, [f"{folder}/{stem}_1.csv"], [f"{folder}/{stem}_2.csv"], truth,
+            verdicts=verdicts, robot=f"{folder}/{robot}.urdf", imported=f"{folder}/{robot.split('_')[0]}.yaml",
+        )
+        for name, stem, robot, truth, verdicts, kind in plan
+    ]  # fmt: skip
+
+
+def _import(file: Path | str, mapping: Path | str, bag: Path) -> None:
+    command = [sys.executable, "-c", "from elastic_arm.app import main; main()", "bag", "import", str(file)]
+    done = subprocess.run([*command, "--map", str(mapping), "--out", str(bag)], text=True, capture_output=True)
+    if done.returncode:
+        raise ImportRefused(" ".join(done.stderr.split()) or f"bag import ended with {done.returncode}")
+
+
+class ImportRefused(Exception):
+    """`bag import` refused a file."""
+
+
+def prepared(arms: Path, data: Path, jobs: int) -> list[Arm]:
+    """Return all arms, after those that are not in the folder have been drawn and recorded."""
+    arms.mkdir(parents=True, exist_ok=True)
+    kept = arms / "arms"
+    kept.mkdir(exist_ok=True)
+    missing = []
+    for level in SEEDS:
+        file = kept / f"{level}.txt"
+        if not file.is_file():
+            file.write_text("".join(f"{request.name}\n" for request in requests(level)))
+        names = file.read_text().split()
+        missing += [(level, k) for k, name in enumerate(names) if not (kept / f"{name}.json").is_file()]
+    if missing:
+        print(f"recording {len(missing)} arms in {arms}", flush=True)
+        with ThreadPoolExecutor(jobs) as pool:
+            list(pool.map(lambda job: _own_process(["--record", str(arms), job[0], str(job[1])]), missing))
+    found = []
+    for level in SEEDS:
+        for name in (kept / f"{level}.txt").read_text().split():
+            found += [Arm(**one) for one in json.loads((kept / f"{name}.json").read_text())]
+    file = kept / "real.json"
+    if not file.is_file() and data.is_dir():
+        file.write_text(json.dumps([asdict(arm) for arm in (*real_arms(arms, data), *reports(data))], indent=1))
+    return found + [Arm(**one) for one in (json.loads(file.read_text()) if file.is_file() else ())]
+
+
+def _own_process(arguments: list[str], seconds: float | None = None) -> None:
+    """Run this module in a process of its own, with one numeric thread."""
+    command = [sys.executable, "-m", "benchmarks.judge", *arguments]
+    environment = {**os.environ, **ONE_THREAD}
+    done = subprocess.run(command, env=environment, timeout=seconds, text=True, capture_output=True)
+    if done.returncode:
+        said = done.stderr.strip().splitlines() or [f"signal or status {done.returncode}"]
+        raise RuntimeError(said[-1])
+
+
+# --- How it is answered --------------------------------------------------------------------------------------------
+
+
+def answer(arm: Arm, arms: Path) -> dict[str, Any]:
+    """Ask the code of one arm, through nothing but what it exports."""
+    from elastic_arm.diagnosis import DiagnosisSettings, Question, diagnose
+    from elastic_arm.effects import Catalogue
+    from elastic_arm.effects.text import known_effects
+    from elastic_arm.errors import ElasticArmError
+    from elastic_arm.recording import load_channels, read_recording
+    from elastic_arm.robot import load_robot
+
+    began = time.process_time()
+    try:
+        with tempfile.TemporaryDirectory() as folder:
+            paths = [[arms / one for one in files] for files in (arm.fit, arm.judge)]
+            if arm.imported:
+                for k, files in enumerate(paths):
+                    for i, file in enumerate(files):
+                        paths[k][i] = Path(folder, f"{k}_{i}")
+                        _import(file, arm.imported, paths[k][i])
+            channels = None if arm.channels is None else load_channels(arms / arm.channels)
+            fit, judge = ([read_recording(path, channels) for path in files] for files in paths)
+        robot = load_robot(None if arm.robot is None else arms / arm.robot)
+        catalogue = Catalogue.default()
+        if arm.without:
+            catalogue = catalogue.withholding(arm.without)
+        asked: dict[str, Any] = {"refit": arm.refit, "given": known_effects(arm.known, robot, catalogue)}
+        if arm.gains:
+            settings = DiagnosisSettings()
+            priors = settings.priors.model_copy(update={"sensors": arm.gains})
+            asked["settings"] = replace(settings, priors=priors)
+        began = time.process_time()
+        found = diagnose(fit, Question(robot, arm.model, catalogue=catalogue, **asked), judge).to_dict()
+    except (ElasticArmError, ImportRefused) as error:  # to refuse is an answer
+        found = {"verdict": REFUSED, "causes": [], "shrink": None, "error": str(error)}
+    return found | {"cpu_seconds": time.process_time() - began}
+
+
+# --- What an answer is worth ---------------------------------------------------------------------------------------
+
+
+def _meets(truth: Mapping[str, Any], effect: str, joint: str | None) -> bool:
+    return effect == truth["effect"] and truth["joint"] in (ANY, joint)
+
+
+def distances(truth: Mapping[str, Any], cause: Mapping[str, Any]) -> list[float]:
+    """Return by how many standard deviations the sizes of a cause are off."""
+    found = []
+    for name, true in truth["parameters"].items():
+        said = cause["parameters"].get(name)
+        if said is None or said["std"] is None:
+            continue
+        columns = (v if isinstance(v, list) else [v] for v in (said["value"], said["std"], true))
+        for value, std, right in zip(*columns, strict=True):
+            off = value - right
+            if name in truth["phases"]:
+                off = (off + math.pi) % (2 * math.pi) - math.pi
+            if std:
+                found.append(off / std)
+    return found
+
+
+def row(arm: Arm, found: Mapping[str, Any]) -> dict[str, str]:
+    """Return an answer as a row of the CSV."""
+    causes = found["causes"]
+    said = [any(_meets(t, c["effect"], c["joint"]) for t in arm.truth) for c in causes]
+    allowed = [[c["effect"], c["joint"]] in arm.allowed for c in causes]
+    named = [
+        [(c["effect"], c["joint"])]
+        + [(a["effect"], a["joint"]) for a in c["alternatives"] if a["confidence"] >= DECLARED]
+        for c in causes
+    ]
+    held = [any(_meets(t, *one) for every in named for one in every) for t in arm.truth]
+    if arm.truth:
+        right = all(held)
+    else:
+        no_cause = arm.kind != "clean" or all(allowed)
+        right = found["verdict"] in arm.verdicts and no_cause
+    judged = [(c, s or a) for c, s, a in zip(causes, said, allowed, strict=True) if s or a or arm.complete]
+    told = [(c["confidence"], r) for c, r in judged]
+    told += [(0.0, True) for t in arm.truth if not any(_meets(t, c["effect"], c["joint"]) for c in causes)]
+    z = [d for t in arm.truth for c in causes if _meets(t, c["effect"], c["joint"]) for d in distances(t, c)]
+    return {
+        "level": arm.level,
+        "arm": arm.name,
+        "kind": arm.kind,
+        "truth": "; ".join(_text(t) for t in arm.truth),
+        "verdict": found["verdict"],
+        "causes": "; ".join(f"{_text(c)} {c['confidence']:.3f}" for c in causes),
+        "right": str(int(right)),
+        "false_causes": "; ".join(_text(c) for c, r in judged if c["confidence"] >= SURE and not r),
+        "z": "; ".join(f"{v:.2f}" for v in z),
+        "told": "; ".join(f"{p:.4f}:{int(r)}" for p, r in told),
+        "shrink": "" if found.get("shrink") is None else f"{found['shrink']:.3f}",
+        "cpu_seconds": f"{found['cpu_seconds']:.1f}",
+        "error": found.get("error", ""),
+    }
+
+
+def _text(one: Mapping[str, Any]) -> str:
+    return f"{one['effect']}:{one['joint']}" if one["joint"] else one["effect"]
+
+
+# --- The summary ---------------------------------------------------------------------------------------------------
+
+
+def summary(rows: Sequence[Mapping[str, str]]) -> str:
+    """Return the table by level and kind, Clopper-Pearson intervals at 95 %."""
+    lines = [("level", "kind", "right", "false cause at 0.9", "sizes cover", "Brier", "log score", "cpu s, longest")]
+    for level in (*LEVELS, None):
+        of_level = [r for r in rows if level in (None, r["level"])]
+        kinds = sorted({r["kind"] for r in of_level}) if level else []
+        for kind in (*kinds, None):
+            some = [r for r in of_level if kind in (None, r["kind"])]
+            if some and not (kind is None and len(kinds) == 1):
+                lines.append((level or "all", kind or "all", *_figures(some)))
+    widths = [max(len(line[k]) for line in lines) for k in range(len(lines[0]))]
+    text = "\n".join("  ".join(v.ljust(w) for v, w in zip(line, widths, strict=True)).rstrip() for line in lines)
+    bins = [(low, high, *_bin(rows, low, high)) for low, high in zip(BINS, BINS[1:], strict=False)]
+    told = "\n".join(f"said {lo:g} to {hi:g}: mean {mean:.3f}, true {text}" for lo, hi, mean, text in bins if text)
+    return f"{text}\n\n{told}"
+
+
+BINS = (0.0, 0.5, 0.8, 0.9, 0.95, 0.99, 1.0001)
+
+
+def _bin(rows: Sequence[Mapping[str, str]], low: float, high: float) -> tuple[float, str]:
+    inside = [(p, r) for p, r in _told(rows) if low <= p < high and p > 0.0]
+    if not inside:
+        return 0.0, ""
+    return sum(p for p, _ in inside) / len(inside), share(r for _, r in inside)
+
+
+def _told(rows: Iterable[Mapping[str, str]]) -> list[tuple[float, bool]]:
+    pairs = [one.split(":") for r in rows for one in r["told"].split("; ") if one]
+    return [(float(p), held == "1") for p, held in pairs]
+
+
+def _figures(rows: Sequence[Mapping[str, str]]) -> tuple[str, ...]:
+    told = _told(rows)
+    z = [float(v) for r in rows for v in r["z"].split("; ") if v]
+    brier = log = "–"
+    if told:
+        brier = f"{sum((p - held) ** 2 for p, held in told) / len(told):.3f}"
+        given = [max(p if held else 1.0 - p, LEAST) for p, held in told]
+        log = f"{-sum(map(math.log, given)) / len(given):.3f}"
+    seconds = [float(r["cpu_seconds"]) for r in rows]
+    return (
+        share(r["right"] == "1" for r in rows),
+        share(bool(r["false_causes"]) for r in rows),
+        share(abs(v) <= INSIDE for v in z),
+        brier,
+        log,
+        f"{sum(seconds):.0f}, {max(seconds):.0f}",
+    )
+
+
+def share(outcomes: Iterable[bool]) -> str:
+    """Return a share with its interval as text."""
+    from scipy.stats import binomtest
+
+    held = list(outcomes)
+    if not held:
+        return "–"
+    interval = binomtest(sum(held), len(held)).proportion_ci(0.95, "exact")
+    return f"{sum(held)}/{len(held)} ({100 * interval.low:.0f} to {100 * interval.high:.0f} %)"
+
+
+# --- The command ---------------------------------------------------------------------------------------------------
+
+
+def judge(arms: Sequence[Arm], folder: Path, out: Path, jobs: int) -> list[dict[str, str]]:
+    """Answer arms that the CSV does not hold; return all its rows."""
+    rows = list(csv.DictReader(out.open(encoding="utf-8"))) if out.is_file() else []
+    waiting = [arm for arm in arms if arm.name not in {r["arm"] for r in rows}]
+    answers = out.with_suffix(".answers")
+    answers.mkdir(parents=True, exist_ok=True)
+
+    def answered(arm: Arm) -> dict[str, str]:
+        file = answers / f"{arm.name}.json"
+        try:
+            _own_process(["--answer", str(folder), arm.name, str(file)], SECONDS)
+            return row(arm, json.loads(file.read_text()))
+        except (RuntimeError, subprocess.TimeoutExpired) as error:
+            failed = {"verdict": FAILED, "causes": [], "cpu_seconds": 0.0, "error": f"{type(error).__name__}: {error}"}
+            return row(arm, failed)
+
+    with out.open("a", encoding="utf-8", newline="") as file, ThreadPoolExecutor(jobs) as pool:
+        writer = csv.DictWriter(file, COLUMNS)
+        if not rows:
+            writer.writeheader()
+        futures = [pool.submit(answered, arm) for arm in waiting]
+        for done, future in enumerate(as_completed(futures), 1):
+            rows.append(found := future.result())
+            writer.writerow(found)
+            file.flush()
+            mark = "right" if found["right"] == "1" else "wrong"
+            print(f"{done}/{len(waiting)} {found['arm']}: {mark}, {found['cpu_seconds']} s", flush=True)
+    return rows
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Answer all arms and print the summary."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--out", type=Path, default=Path("runs/judge.csv"))
+    parser.add_argument("--only", default="", help="regular expression that the names of arms hold")
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--arms", type=Path, default=Path("runs/judge_arms"), help="folder of the recordings")
+    parser.add_argument("--data", type=Path, default=ROOT.parent / "shared" / "data", help="recordings of real robots")
+    parser.add_argument("--record", nargs=3, help=argparse.SUPPRESS)
+    parser.add_argument("--answer", nargs=3, help=argparse.SUPPRESS)
+    asked = parser.parse_args(arguments)
+    if asked.record:
+        arms, level, number = Path(asked.record[0]), asked.record[1], int(asked.record[2])
+        request = requests(level)[number]
+        found = [asdict(arm) for arm in record(arms, level, request)]
+        (arms / "arms" / f"{request.name}.json").write_text(json.dumps(found, indent=1))
+        return
+    if asked.answer:
+        folder, name, file = Path(asked.answer[0]), asked.answer[1], Path(asked.answer[2])
+        listed = (one for kept in sorted((folder / "arms").glob("*.json")) for one in json.loads(kept.read_text()))
+        arm = next(Arm(**one) for one in listed if one["name"] == name)
+        file.write_text(json.dumps(answer(arm, folder), indent=1))
+        return
+    asked.out.parent.mkdir(parents=True, exist_ok=True)
+    arms = [arm for arm in prepared(asked.arms, asked.data, asked.jobs) if re.search(asked.only, arm.name)]
+    print(summary(judge(arms, asked.arms, asked.out, asked.jobs)))
+
+
+if __name__ == "__main__":
+    main()
