@@ -15,7 +15,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from elastic_arm.effects import library, stated
+from elastic_arm.effects import library
 from elastic_arm.effects.law_check import check_law
 from elastic_arm.effects.model import Effect, EffectInstance
 from elastic_arm.errors import EffectError
@@ -62,7 +62,7 @@ class Catalogue(Mapping[str, Effect]):
 
     @staticmethod
     def default() -> Catalogue:
-        """Return the effects of the library, those only stated, and of packages (entry points of :data:`GROUP`).
+        """Return the effects of the library and of packages (entry points of :data:`GROUP`).
 
         Raises
         ------
@@ -118,7 +118,7 @@ def discover(folder: ModuleType = library) -> Catalogue:
 @lru_cache(maxsize=1)
 def _default() -> Catalogue:
     points = sorted(entry_points(group=GROUP), key=lambda point: point.name)
-    return Catalogue([*EFFECTS.values(), *STATED.values(), *(_of_entry_point(point) for point in points)])
+    return Catalogue([*EFFECTS.values(), *(_of_entry_point(point) for point in points)])
 
 
 def _of_entry_point(point: EntryPoint) -> Effect:
@@ -168,7 +168,6 @@ def _located(path: Path, error: Exception, remedy: str) -> EffectError:
 
 
 EFFECTS = discover()
-STATED = discover(stated)
 
 
 def from_dict(

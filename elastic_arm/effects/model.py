@@ -41,6 +41,7 @@ class Scope(Enum):
 
     EACH = "each joint"
     LAST = "the last joint"
+    BUT_LAST = "each joint but the last"
     ARM = "the whole arm"
     EACH_OR_ARM = "each joint, or all alike"
 
@@ -246,6 +247,7 @@ class Effect:
         return {
             Scope.EACH: joints,
             Scope.LAST: joints[-1:],
+            Scope.BUT_LAST: joints[:-1],
             Scope.ARM: (None,),
             Scope.EACH_OR_ARM: (None, *joints),
         }[self.scope]
@@ -365,10 +367,11 @@ class EffectInstance:
             raise EffectError(f"{self.effect.id} needs a joint", f"Name one of {', '.join(names)}.")
         if self.joint not in names:
             raise EffectError(f"{self.effect.id}: there is no joint {self.joint!r}", f"Use one of {', '.join(names)}.")
-        if scope is Scope.ARM or (scope is Scope.LAST and self.joint != names[-1]):
+        if self.joint not in (places := self.effect.places(robot)):
+            sits = ", ".join(place for place in places if place) or "no joint of this arm"
             raise EffectError(
                 f"{self.effect.id} cannot sit on {self.joint}",
-                "Name no joint: it acts on the whole arm." if scope is Scope.ARM else f"It sits on {names[-1]}.",
+                "Name no joint: it acts on the whole arm." if scope is Scope.ARM else f"It sits on {sits}.",
             )
         return (names.index(self.joint),)
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from elastic_arm.effects.catalogue import Catalogue
-from elastic_arm.effects.model import Effect, EffectInstance, Scope, SensorEffect
+from elastic_arm.effects.model import Effect, EffectInstance, SensorEffect
 from elastic_arm.effects.parameters import Choice, Role
 from elastic_arm.errors import EffectError, ElasticArmError, IdentificationError
 from elastic_arm.robot import Robot
@@ -144,7 +144,8 @@ def _joints(written: _ParsedInstance, robot: Robot) -> Sequence[str | None]:
     """Return the joint that was named; without one, every joint, or the whole arm where all are alike."""
     if written.joint is not None:
         return [written.joint]
-    return robot.joint_names if written.effect.scope is Scope.EACH else written.effect.places(robot)[:1]
+    places = written.effect.places(robot)
+    return places[:1] if None in places else places
 
 
 def _read(

@@ -78,7 +78,7 @@ def to_mjcf(
     """
     arm = stated_arm(robot, catalogue)
     reason = "the new file has no such number: elastic_arm.mujoco.attach adds its law"
-    stated = [e for e in robot_effects(robot, catalogue) if e.effect.id in ("joint_spring", "gravity_compensation")]
+    stated = [e for e in robot_effects(robot, catalogue) if e.effect.id in ("joint_spring", "carried_weight")]
     root = ET.Element("mujoco", model=robot.name)
     root.append(
         ET.Comment(" elastic: a motor joint and a spring joint a drive " if robot.elastic else " rigid joints ")

@@ -182,9 +182,10 @@ RULES: Mapping[str, Rule] = {
     "coulomb_friction": _coulomb,
     "rotor_inertia_mismatch": _rotor,
     "payload": _payload,
+    "load": _payload,
     "link_inertia_mismatch": _link,
     "base_tilt": _tilt,
     "time_delay": _delay,
 }
 # What the user's own file states in ways that are kept as they are.
-KEPT = ("joint_spring", "gravity_compensation")
+KEPT = ("joint_spring", "carried_weight")

@@ -103,6 +103,7 @@ def test_candidates_cover_every_place_and_choice(arm):
         expected = {
             Scope.EACH: set(arm.joint_names),
             Scope.LAST: {arm.joint_names[-1]},
+            Scope.BUT_LAST: set(arm.joint_names[:-1]),
             Scope.ARM: {None},
             Scope.EACH_OR_ARM: {None, *arm.joint_names},
         }[effect.scope]
@@ -154,6 +155,7 @@ def test_a_fit_may_find_less_than_a_real_arm_has(arm):
         ("hysteresis:joint_1:torque=1,width=0", ["width", "above 0"]),
         ("payload:mass=5,position=0/0", ["position", "3 numbers"]),
         ("payload:joint_1:mass=5", ["joint_1", "joint_3"]),
+        ("load:joint_3:mass=5", ["cannot sit on joint_3", "joint_1, joint_2"]),
         ("base_tilt:joint_1:x=0.1", ["whole arm"]),
         ("spline_inertia:size=2", ["no free parameter"]),
         ("time_delay:joint_1:delay=0.001,channels=joint_torque+thermometer", ["thermometer", "link_encoder"]),

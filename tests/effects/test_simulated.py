@@ -29,7 +29,7 @@ SENSOR_EFFECTS = {
     "torque_drift",
     "torque_lowpass",
 }
-SCALES = {"thermal_friction"}  # nothing by itself
+SCALES = {"thermal_friction", "asymmetric_friction"}  # nothing by itself
 IN_EQUATIONS = sorted(set(INSTANCES) - SENSOR_EFFECTS - SCALES)
 
 

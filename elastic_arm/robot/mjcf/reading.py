@@ -319,7 +319,7 @@ def _compensation(
         centres = np.array([np.linalg.inv(carriers[i]) @ [*data.xipos[body], 1.0] for body in own])[:, :3]
         position = (masses @ centres / masses.sum()).tolist()
         parameters = {"mass": float(masses.sum()), "position": position}
-        found.append({"effect": "gravity_compensation", "joint": name, "parameters": parameters})
+        found.append({"effect": "carried_weight", "joint": name, "parameters": parameters})
     return found
 
 

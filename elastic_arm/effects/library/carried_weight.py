@@ -11,24 +11,16 @@ from elastic_arm.effects.parameters import Parameter, Role
 
 
 def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
-    """Minus the weight of a mass that link i carries; its inertia stays.
-
-    Parameters
-    ----------
-    motion, i
-        Symbols of the motion, and index of the joint.
-    p
-        `mass` (kg) and `position` (m).
-    """
+    """Minus the weight of a mass that link i carries; its inertia stays."""
     rest = ca.SX(*motion.x.shape)
     moment = p["mass"] * p["position"]
     return motion.everywhere(motion.equations.carried_body(i, -p["mass"], -moment, ca.SX(3, 3), motion.x, rest, rest))
 
 
 EFFECT = Effect(
-    id="gravity_compensation",
+    id="carried_weight",
     formula="- weight of m at p in O_i",
-    description="A compensation of gravity that carries a part of a link's weight and has no inertia.",
+    description="Something that has no inertia carries a part of a link's weight, as a MuJoCo body's gravcomp does.",
     signature="The residual follows the pose as gravity does, with the opposite sign.",
     law=law,
     parameters=(
@@ -37,5 +29,6 @@ EFFECT = Effect(
     ),
     sides=("link",),
     regime="position",
+    # Where a description or a user states it: a recording shows it as a payload or load that has no inertia.
     searched=False,
 )
