@@ -195,7 +195,7 @@ def test_a_joint_zero_is_the_turned_geometry_of_a_description(arm):
 
 @pytest.mark.parametrize("joint", [None, "joint_2"])
 def test_gravity_compensation_takes_its_share_of_the_weight(arm, joint):
-    """Every equation that holds the torque lacks the share of gravity, the motor's that of tau_J with the other sign."""
+    """Every equation that holds the torque lacks the share of gravity; tau_J counts reversed for the motor."""
     motion, rest = random_motion(arm, np.random.default_rng(0)), np.zeros((1, 6))
     still = np.tile(motion["x"][None, :3], 2)
     weight = 0.4 * build_model(arm, engine="numpy").inverse_dynamics(still, rest, rest)[0, :3]
