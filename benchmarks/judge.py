@@ -5,8 +5,8 @@
 Sixty arms of the challenge's laboratory, fifty of its workshop and twenty-five of its field, recordings of real robots
 and public reports. What is not in the folder of arms is drawn and recorded there first; the same bytes are then
 answered by every state of the code, which needs nothing but `diagnose`, `Question` and the command `bag import` for it.
-Every arm is answered by a process of its own with one numeric thread: one that fails is a row with its error. Arms that
-the CSV holds are not answered again. Whole answers are kept in FILE.answers.
+Every arm is answered by a process of its own with one numeric thread: one that fails is a row with its error. Whole
+answers are kept in FILE.answers; arms that are there are not answered again, and scored again where the CSV is deleted.
 
 A cause is right where the arm has it, at its joint; a truth is found where a cause or an alternative of 5 % or more
 names it. Brier and log score are means over all causes that were said, and over truths that were not, whose confidence
@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import argparse
 import csv
+import itertools
 import json
 import math
 import os
@@ -38,9 +39,8 @@ SECONDS = 900  # of the wall clock, after which an arm counts as failed
 DECLARED, SURE, INSIDE, LEAST = 0.05, 0.9, 1.96, 1e-3
 ANY = "any"  # joint of a truth that may be named anywhere
 UNKNOWN, NONE, REFUSED, FAILED = "unknown", "none", "refused", "failed"
-LEVELS = ("laboratory", "workshop", "field", "real", "reports")
 COLUMNS = (
-    "level", "arm", "kind", "truth", "verdict", "causes", "right", "false_causes", "z", "told", "shrink",
+    "level", "arm", "kind", "truth", "verdict", "causes", "right", "false_causes", "z", "off", "told", "shrink",
     "cpu_seconds", "error",
 )  # fmt: skip
 
@@ -192,53 +192,71 @@ def _is(effect: str, joint: str | None, **parameters: Any) -> dict[str, Any]:
     return {"effect": effect, "joint": joint, "parameters": parameters, "phases": []}
 
 
+@dataclass(frozen=True)
+class RealRobot:
+    """Recordings of a real robot: the folder of the data and its files, of which the first are fitted, and the arm."""
+
+    folder: str
+    mapping: str  # of `examples`, where the folder has none of its own
+    files: tuple[str, ...]
+    fitted: int
+    robot: str
+
+    def bags(self, arms: Path, data: Path) -> list[str]:
+        """Import the recordings where they are not there yet; return the bags below the folder of arms."""
+        mapping, found = ROOT / "examples" / self.folder / self.mapping, []
+        for file in self.files:
+            bag = f"bags/{self.folder}_{Path(self.mapping).stem}_{Path(file).stem}"
+            if not (arms / bag / "metadata.yaml").is_file():
+                own = data / self.folder / self.mapping
+                _import(data / self.folder / file, mapping if mapping.is_file() else own, arms / bag)
+            found.append(bag)
+        return found
+
+
+_KR300, _LWR, _GEN3 = ("kuka_kr300", "kuka_lwr4", "kinova_gen3")
+_RUNS = tuple(f"run_{k}.mat" for k in "ACB")
+ROBOTS = {
+    "kr300_3": RealRobot(_KR300, "import_3.yaml", _RUNS, 2, "kr300_3_elastic.yaml"),
+    "kr300_6": RealRobot(_KR300, "import_6.yaml", _RUNS, 2, "kr300_6_rigid.yaml"),
+    "lwr4": RealRobot(_LWR, "import.yaml", tuple(f"measurements_{k}.npz" for k in (1, 2, 3)), 2, f"{_LWR}.urdf"),
+    "gen3": RealRobot(_GEN3, "import.yaml", tuple(f"opti_traj_testing{k}.csv" for k in (1, 2)), 1, "gen3_2f85.urdf"),
+    "ur5e": RealRobot("ur5e_with_tool", "import.yaml", ("run_1.csv", "run_2.csv"), 1, "ur5e.urdf"),
+}
+
+
 def real_arms(arms: Path, data: Path) -> list[Arm]:
     """Import the recordings of real robots, and return what is asked of them and what is known to be true of each."""
-    friction = ["coulomb_friction", "viscous_friction"]
-    maps = ROOT / "examples"
-    ur5e = list(zip((9, 11, 6, 1.6, 1.5, 1.2), (10, 12, 7, 1.8, 1.6, 1.3), strict=True))
-    names = [*(f"{j}_joint" for j in ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3"))]
+    axes = [_is("time_delay", ANY), _is("encoder_offset", "a3"), _is("joint_spring", "a2")]
+    dry, viscous = (9.0, 11.0, 6.0, 1.6, 1.5, 1.2), (10.0, 12.0, 7.0, 1.8, 1.6, 1.3)
+    names = [f"{j}_joint" for j in ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")]
     of_ur5e = [
-        *(_is("coulomb_friction", j, torque=c) for j, (c, _) in zip(names, ur5e, strict=True)),
-        *(_is("viscous_friction", j, coefficient=v) for j, (_, v) in zip(names, ur5e, strict=True)),
+        *(_is("coulomb_friction", j, torque=size) for j, size in zip(names, dry, strict=True)),
+        *(_is("viscous_friction", j, coefficient=size) for j, size in zip(names, viscous, strict=True)),
         _is("payload", names[-1], mass=1.8, position=[0.01, 0.0, 0.06]),
         _is("time_delay", ANY, delay=0.012),
     ]
-    axes = [
-        _is("time_delay", ANY),
-        _is("encoder_offset", "a3"),
-        _is("joint_spring", "a2"),
+    friction = ["coulomb_friction", "viscous_friction"]
+    refit, known = {"refit": True}, {"refit": True, "known": friction}
+    plan: list[tuple[str, str, list[Any], dict[str, Any]]] = [
+        ("kuka_kr300_3", "kr300_3", axes, {}),
+        ("kuka_kr300_3_refit", "kr300_3", axes, known),
+        ("kuka_kr300_6_refit", "kr300_6", axes[2:], known),
+        ("kuka_lwr4_refit", "lwr4", [_is("coulomb_friction", f"lwr_{k}_joint") for k in (0, 4)], refit),
+        ("kinova_gen3_refit", "gen3", [], refit),
+        ("ur5e_with_tool", "ur5e", of_ur5e, {"complete": True}),
+        ("ur5e_with_tool_refit", "ur5e", of_ur5e, {"complete": True, **refit}),
     ]
-    kr, lwr, gen3 = "kuka_kr300", "kuka_lwr4", "kinova_gen3"
-    plan: list[tuple[str, str, Path, list[str], int, list[Any], dict[str, Any]]] = [
-        (f"{kr}_3", kr, maps / kr / "import_3.yaml", [f"run_{k}.mat" for k in "ACB"], 2, axes,
-         {"robot": "kr300_3_elastic.yaml"}),
-        (f"{kr}_3_refit", kr, maps / kr / "import_3.yaml", [f"run_{k}.mat" for k in "ACB"], 2, axes,
-         {"robot": "kr300_3_elastic.yaml", "refit": True, "known": friction}),
-        (f"{kr}_6_refit", kr, maps / kr / "import_6.yaml", [f"run_{k}.mat" for k in "ACB"], 2, axes[2:],
-         {"robot": "kr300_6_rigid.yaml", "refit": True, "known": friction}),
-        (f"{lwr}_refit", lwr, maps / lwr / "import.yaml", [f"measurements_{k}.npz" for k in (1, 2, 3)], 2,
-         [_is("coulomb_friction", f"lwr_{k}_joint") for k in (0, 4)], {"robot": f"{lwr}.urdf", "refit": True}),
-        (f"{gen3}_refit", gen3, maps / gen3 / "import.yaml", [f"opti_traj_testing{k}.csv" for k in (1, 2)], 1,
-         [], {"robot": "gen3_2f85.urdf", "refit": True}),
-        *(("ur5e_with_tool" + "_refit" * refit, "ur5e_with_tool", data / "ur5e_with_tool" / "import.yaml",
-           ["run_1.csv", "run_2.csv"], 1, of_ur5e, {"robot": "ur5e.urdf", "refit": refit, "complete": True})
-          for refit in (False, True)),
-    ]  # fmt: skip
     found = []
-    for name, folder, mapping, files, fitted, truth, asked in plan:
-        if not (data / folder).is_dir():
-            print(f"{name}: left out, as {data / folder} is no folder", flush=True)
+    for name, key, truth, asked in plan:
+        one = ROBOTS[key]
+        if not (data / one.folder).is_dir():
+            print(f"{name}: left out, as {data / one.folder} is no folder", flush=True)
             continue
-        bags = []
-        for file in files:
-            bag = f"bags/{folder}_{mapping.stem}_{Path(file).stem}"
-            if not (arms / bag / "metadata.yaml").is_file():
-                _import(data / folder / file, mapping, arms / bag)
-            bags.append(bag)
-        robot = str((data / folder / asked.pop("robot")).resolve())
+        bags = one.bags(arms, data)
+        robot = str((data / one.folder / one.robot).resolve())
         asked = {"complete": False, "verdicts": [UNKNOWN], **asked}
-        found.append(Arm(name, "real", "real", bags[:fitted], bags[fitted:], truth, robot=robot, **asked))
+        found.append(Arm(name, "real", "real", bags[: one.fitted], bags[one.fitted :], truth, robot=robot, **asked))
     return found
 
 
@@ -364,20 +382,24 @@ def _meets(truth: Mapping[str, Any], effect: str, joint: str | None) -> bool:
     return effect == truth["effect"] and truth["joint"] in (ANY, joint)
 
 
-def distances(truth: Mapping[str, Any], cause: Mapping[str, Any]) -> list[float]:
-    """Return by how many standard deviations the sizes of a cause are off."""
+def distances(truth: Mapping[str, Any], cause: Mapping[str, Any]) -> list[tuple[float, float]]:
+    """Return by how many standard deviations the sizes of a cause are off, and by which share of the true ones.
+
+    Where the arm had the effect before a `change` of it, that is the share.
+    """
     found = []
     for name, true in truth["parameters"].items():
         said = cause["parameters"].get(name)
         if said is None or said["std"] is None:
             continue
-        columns = (v if isinstance(v, list) else [v] for v in (said["value"], said["std"], true))
-        for value, std, right in zip(*columns, strict=True):
+        change = truth.get("change", truth["parameters"])[name]
+        columns = (v if isinstance(v, list) else [v] for v in (said["value"], said["std"], true, change))
+        for value, std, right, part in zip(*columns, strict=True):
             off = value - right
             if name in truth["phases"]:
                 off = (off + math.pi) % (2 * math.pi) - math.pi
             if std:
-                found.append(off / std)
+                found.append((off / std, off / part if part else math.inf))
     return found
 
 
@@ -400,7 +422,7 @@ def row(arm: Arm, found: Mapping[str, Any]) -> dict[str, str]:
     judged = [(c, s or a) for c, s, a in zip(causes, said, allowed, strict=True) if s or a or arm.complete]
     told = [(c["confidence"], r) for c, r in judged]
     told += [(0.0, True) for t in arm.truth if not any(_meets(t, c["effect"], c["joint"]) for c in causes)]
-    z = [d for t in arm.truth for c in causes if _meets(t, c["effect"], c["joint"]) for d in distances(t, c)]
+    sizes = [d for t in arm.truth for c in causes if _meets(t, c["effect"], c["joint"]) for d in distances(t, c)]
     return {
         "level": arm.level,
         "arm": arm.name,
@@ -410,7 +432,8 @@ def row(arm: Arm, found: Mapping[str, Any]) -> dict[str, str]:
         "causes": "; ".join(f"{_text(c)} {c['confidence']:.3f}" for c in causes),
         "right": str(int(right)),
         "false_causes": "; ".join(_text(c) for c, r in judged if c["confidence"] >= SURE and not r),
-        "z": "; ".join(f"{v:.2f}" for v in z),
+        "z": "; ".join(f"{v:.2f}" for v, _ in sizes),
+        "off": "; ".join(f"{v:.3f}" for _, v in sizes),
         "told": "; ".join(f"{p:.4f}:{int(r)}" for p, r in told),
         "shrink": "" if found.get("shrink") is None else f"{found['shrink']:.3f}",
         "cpu_seconds": f"{found['cpu_seconds']:.1f}",
@@ -424,11 +447,16 @@ def _text(one: Mapping[str, Any]) -> str:
 
 # --- The summary ---------------------------------------------------------------------------------------------------
 
+HEADINGS = (
+    "level", "kind", "right", "false cause at 0.9", "sizes cover", "within 10 % or 2 deviations", "Brier", "log score",
+    "cpu s, longest",
+)  # fmt: skip
+
 
 def summary(rows: Sequence[Mapping[str, str]]) -> str:
     """Return the table by level and kind, Clopper-Pearson intervals at 95 %."""
-    lines = [("level", "kind", "right", "false cause at 0.9", "sizes cover", "Brier", "log score", "cpu s, longest")]
-    for level in (*LEVELS, None):
+    lines = [HEADINGS]
+    for level in (*dict.fromkeys(r["level"] for r in rows), None):
         of_level = [r for r in rows if level in (None, r["level"])]
         kinds = sorted({r["kind"] for r in of_level}) if level else []
         for kind in (*kinds, None):
@@ -437,7 +465,7 @@ def summary(rows: Sequence[Mapping[str, str]]) -> str:
                 lines.append((level or "all", kind or "all", *_figures(some)))
     widths = [max(len(line[k]) for line in lines) for k in range(len(lines[0]))]
     text = "\n".join("  ".join(v.ljust(w) for v, w in zip(line, widths, strict=True)).rstrip() for line in lines)
-    bins = [(low, high, *_bin(rows, low, high)) for low, high in zip(BINS, BINS[1:], strict=False)]
+    bins = [(low, high, *_bin(rows, low, high)) for low, high in itertools.pairwise(BINS)]
     told = "\n".join(f"said {lo:g} to {hi:g}: mean {mean:.3f}, true {text}" for lo, hi, mean, text in bins if text)
     return f"{text}\n\n{told}"
 
@@ -459,7 +487,7 @@ def _told(rows: Iterable[Mapping[str, str]]) -> list[tuple[float, bool]]:
 
 def _figures(rows: Sequence[Mapping[str, str]]) -> tuple[str, ...]:
     told = _told(rows)
-    z = [float(v) for r in rows for v in r["z"].split("; ") if v]
+    z, off = ([float(v) for r in rows for v in r[name].split("; ") if v] for name in ("z", "off"))
     brier = log = "–"
     if told:
         brier = f"{sum((p - held) ** 2 for p, held in told) / len(told):.3f}"
@@ -470,6 +498,7 @@ def _figures(rows: Sequence[Mapping[str, str]]) -> tuple[str, ...]:
         share(r["right"] == "1" for r in rows),
         share(bool(r["false_causes"]) for r in rows),
         share(abs(v) <= INSIDE for v in z),
+        share(abs(v) <= 2.0 or abs(part) <= 0.1 for v, part in zip(z, off, strict=True)),
         brier,
         log,
         f"{sum(seconds):.0f}, {max(seconds):.0f}",
@@ -500,7 +529,8 @@ def judge(arms: Sequence[Arm], folder: Path, out: Path, jobs: int) -> list[dict[
     def answered(arm: Arm) -> dict[str, str]:
         file = answers / f"{arm.name}.json"
         try:
-            _own_process(["--answer", str(folder), arm.name, str(file)], SECONDS)
+            if not file.is_file():
+                _own_process(["--answer", str(folder), arm.name, str(file)], SECONDS)
             return row(arm, json.loads(file.read_text()))
         except (RuntimeError, subprocess.TimeoutExpired) as error:
             failed = {"verdict": FAILED, "causes": [], "cpu_seconds": 0.0, "error": f"{type(error).__name__}: {error}"}
