@@ -29,19 +29,7 @@ def score_answer(
     joints: Sequence[str],
     effects: Mapping[str, Effect] = EFFECTS,
 ) -> dict[str, Any]:
-    """Return what an answer is worth.
-
-    Parameters
-    ----------
-    entry
-        The truth of one arm.
-    answer
-        Its `diagnosis.json`.
-    joints
-        Their names.
-    effects
-        By id.
-    """
+    """Return what an answer is worth."""
     faults = [Fault(**{**f, "channels": tuple(f["channels"])}) for f in entry["faults"]]
     causes = answer["causes"]
     # A poorer model lacks more than the one effect that was asked for: mod1 lacks S as well as the splines.

@@ -28,33 +28,16 @@ LEAST_SHARE = 0.03  # of the gap that each of several effects has, where sizes a
 
 @dataclass(frozen=True)
 class ArmSpecification:
-    """One hidden arm: what is to be recorded.
+    """One hidden arm: what is to be recorded."""
 
-    Parameters
-    ----------
-    name
-        Of its bags.
-    model
-        That it will be diagnosed against.
-    faults
-        What it has; none for a clean arm.
-    instruments
-        Its sensors.
-    multiple
-        Size of each fault over its bound.
-    bound
-        Smallest size that could be known on its own motion, in the unit of the size; None where it has no size.
-    share
-        What each fault alone is of the sum of all faults' excesses.
-    """
-
-    name: str
-    model: str
-    faults: tuple[Fault, ...]
-    instruments: SensorModel
-    multiple: tuple[float, ...] = ()
+    name: str  # of its bags
+    model: str  # that it will be diagnosed against
+    faults: tuple[Fault, ...]  # what it has; none for a clean arm
+    instruments: SensorModel  # its sensors
+    multiple: tuple[float, ...] = ()  # size of each fault over its bound
+    # Smallest size that could be known on its own motion, in the unit of the size; None where it has no size
     bound: tuple[float | None, ...] = ()
-    share: tuple[float, ...] = ()
+    share: tuple[float, ...] = ()  # what each fault alone is of the sum of all faults' excesses
 
     def truth(self) -> dict[str, Any]:
         """Return it as plain data."""
@@ -63,27 +46,13 @@ class ArmSpecification:
 
 @dataclass(frozen=True)
 class SamplingRequest:
-    """Specification of one draw.
+    """Specification of one draw."""
 
-    Parameters
-    ----------
-    name
-        Of the item.
-    effects
-        Their ids.
-    seed
-        Of all that is drawn.
-    seconds
-        Durations of what is fitted and of what judges.
-    ratio
-        Range of sizes over their bounds.
-    """
-
-    name: str
-    effects: tuple[str, ...]
-    seed: tuple[int, ...]
-    seconds: tuple[float, float]
-    ratio: tuple[float, float] = (LOWEST, HIGHEST)
+    name: str  # of the item
+    effects: tuple[str, ...]  # their ids
+    seed: tuple[int, ...]  # of all that is drawn
+    seconds: tuple[float, float]  # durations of what is fitted and of what judges
+    ratio: tuple[float, float] = (LOWEST, HIGHEST)  # range of sizes over their bounds
 
     @property
     def of_catalogue(self) -> tuple[str, ...]:
@@ -94,19 +63,7 @@ class SamplingRequest:
 def sample_arm(
     request: SamplingRequest, robot: Robot, rng: np.random.Generator, catalogue: Catalogue = EFFECTS
 ) -> tuple[ArmSpecification, tuple[MultiSine, MultiSine]]:
-    """Draw one hidden arm and its two motions.
-
-    Parameters
-    ----------
-    request
-        What is to be drawn.
-    robot
-        The nominal arm.
-    rng
-        Seeded with the request's own seed.
-    catalogue
-        Where the ids of the request are looked up.
-    """
+    """Draw one hidden arm and its two motions."""
     model = model_of(request.effects, catalogue)
     instruments = sample_sensors(rng)
     fitted, judging = (random_motion(rng, robot.n, s) for s in request.seconds)

@@ -44,15 +44,7 @@ class _Trial:
 
 
 def baseline_answer(identify: Recording, validate: Recording, question: Question) -> dict[str, Any]:
-    """Return an answer with the fields that the score reads.
-
-    Parameters
-    ----------
-    identify, validate
-        What is fitted, and what judges the verdict.
-    question
-        Arm, model, known effects and catalogue.
-    """
+    """Return an answer with the fields that the score reads."""
     model = build_model(question.robot, question.model)
     equations = ArmEquations(question.robot, question.model)
     data = [_observed(recording, model, question) for recording in (identify, validate)]

@@ -61,40 +61,22 @@ Report = Callable[[int, int], None]
 
 @dataclass(frozen=True)
 class ChallengeSettings:
-    """What a challenge consists of.
+    """What a challenge consists of."""
 
-    Parameters
-    ----------
-    seed
-        The same seed draws the same arms.
-    per_effect, clean, pairs, triples
-        Recordings of each effect alone, of the plain arm, and of two and three effects.
-    seconds, validate_seconds
-        Durations of the two recordings of each arm.
-    ratio
-        Range of sizes over the smallest that theory allows to be detected.
-    effects
-        Ids; all where none is given.
-    effects_files
-        Python files with effects of the user.
-    level
-        laboratory, workshop or field.
-    foreign
-        Recordings of each effect that no catalogue has; the laboratory has none.
-    """
-
-    seed: int = 0
+    seed: int = 0  # the same seed draws the same arms
+    # per_effect, clean, pairs, triples: Recordings of each effect alone, of the plain arm, and of two and three effects
     per_effect: int = 1
     clean: int = 4
     pairs: int = 4
     triples: int = 0
+    # seconds, validate_seconds: Durations of the two recordings of each arm
     seconds: float = 12.0
     validate_seconds: float = 8.0
-    ratio: tuple[float, float] = (LOWEST, HIGHEST)
-    effects: tuple[str, ...] = ()
-    effects_files: tuple[str, ...] = ()
-    level: str = LABORATORY
-    foreign: int = 0
+    ratio: tuple[float, float] = (LOWEST, HIGHEST)  # range of sizes over the smallest that theory allows to be detected
+    effects: tuple[str, ...] = ()  # ids; all where none is given
+    effects_files: tuple[str, ...] = ()  # python files with effects of the user
+    level: str = LABORATORY  # laboratory, workshop or field
+    foreign: int = 0  # recordings of each effect that no catalogue has; the laboratory has none
 
     def requests(self, catalogue: Catalogue = EFFECTS) -> list[SamplingRequest]:
         """Return what is to be drawn of a catalogue, in a random order."""
@@ -135,18 +117,7 @@ def create(
     scheduler: str | None = None,
     report: Report | None = None,
 ) -> str:
-    """Draw hidden arms and record them; return the SHA-256 of the sealed truth.
-
-    Parameters
-    ----------
-    workers, scheduler
-        See :func:`~elastic_arm.studies.blind_challenge.parallel_jobs.mapped`.
-
-    Raises
-    ------
-    DiagnosisError
-        If the folder holds another challenge.
-    """
+    """Draw hidden arms and record them; return the SHA-256 of the sealed truth."""
     plain = json.loads(json.dumps(asdict(settings)))
     manifest_path = folder / MANIFEST
     if manifest_path.exists():
@@ -189,16 +160,7 @@ def solve(
     scheduler: str | None = None,
     report: Report | None = None,
 ) -> dict[str, str]:
-    """Diagnose every recording that has no answer yet; return what went wrong, by name.
-
-    Parameters
-    ----------
-    kind
-        ANSWERS; WITHHELD for the arms with one effect again, that effect taken out of the catalogue (the truth is
-        opened to know which; the diagnosis learns nothing of it); BASELINE for plain least squares instead.
-    stale
-        Answer again what another state of the code has answered.
-    """
+    """Diagnose every recording that has no answer yet; return what went wrong, by name."""
     manifest = load_manifest(folder)
     without = _own_effects(folder, manifest) if kind == WITHHELD else {}
     jobs = []
@@ -220,13 +182,7 @@ def solve(
 
 
 def load_manifest(folder: Path) -> dict[str, Any]:
-    """Return a challenge's manifest.
-
-    Raises
-    ------
-    DiagnosisError
-        If there is none, or it is not complete.
-    """
+    """Return a challenge's manifest."""
     manifest = _read_manifest(folder / MANIFEST)
     if "truth_sha256" not in manifest or not (folder / NAME).is_file():
         raise DiagnosisError(f"{folder} holds a challenge that is not complete", "Go on with challenge create")
@@ -244,17 +200,7 @@ def _read_manifest(path: Path) -> dict[str, Any]:
 
 
 def answer_path(folder: Path, name: str, kind: str = ANSWERS) -> Path:
-    """Where the diagnosis of an item stands.
-
-    Parameters
-    ----------
-    folder
-        Of the challenge.
-    name
-        Of the arm.
-    kind
-        Which answers.
-    """
+    """Where the diagnosis of an item stands."""
     return folder / kind / f"{name}.json"
 
 
@@ -317,20 +263,7 @@ def _record(job: tuple[str, SamplingRequest, str]) -> str:
 
 
 def _recorded(folder: Path, request: SamplingRequest, level: ChallengeLevel, catalogue: Catalogue) -> dict[str, Any]:
-    """Record an arm of a level and return its truth; one that no simulation gets through is drawn again.
-
-    Parameters
-    ----------
-    folder
-        Of the challenge.
-    request, level, catalogue
-        What is to be drawn.
-
-    Raises
-    ------
-    SimulationError
-        If several draws in turn leave the finite numbers.
-    """
+    """Record an arm of a level and return its truth; one that no simulation gets through is drawn again."""
     bags = _bags(folder, request.name)
     for draw in range(DRAWS - 1):
         seed = (*request.seed, draw) if draw else request.seed

@@ -38,34 +38,14 @@ NEAR = 0.03  # of the wanted distance
 
 @dataclass(frozen=True)
 class EffectSignal:
-    """What an effect does to the residuals.
+    """What an effect does to the residuals."""
 
-    Parameters
-    ----------
-    distance
-        Norm of the whitened change: the size over its bound.
-    excess
-        Mean square of the change, summed over all residuals, Nm².
-    """
-
-    distance: float
-    excess: float
+    distance: float  # norm of the whitened change: the size over its bound
+    excess: float  # mean square of the change, summed over all residuals, Nm²
 
 
 class Detectability:
-    """Distances of hidden arms from the plain one on one motion.
-
-    Parameters
-    ----------
-    robot, motion
-        The plain arm, and what all arms do.
-    instruments
-        Their noise counts, not their values.
-    rng
-        Of the noise that the sensors' quality is estimated from.
-    arm_of
-        Makes an arm with faults; the independent engine's when None.
-    """
+    """Distances of hidden arms from the plain one on one motion."""
 
     def __init__(
         self,
@@ -85,13 +65,7 @@ class Detectability:
         self._plain = self._residuals(course, (), "mod3")
 
     def signal(self, faults: Sequence[Fault], model: str = "mod3") -> EffectSignal:
-        """Simulate an arm with these effects and return how far it is from a plain one that the model describes.
-
-        Raises
-        ------
-        SimulationError
-            When the arm does not survive them.
-        """
+        """Simulate an arm with these effects and return how far it is from a plain one that the model describes."""
         course = self._arm_of(faults).run(self._motion)
         white, excess = self._residuals(course, faults, model)
         if model == "mod3":
@@ -109,17 +83,7 @@ class Detectability:
 
 
 def sized(draft: SampledEffect, wanted: float, detectability: Detectability) -> tuple[float, EffectSignal]:
-    """Return the amount of an effect whose distance is the wanted one, within the plausible range, and its signal.
-
-    Parameters
-    ----------
-    draft
-        The effect without its size.
-    wanted
-        Whitened distance: size over its Cramér-Rao bound.
-    detectability
-        Measures distances on the arm's own motion.
-    """
+    """Return the amount of an effect whose distance is the wanted one, within the plausible range, and its signal."""
     low, high = draft.limits()
     amount = float(np.clip(draft.typical(), low, high))
     for _ in range(ROUNDS):

@@ -44,17 +44,7 @@ def true_parameters(fault: Fault, effect: Effect) -> dict[str, Any]:
 
 
 def instance_of(fault: Fault, effect: Effect, robot: Robot) -> EffectInstance:
-    """Return a fault as the suite's own simulator takes it.
-
-    Parameters
-    ----------
-    fault
-        As it was drawn.
-    effect
-        Of its name.
-    robot
-        Whose joint it sits on.
-    """
+    """Return a fault as the suite's own simulator takes it."""
     given = {"side": fault.side, "channels": fault.channels, **fault.choices}
     chosen = {c.name: given[c.name] for c in effect.choices if given.get(c.name)}
     joint = None if fault.joint is None else robot.joint_names[fault.joint]
@@ -63,21 +53,11 @@ def instance_of(fault: Fault, effect: Effect, robot: Robot) -> EffectInstance:
 
 @dataclass(frozen=True)
 class SampledEffect:
-    """An effect without its size.
+    """An effect without its size."""
 
-    Parameters
-    ----------
-    effect
-        What.
-    fault
-        With all its parameters but the size.
-    direction
-        Of the size's components, of length 1; a sign where the size is one number.
-    """
-
-    effect: Effect
-    fault: Fault
-    direction: tuple[float, ...]
+    effect: Effect  # what
+    fault: Fault  # with all its parameters but the size
+    direction: tuple[float, ...]  # of the size's components, of length 1; a sign where the size is one number
 
     @property
     def _size(self) -> Parameter:
@@ -113,17 +93,7 @@ class SampledEffect:
 
 
 def sample_effect(effect: Effect, n: int, rng: np.random.Generator) -> SampledEffect:
-    """Draw where an effect sits, its form, and its parameters other than the size.
-
-    Parameters
-    ----------
-    effect
-        What.
-    n
-        Number of joints.
-    rng
-        Draws joint, side, channels and parameters.
-    """
+    """Draw where an effect sits, its form, and its parameters other than the size."""
     joint = None if effect.scope in (Scope.ARM, Scope.LAST) else int(rng.integers(n - (effect.scope is Scope.BUT_LAST)))
     if effect.scope is Scope.EACH_OR_ARM and rng.random() < COMMON:
         joint = None

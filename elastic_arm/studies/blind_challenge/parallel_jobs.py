@@ -31,13 +31,6 @@ def mapped(
 
     Where a worker meets an error, a :class:`Failure` stands in its place and the others go on; without workers, the
     error is raised.
-
-    Parameters
-    ----------
-    workers
-        Processes on this machine; 0 does the work here, one after another.
-    scheduler
-        Address of a Dask cluster, instead; its workers must see the same folders.
     """
     if not jobs:
         return

@@ -52,18 +52,12 @@ class Proportion:
 
 @dataclass(frozen=True)
 class DetectionCurve:
-    """Probability of detection over the size in multiples of the bound: a logistic function of its logarithm.
+    """Probability of detection over the size in multiples of the bound: a logistic function of its logarithm."""
 
-    Parameters
-    ----------
-    middle, slope
-        The most probable.
-    smallest, low, high
-        Size detected in 90 % of cases: median and 95 % interval of what the cases leave possible.
-    """
-
+    # middle, slope: The most probable
     middle: float
     slope: float
+    # smallest, low, high: Size detected in 90 % of cases: median and 95 % interval of what the cases leave possible
     smallest: float
     low: float
     high: float

@@ -21,17 +21,7 @@ PIECES = "truth"
 
 
 def seal_piece(folder: Path, name: str, truth: dict[str, Any]) -> None:
-    """Write the truth of one arm so that nobody reads it by accident.
-
-    Parameters
-    ----------
-    folder
-        Of the challenge.
-    name
-        Of the arm.
-    truth
-        As plain data.
-    """
+    """Write the truth of one arm so that nobody reads it by accident."""
     path = folder / PIECES / f"{name}.sealed"
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_suffix(".part")
@@ -58,13 +48,7 @@ def drop_pieces(folder: Path) -> None:
 
 
 def open_sealed(folder: Path, digest: str) -> list[dict[str, Any]]:
-    """Return the truth.
-
-    Raises
-    ------
-    DiagnosisError
-        If it is missing, or not what was sealed.
-    """
+    """Return the truth."""
     path = folder / NAME
     if not path.is_file():
         raise DiagnosisError(f"{path} is missing", "Score the folder that `challenge create` made")

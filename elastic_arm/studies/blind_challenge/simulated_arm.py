@@ -31,31 +31,11 @@ class Arm(Protocol):
         """Follow a motion from rest."""
 
     def record(self, motion: MultiSine, instruments: SensorModel, rng: np.random.Generator) -> Recording:
-        """Follow a motion and return what the sensors read.
-
-        Parameters
-        ----------
-        motion
-            Of the motors.
-        instruments
-            What the sensors read.
-        rng
-            Source of their noise.
-        """
+        """Follow a motion and return what the sensors read."""
 
 
 class SimulatedArm:
-    """An arm in the suite's own simulator.
-
-    Parameters
-    ----------
-    robot
-        The nominal arm.
-    faults
-        What the real arm has more.
-    catalogue
-        Where the faults' ids are looked up.
-    """
+    """An arm in the suite's own simulator."""
 
     def __init__(self, robot: Robot, faults: Sequence[Fault], catalogue: Catalogue) -> None:
         self._robot, self._faults = robot, tuple(faults)
@@ -75,32 +55,12 @@ class SimulatedArm:
         return TrueChannels(t[1:-1], **channels)
 
     def record(self, motion: MultiSine, instruments: SensorModel, rng: np.random.Generator) -> Recording:
-        """Follow a motion and return what the sensors read.
-
-        Parameters
-        ----------
-        motion
-            Of the motors.
-        instruments
-            What the sensors read.
-        rng
-            Source of their noise.
-        """
+        """Follow a motion and return what the sensors read."""
         return measure(self.run(motion), self._robot.joint_names, self._faults, instruments, rng)
 
 
 def arm_maker(robot: Robot, effects: Sequence[str], catalogue: Catalogue) -> Callable[[Sequence[Fault]], Arm]:
-    """Return what makes arms with some of these effects: in the independent engine where it has all of them.
-
-    Parameters
-    ----------
-    robot
-        The nominal arm.
-    effects
-        Ids of all that may be drawn.
-    catalogue
-        Where they are looked up.
-    """
+    """Return what makes arms with some of these effects: in the independent engine where it has all of them."""
     if all(effect in KNOWN for effect in effects):
         return lambda faults: HiddenArm(robot, faults)
     return lambda faults: SimulatedArm(robot, faults, catalogue)

@@ -40,15 +40,7 @@ class ModelComparison:
     torques: Mapping[str, Torques]
 
     def error(self, model: str, reference: str, side: str) -> np.ndarray:
-        """Return a model's torque less the reference's (N, n), Nm.
-
-        Parameters
-        ----------
-        model, reference
-            Keys of `torques`.
-        side
-            "motor" or "link".
-        """
+        """Return a model's torque less the reference's (N, n), Nm."""
         return self.torques[model].side(side) - self.torques[reference].side(side)
 
 
@@ -76,17 +68,7 @@ def model_torques(model: Model, run: PrototypeRun) -> Torques:
 
 
 def compare(robot: Robot, r_tot: float, run: PrototypeRun) -> ModelComparison:
-    """Evaluate mod1, mod2 and mod3 of `robot` (with its ratio already set to `r_tot`) on a run of the prototype.
-
-    Parameters
-    ----------
-    robot
-        With its ratio set to `r_tot`.
-    r_tot
-        Total ratio.
-    run
-        Of the prototype.
-    """
+    """Evaluate mod1, mod2 and mod3 of `robot` (with its ratio already set to `r_tot`) on a run of the prototype."""
     torques = {name: model_torques(build_model(robot, name), run) for name in MODELS}
     torques[PROTOTYPE] = Torques(motor=run.tau_m, link=np.zeros_like(run.tau_m))
     return ModelComparison(r_tot, run, torques)
@@ -122,17 +104,7 @@ class LinearTrend:
 
 
 def line_over_ratio(rows: list[Metric], model: str, side: str, joint: int) -> LinearTrend:
-    """Fit e_max = constant + slope r_tot for one model, side and joint.
-
-    Parameters
-    ----------
-    rows
-        Metrics over the ratios.
-    model, side
-        Whose rows are fitted.
-    joint
-        From 1.
-    """
+    """Fit e_max = constant + slope r_tot for one model, side and joint."""
     picked = [row for row in rows if (row.model, row.side, row.joint) == (model, side, joint)]
     r_tot, e_max = np.array([row.r_tot for row in picked]), np.array([row.e_max for row in picked])
     slope, constant = np.polyfit(r_tot, e_max, 1)

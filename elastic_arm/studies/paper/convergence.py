@@ -28,17 +28,7 @@ class ConvergenceCheck:
 
 
 def over_steps(robot: Robot, steps: tuple[float, ...], motion: StepRamp) -> list[ConvergenceCheck]:
-    """Compare tau_m at each integration step with that at the last, the finest.
-
-    Parameters
-    ----------
-    robot
-        With bearings.
-    steps
-        Integration steps, s, the finest last.
-    motion
-        Imposed at the rotors.
-    """
+    """Compare tau_m at each integration step with that at the last, the finest."""
     prototype = Prototype(robot)
     torques = [prototype.follow(motion, step=step).tau_m for step in steps]
     return [
@@ -53,17 +43,6 @@ def over_couplers(
     """Compare tau_m of soft couplers (engine constraints, rad/s) with that of exact ones.
 
     On a ramp without jumps of acceleration: no coupler of finite stiffness follows a jump.
-
-    Parameters
-    ----------
-    robot
-        With bearings.
-    frequencies
-        Of the soft couplers, rad/s.
-    motion
-        Imposed at the rotors; its shape is replaced by one without jumps of acceleration.
-    step
-        Integration step, s.
     """
     motion = replace(motion, shape=QUINTIC)
     exact = Prototype(robot).follow(motion, step=step)
@@ -78,17 +57,6 @@ def over_bushings(robot: Robot, scales: tuple[float, ...], motion: StepRamp, ste
     """Compare mod3 with the prototype as the bushing grows stiff; an infinite scale has it locked.
 
     On a ramp without jumps of acceleration, after which bearings of any stiffness would ring.
-
-    Parameters
-    ----------
-    robot
-        With bearings.
-    scales
-        Factors of the bushing's stiffness.
-    motion
-        Imposed at the rotors; its shape is replaced by one without jumps of acceleration.
-    step
-        Integration step at scale 1, s.
     """
     motion = replace(motion, shape=QUINTIC)
     mod3 = build_model(robot, "mod3")

@@ -16,41 +16,23 @@ SHAPE = Shape(harmonics=5, period=10.0, ramp=1.0)
 
 @dataclass(frozen=True)
 class ExcitationSearch:
-    """A search's outcome in condition numbers of the base regressor.
+    """A search's outcome in condition numbers of the base regressor."""
 
-    Parameters
-    ----------
-    trajectory
-        What was found.
-    condition, unoptimised, random
-        Of the trajectory found, of the one the search began with (the best of the random ones), and of the random ones
-        within the same limits.
-    course
-        (evaluation, best so far).
-    indistinct
-        Names of coefficients that no ordinary motion separates from the others, left out of the condition number.
-    limits
-        Limits that the arm file does not state and the search assumed.
-    """
-
-    trajectory: FourierTrajectory
+    trajectory: FourierTrajectory  # what was found
+    # condition, unoptimised, random: Of the trajectory found, of the one the search began with (the best of the random
+    # ones), and of the random ones within the same limits
     condition: float
     unoptimised: float
     random: np.ndarray
-    course: tuple[tuple[int, float], ...]
+    course: tuple[tuple[int, float], ...]  # (evaluation, best so far)
     evaluations: int
+    # Names of coefficients that no ordinary motion separates from the others, left out of the condition number
     indistinct: tuple[str, ...]
-    limits: tuple[str, ...]
+    limits: tuple[str, ...]  # limits that the arm file does not state and the search assumed
 
 
 def excite(robot: Robot, model: str, evaluations: int, random: int, seed: int) -> ExcitationSearch:
-    """Search the motion within the robot's limits whose regressor of `model` is conditioned best.
-
-    Parameters
-    ----------
-    evaluations, random
-        Budget of the search, and number of random motions to start from and compare with.
-    """
+    """Search the motion within the robot's limits whose regressor of `model` is conditioned best."""
     problem = CoefficientFit(robot, model)
     limits = MotionLimits.of(robot)
     columns = [int(c) for c in problem.equations.base.columns]

@@ -23,24 +23,10 @@ SCHEMA = "elastic_arm/paper/1"
 def export(result: StudyResult, claims: list[Claim], folder: Path) -> list[Path]:
     """Write the study's numbers.
 
-    Parameters
-    ----------
-    result
-        Of the study.
-    claims
-        With their verdicts.
-    folder
-        Made where it does not exist.
-
     Returns
     -------
     The files: paper.json with everything; metrics.csv (Figs. 4b and 4c), torques.csv (Figs. 3 and 4a), coefficients.csv
     (Fig. 5), shares.csv, tracking.csv, claims.csv.
-
-    Raises
-    ------
-    OutputError
-        When the folder cannot be written.
     """
     content = as_dict(result, claims)
     tables: dict[str, list[dict[str, Any]]] = {

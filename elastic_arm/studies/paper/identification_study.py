@@ -42,15 +42,7 @@ def shares(error: np.ndarray) -> ErrorShares:
 
 
 class CoefficientFit:
-    """One model's regression (10) in base parameters; the truth is the description's numbers in the same combinations.
-
-    Parameters
-    ----------
-    robot
-        The true arm: what the prototype was built from.
-    model
-        Name: mod1, mod2 or mod3.
-    """
+    """One model's regression (10) in base parameters; the truth is the description's in the same combinations."""
 
     def __init__(self, robot: Robot, model: str) -> None:
         self.model = build_model(robot, model)
@@ -67,19 +59,7 @@ class CoefficientFit:
         return fit(data.snapshot(), float(weighted))
 
     def with_noise(self, motion: Motion, std: float, seeds: int, rng: np.random.Generator) -> list[Fit]:
-        """Return fits with independent Gaussian noise of `std` Nm on every measured torque.
-
-        Parameters
-        ----------
-        motion
-            The prototype's samples, without noise.
-        std
-            Nm.
-        seeds
-            Number of noise realisations.
-        rng
-            Of the noise.
-        """
+        """Return fits with independent Gaussian noise of `std` Nm on every measured torque."""
         assert motion.tau_m is not None
         torque = motion.tau_m
         noisy = (replace(motion, tau_m=torque + std * rng.standard_normal(torque.shape)) for _ in range(seeds))
@@ -119,15 +99,6 @@ def merged_error(found: Fit, true: np.ndarray, kept: np.ndarray) -> np.ndarray:
 
     Base parameters are what *some* state separates. Where no ordinary motion does, as at high ratios, (11) is blown
     up along that direction; a numerical rank decision would have merged such columns, and this does.
-
-    Parameters
-    ----------
-    found
-        Fit of all coefficients.
-    true
-        True coefficients (B,).
-    kept
-        Indices (K,) of the coefficients that remain.
     """
     R, z = found.factor[:, :-1], found.factor[:, -1]
     lost = np.setdiff1d(np.arange(len(true)), kept)
@@ -196,21 +167,7 @@ def study(
     guesses: int,
     rng: np.random.Generator,
 ) -> CoefficientEstimate:
-    """Identify one model from the prototype's run.
-
-    Parameters
-    ----------
-    robot
-        With its ratio set to `r_tot`.
-    run, locked
-        The prototype's samples at 1 kHz, with its bushings and with locked ones.
-    noise
-        Standard deviation of the torque sensor, Nm.
-    seeds
-        Number of noise realisations at 10 Hz and at 1 kHz.
-    guesses
-        Number of wrong descriptions from which individual parameters are recovered.
-    """
+    """Identify one model from the prototype's run."""
     problem = CoefficientFit(robot, model)
     fast = motion_of(run)
     slow, slow_locked = fast[_ten_hertz(run)], motion_of(locked)[_ten_hertz(locked)]

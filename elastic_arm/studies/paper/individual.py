@@ -35,19 +35,7 @@ class RecoveredParameters:
 
 
 def recover(fit: Fit, equations: BaseRegression, guesses: int, seed: int) -> RecoveredParameters:
-    """Draw individual parameters from a fit with physical consistency, beginning at wrong descriptions.
-
-    Parameters
-    ----------
-    fit
-        Of the base parameters.
-    equations
-        With the true arm's numbers as nominal: they are the truth, and are not given to the estimator.
-    guesses
-        Number of wrong descriptions.
-    seed
-        Of these; the same seed gives the same descriptions whatever the model.
-    """
+    """Draw individual parameters from a fit with physical consistency, beginning at wrong descriptions."""
     model = equations.model
     rng = np.random.default_rng(seed)
     found, before = [], []

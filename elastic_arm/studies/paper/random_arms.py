@@ -31,18 +31,10 @@ STEP = 2e-4
 
 @dataclass(frozen=True)
 class HarmonicDrive:
-    """A size of component sets in the makers' catalogues (CSF, CSG, HFUC).
+    """A size of component sets in the makers' catalogues (CSF, CSG, HFUC)."""
 
-    Parameters
-    ----------
-    wave_generator
-        Its moment of inertia, kg m^2.
-    stiffness
-        K_1 at ratios of 80 and more, Nm/rad.
-    """
-
-    wave_generator: float
-    stiffness: float
+    wave_generator: float  # its moment of inertia, kg m^2
+    stiffness: float  # K_1 at ratios of 80 and more, Nm/rad
 
 
 CATALOGUE = {
@@ -69,17 +61,7 @@ TRANSLATION = (5e7, 1e9)  # N/m, of the bushing, which the paper calls high
 
 
 def draw_arm(robot: Robot, rng: np.random.Generator, name: str) -> Robot:
-    """Draw an arm of the kind of another.
-
-    Parameters
-    ----------
-    robot
-        The arm of the paper: all its joints have transmissions and bearings.
-    rng
-        Source of the numbers.
-    name
-        Of the arm.
-    """
+    """Draw an arm of the kind of another."""
     sizes = [int(rng.choice(SIZES[min(k, len(SIZES) - 1)])) for k in range(robot.n)]
     joints = [_joint(joint, size, rng) for joint, size in zip(robot.joints, sizes, strict=True)]
     flex = [j.transmission.spline for j in joints if j.transmission and j.transmission.spline.kind != "circular"]
@@ -136,17 +118,7 @@ class JudgedArm:
 
 
 def judge_arm(robot: Robot, coupling: tuple[SymbolicCoupling, SymbolicCoupling], seed: int) -> JudgedArm:
-    """Draw an arm and judge the claims on torques.
-
-    Parameters
-    ----------
-    robot
-        The arm of the paper.
-    coupling
-        S in symbols, bearings locked and tilting: axes and mounting, and so S, are the same for all arms.
-    seed
-        Of the arm.
-    """
+    """Draw an arm and judge the claims on torques."""
     rng = np.random.default_rng(seed)
     arm = draw_arm(robot, rng, f"{robot.name}_{seed}")
     bushing = Bushing().with_translation(_within(rng, TRANSLATION))
@@ -178,21 +150,7 @@ def _numbers(arm: Robot, bushing: Bushing) -> dict[str, float]:
 
 
 def judge_arms(robot: Robot, count: int, *, workers: int, seed: int, stage: StageStart) -> list[JudgedArm]:
-    """Draw arms and judge the claims on torques for each.
-
-    Parameters
-    ----------
-    robot
-        The arm of the paper.
-    count
-        Number of arms.
-    workers
-        Processes.
-    seed
-        Of the first arm; those after it have the following ones.
-    stage
-        Receives the progress.
-    """
+    """Draw arms and judge the claims on torques for each."""
     top = robot.with_ratio(studied_ratios(robot)[-1])
     coupling = symbolic_coupling(top), symbolic_coupling(top, bearings=True)
     tasks: list[Callable[[], JudgedArm]] = [
@@ -212,13 +170,7 @@ def summary(arms: Sequence[JudgedArm]) -> list[tuple[str, int, int, int]]:
 
 
 def write_arms(arms: Sequence[JudgedArm], path: Path) -> Path:
-    """Write a row an arm: its seed, what was drawn, and the verdicts.
-
-    Raises
-    ------
-    OutputError
-        When the file cannot be written.
-    """
+    """Write a row an arm: its seed, what was drawn, and the verdicts."""
     rows = [{"seed": a["seed"], **a["numbers"], **a["verdicts"]} for a in map(asdict, arms)]
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

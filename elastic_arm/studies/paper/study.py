@@ -38,48 +38,26 @@ StageStart = Callable[[str, int], Advance]
 
 @dataclass(frozen=True)
 class StudySettings:
-    """How much work the study does.
+    """How much work the study does."""
 
-    Parameters
-    ----------
-    step, excitation_step
-        Steps of the prototype for the ramps and for the excitations, s.
-    poses
-        Starting poses of the ramp at the highest ratio, the zero pose included.
-    identified
-        Positions, in the rising list of ratios, of those at which the models are identified.
-    seeds
-        Noise realisations at 10 Hz and at 1 kHz.
-    guesses
-        Wrong descriptions from which individual parameters are recovered.
-    evaluations
-        Budget of each pattern search.
-    random_trajectories
-        How many of the searches' start the searched trajectory is compared with.
-    bushing_scales, coupler_frequencies, step_sizes
-        Of the convergence tables; the last step is the one that the others are compared with.
-    translations
-        Translation stiffnesses of the bushing at which tau_l is compared beside the one assumed, N/m.
-    tracking
-        Recorded seconds under feed-forward, after :data:`SETTLE` seconds to settle.
-    motions
-        Number of motions under feed-forward.
-    """
-
+    # step, excitation_step: Steps of the prototype for the ramps and for the excitations, s
     step: float
     excitation_step: float
-    poses: int
-    identified: tuple[int, ...]
-    seeds: tuple[int, int]
-    guesses: int
-    evaluations: int
-    random_trajectories: int
+    poses: int  # starting poses of the ramp at the highest ratio, the zero pose included
+    identified: tuple[int, ...]  # positions, in the rising list of ratios, of those at which the models are identified
+    seeds: tuple[int, int]  # noise realisations at 10 Hz and at 1 kHz
+    guesses: int  # wrong descriptions from which individual parameters are recovered
+    evaluations: int  # budget of each pattern search
+    random_trajectories: int  # how many of the searches' start the searched trajectory is compared with
+    # bushing_scales, coupler_frequencies, step_sizes: Of the convergence tables; the last step is the one that the
+    # others are compared with
     bushing_scales: tuple[float, ...]
     coupler_frequencies: tuple[float, ...]
     step_sizes: tuple[float, ...]
+    # Translation stiffnesses of the bushing at which tau_l is compared beside the one assumed, N/m
     translations: tuple[float, ...]
-    tracking: float
-    motions: int
+    tracking: float  # recorded seconds under feed-forward, after :data:`SETTLE` seconds to settle
+    motions: int  # number of motions under feed-forward
 
 
 FULL = StudySettings(
@@ -145,24 +123,7 @@ class StudyResult(TorqueResult):
 
 
 def run_study(robot: Robot, settings: StudySettings, *, workers: int, seed: int, stage: StageStart) -> StudyResult:
-    """Reproduce the paper.
-
-    Parameters
-    ----------
-    robot
-        Every joint with transmission and bearing, and several `total_ratios_studied`.
-    workers
-        Processes for the prototype's runs.
-    seed
-        Of the noise, the poses and the searches' starts.
-    stage
-        Receives the progress.
-
-    Raises
-    ------
-    RobotError, MissingExtraError
-        When the robot or the machine cannot carry the study.
-    """
+    """Reproduce the paper."""
     started = time.perf_counter()
     ratios = studied_ratios(robot)
     engine_name = f"MuJoCo {engine().__version__}"

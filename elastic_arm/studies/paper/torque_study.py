@@ -67,13 +67,7 @@ class TorqueResult:
 
 
 def studied_ratios(robot: Robot) -> tuple[float, ...]:
-    """Return the total ratios that the robot's description splits, rising.
-
-    Raises
-    ------
-    RobotError
-        When the robot cannot carry the study: no transmissions, no bearings, no ratios.
-    """
+    """Return the total ratios that the robot's description splits, rising."""
     transmissions(robot)
     if len(robot.total_ratios_studied) < 2:
         raise RobotError(
@@ -84,35 +78,13 @@ def studied_ratios(robot: Robot) -> tuple[float, ...]:
 
 
 def follow(robot: Robot, bushing: Bushing, motion: ImposedMotion, step: float) -> PrototypeRun:
-    """Build a prototype and let it follow a motion, at `step` or what its bushings bear: one task of the study.
-
-    Parameters
-    ----------
-    robot
-        With bearings.
-    bushing
-        Numbers of the bushing.
-    motion
-        Imposed at the rotors.
-    step
-        Largest integration step, s.
-    """
+    """Build a prototype and let it follow a motion, at `step` or what its bushings bear: one task of the study."""
     prototype = Prototype(robot, bushing)
     return prototype.follow(motion, step=min(step, prototype.stable_step()))
 
 
 def ramp_tasks(arms: Sequence[Robot], bushing: Bushing, step: float) -> list[Task]:
-    """Return the runs that every study of torques makes: the step ramp over the arms, at the last without jumps too.
-
-    Parameters
-    ----------
-    arms
-        One robot, its ratio set to each of the ratios studied, rising.
-    bushing
-        Numbers of the bushing.
-    step
-        Largest integration step, s.
-    """
+    """Return the runs that every study of torques makes: the step ramp over the arms, at the last without jumps too."""
     start = np.zeros(arms[0].n)
     tasks: list[Task] = [partial(follow, arm, bushing, StepRamp(start), step) for arm in arms]
     return [*tasks, partial(follow, arms[-1], bushing, StepRamp(start, shape=QUINTIC), step)]
@@ -128,25 +100,7 @@ def torque_result(
     locked: float,
     coupling: tuple[SymbolicCoupling, SymbolicCoupling],
 ) -> TorqueResult:
-    """Compare the models on the runs of :func:`ramp_tasks`.
-
-    Parameters
-    ----------
-    robot
-        The arm.
-    arms
-        The arm with each ratio studied, rising.
-    runs
-        Of the prototype.
-    translations
-        At other translation stiffnesses of the bushing.
-    assumed
-        The translation stiffness of `runs`, N/m.
-    locked
-        Of :func:`locked_link`, Nm.
-    coupling
-        S in symbols, with bearings locked and tilting.
-    """
+    """Compare the models on the runs of :func:`ramp_tasks`."""
     ratios = tuple(arms)
     top = arms[ratios[-1]]
     compared = [comparison.compare(arms[r_tot], r_tot, run) for r_tot, run in zip(ratios, runs, strict=False)]
@@ -167,19 +121,7 @@ def torque_result(
 
 
 def link_errors(robot: Robot, r_tot: float, stiffness: float, step: float) -> LinkErrors:
-    """Run the step ramp with another translation stiffness of the bushing, and compare tau_l of the models.
-
-    Parameters
-    ----------
-    robot
-        With its ratio set to `r_tot`.
-    r_tot
-        Total ratio.
-    stiffness
-        Of the bushing's translations, N/m; their damping ratio stays.
-    step
-        Largest integration step, s.
-    """
+    """Run the step ramp with another translation stiffness of the bushing, and compare tau_l of the models."""
     run = follow(robot, Bushing().with_translation(stiffness), StepRamp(np.zeros(robot.n)), step)
     return link_errors_of(comparison.compare(robot, r_tot, run), stiffness)
 

@@ -67,40 +67,15 @@ void run(long samples, long substeps, double h, const double* parameters, const 
 
 @dataclass(frozen=True)
 class StateHistory:
-    """What a simulation gives.
+    """What a simulation gives."""
 
-    Parameters
-    ----------
-    states
-        (N, S) at the samples: coordinates, velocities, states of hystereses.
-    commands
-        (N, n) motor torques, held over each sample.
-    torques
-        (N, substeps, n) joint torques from each sample on.
-    """
-
-    states: Array
-    commands: Array
-    torques: Array
+    states: Array  # (N, S) at the samples: coordinates, velocities, states of hystereses
+    commands: Array  # (N, n) motor torques, held over each sample
+    torques: Array  # (N, substeps, n) joint torques from each sample on
 
 
 class CompiledArm:
-    """Equations of motion of an arm with whatever effects, compiled.
-
-    Parameters
-    ----------
-    robot
-        Its placements and gears count; inertias are arguments.
-    bearings
-        Whether they tilt.
-    further
-        Whether it has the effects of :mod:`.further_laws`.
-
-    Raises
-    ------
-    KernelError
-        If there is no C compiler.
-    """
+    """Equations of motion of an arm with whatever effects, compiled."""
 
     def __init__(self, robot: Robot, *, bearings: bool, further: bool = False) -> None:
         self.n = robot.n
@@ -116,17 +91,7 @@ class CompiledArm:
         self._library = kernels.build(kernels.emit_c(function, "rate") + loop)
 
     def rate(self, state: Array, u: Array, parameters: Array) -> tuple[Array, Array, Array]:
-        """Return the state's rate, tau_J (n,), and the forces (dof,) that act on the bodies.
-
-        Parameters
-        ----------
-        state
-            Coordinates, velocities, states of the hystereses, and those of the further laws with their clock, (S,).
-        u
-            Motor torques (n,), Nm.
-        parameters
-            All numbers of arm and effects, in the order of the compiled function.
-        """
+        """Return the state's rate, tau_J (n,), and the forces (dof,) that act on the bodies."""
         out = np.empty(self.outputs)
         self._library.evaluate(_pointer(np.concatenate([state, u, parameters])), _pointer(out))
         return out[: self.states], out[self.states : self.states + self.n], out[self.states + self.n :]
@@ -140,17 +105,7 @@ class CompiledArm:
         rate: float,
         substeps: int,
     ) -> StateHistory:
-        """Follow a reference from a state.
-
-        Parameters
-        ----------
-        reference
-            Feed-forward torque, position and velocity of the motors, (N, n) each.
-        gains
-            Kp, Kd (n,).
-        rate, substeps
-            Samples a second, steps a sample.
-        """
+        """Follow a reference from a state."""
         N = len(reference[0])
         found = StateHistory(np.empty((N, self.states)), np.empty((N, self.n)), np.empty((N, substeps, self.n)))
         given = [np.ascontiguousarray(a, dtype=float) for a in (parameters, *reference, *gains)]
@@ -162,15 +117,7 @@ class CompiledArm:
 
 @lru_cache(maxsize=8)
 def compiled_arm(robot: Robot, bearings: bool, further: bool = False) -> CompiledArm:
-    """Return the engine of an arm, made once.
-
-    Parameters
-    ----------
-    robot
-        Its placements and gears count.
-    bearings, further
-        As of :class:`CompiledArm`.
-    """
+    """Return the engine of an arm, made once."""
     return CompiledArm(robot, bearings=bearings, further=further)
 
 

@@ -30,19 +30,7 @@ CONTROL_BANDWIDTH = 20.0  # rad/s
 
 
 class HiddenArm:
-    """An arm with effects that the diagnosis has no access to.
-
-    Parameters
-    ----------
-    robot
-        The nominal arm.
-    faults
-        What the real arm has more.
-    standstill
-        rad/s below which dry friction is smoothed; None for the smallest at which the steps stay stable.
-    geometry
-        An arm of the same placements and gears, whose compiled engine serves; `robot` itself when None.
-    """
+    """An arm with effects that the diagnosis has no access to."""
 
     def __init__(
         self,
@@ -122,13 +110,7 @@ class HiddenArm:
         return self._engine.rate(state, u, self._parameters)[0]
 
     def run(self, motion: MultiSine) -> TrueChannels:
-        """Follow a motion from rest.
-
-        Raises
-        ------
-        SimulationError
-            When the motion leaves the finite numbers, or Pinocchio finds other torques for it.
-        """
+        """Follow a motion from rest."""
         n, dof, N = self.n, self.tree.dof, round(motion.duration * RATE)
         self._parameters = self._all_numbers(motion.duration)
         t = np.arange(N + 1) / RATE
@@ -165,17 +147,7 @@ class HiddenArm:
                 )
 
     def record(self, motion: MultiSine, instruments: SensorModel, rng: np.random.Generator) -> Recording:
-        """Follow a motion and return the recording of the sensors.
-
-        Parameters
-        ----------
-        motion
-            Reference of the motors.
-        instruments
-            Quality of the sensors.
-        rng
-            Of the noise.
-        """
+        """Follow a motion and return the recording of the sensors."""
         course = self.run(motion)
         return measure(course, self.nominal.joint_names, self.faults, instruments, rng)
 
@@ -253,13 +225,7 @@ def _position(parameters: Mapping[str, float]) -> np.ndarray:
 
 
 def _means(torques: np.ndarray, substeps: int) -> np.ndarray:
-    """Means (N - 1, n) over the sample intervals centred on the samples 1 to N - 1, by Simpson's rule.
-
-    Parameters
-    ----------
-    torques : (N + 1, substeps, n)
-        From each sample on.
-    """
+    """Means (N - 1, n) over the sample intervals centred on the samples 1 to N - 1, by Simpson's rule."""
     weights = np.ones(substeps + 1)
     weights[1:-1:2], weights[2:-1:2] = 4.0, 2.0
     weights /= 3.0 * substeps

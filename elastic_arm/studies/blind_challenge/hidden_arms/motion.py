@@ -12,25 +12,14 @@ RAMP = 1.0  # s, from rest to full motion
 
 @dataclass(frozen=True)
 class MultiSine:
-    """q_d(t) = q0 + w(t) sum_k a_k sin(k omega t + p_k), w a smooth step up and down.
+    """q_d(t) = q0 + w(t) sum_k a_k sin(k omega t + p_k), w a smooth step up and down."""
 
-    Parameters
-    ----------
-    omega
-        Fundamental, rad/s.
-    amplitude, phase
-        (n, H) rad.
-    centre
-        (n,) rad.
-    duration
-        s.
-    """
-
-    omega: float
+    omega: float  # fundamental, rad/s
+    # amplitude, phase: (n, H) rad
     amplitude: np.ndarray
     phase: np.ndarray
-    centre: np.ndarray
-    duration: float
+    centre: np.ndarray  # (n,) rad
+    duration: float  # s
 
     def evaluate(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return q_d, its velocity and acceleration at t (N,), each (N, n)."""
@@ -68,17 +57,6 @@ def random_motion(
     """Draw a motion whose peaks stay within `speed` (rad/s), `acceleration` (rad/s²) and `reach` (rad) of zero.
 
     Harmonics reach up to about 1 Hz, and amplitudes fall with frequency so that speed, not position, is shared.
-
-    Parameters
-    ----------
-    rng
-        Draws the motion.
-    n
-        Number of joints.
-    duration
-        s.
-    speed, acceleration, reach
-        Bounds of the peaks, rad/s, rad/s², rad.
     """
     omega = 2 * np.pi / rng.uniform(7.0, 10.0)
     k = np.arange(1, HARMONICS + 1)

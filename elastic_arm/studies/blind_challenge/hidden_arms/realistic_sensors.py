@@ -22,40 +22,20 @@ WHITE_SHARE = 0.3  # of the amplitude of a coloured noise that is white
 
 @dataclass(frozen=True)
 class RealisticSensors:
-    """Quality of the sensors of one arm.
+    """Quality of the sensors of one arm."""
 
-    Parameters
-    ----------
-    torque_noise
-        Standard deviation of each joint's torque channels (n,), Nm.
-    corner
-        Hz, of the first-order low-pass that colours the torque noise; None for white noise.
-    link_bits, motor_bits
-        Of the encoders; the motor's sits before the gear.
-    velocity
-        "missing", "differenced" (differences of the quantised angles) or "measured".
-    jitter
-        Standard deviation of the instants of sampling, s.
-    apart
-        Whether the two sides are sampled at instants of their own.
-    rate
-        Samples a second, a divisor of 1000.
-    sides
-        "both", "motor" (theta and tau_m alone) or "link" (q and tau_J alone).
-    drift
-        Standard deviation that a random walk reaches over the run, relative to the noise; about its mean, it is how a
-        torque channel's zero wanders.
-    """
-
-    torque_noise: tuple[float, ...]
-    corner: float | None = None
+    torque_noise: tuple[float, ...]  # standard deviation of each joint's torque channels (n,), Nm
+    corner: float | None = None  # Hz, of the first-order low-pass that colours the torque noise; None for white noise
+    # link_bits, motor_bits: Of the encoders; the motor's sits before the gear
     link_bits: int = 19
     motor_bits: int = 13
-    velocity: str = MISSING
-    jitter: float = 2e-5
-    apart: bool = False
-    rate: float = 1000.0
-    sides: str = BOTH
+    velocity: str = MISSING  # "missing", "differenced" (differences of the quantised angles) or "measured"
+    jitter: float = 2e-5  # standard deviation of the instants of sampling, s
+    apart: bool = False  # whether the two sides are sampled at instants of their own
+    rate: float = 1000.0  # samples a second, a divisor of 1000
+    sides: str = BOTH  # "both", "motor" (theta and tau_m alone) or "link" (q and tau_J alone)
+    # Standard deviation that a random walk reaches over the run, relative to the noise; about its mean, it is how a
+    # torque channel's zero wanders
     drift: float = 0.0
 
     @property
@@ -76,23 +56,7 @@ def measure_realistically(
     ratios: np.ndarray,
     rng: np.random.Generator,
 ) -> Recording:
-    """Return the recording that such sensors make of a course.
-
-    Parameters
-    ----------
-    course
-        The true motion and torques, at 1000 Hz.
-    joints
-        Names.
-    faults
-        Effects of the arm; those of its sensors act here.
-    sensors
-        Their quality.
-    ratios
-        (n,) total ratios of the drives.
-    rng
-        Of the noise.
-    """
+    """Return the recording that such sensors make of a course."""
     every = round(RATE / sensors.rate)
     ideal = SensorModel(torque_noise=0.0, velocity_noise=0.0, jitter=sensors.jitter, apart=sensors.apart)
     taken = _every(measure(course, joints, faults, ideal, rng), every)

@@ -39,19 +39,7 @@ class _MovingBody:
 
 
 def inverse_dynamics(tree: KinematicTree, numbers: Any, gravity: Any, x: Any, dx: Any, ddx: Any) -> Any:
-    """Return the generalized forces (dof,) of a motion.
-
-    Parameters
-    ----------
-    tree
-        Its placements and gears; not its inertias.
-    numbers
-        As :func:`inertial_numbers`.
-    gravity
-        (3,) in the frame of the ground.
-    x, dx, ddx
-        (dof,).
-    """
+    """Return the generalized forces (dof,) of a motion."""
     G = ca.sparsify(ca.DM(tree.gears))
     q, v, a = G @ x, G @ dx, G @ ddx
     zero = ca.SX.zeros(3)

@@ -9,22 +9,14 @@ import numpy as np
 
 @dataclass(frozen=True)
 class TrueChannels:
-    """What really happened, at the samples.
+    """What really happened, at the samples."""
 
-    Parameters
-    ----------
-    t
-        (N,) s.
-    q, dq, theta, dtheta
-        (N, n) at the instant of the sample.
-    tau_J, tau_m
-        (N, n) means over the sample interval centred on it.
-    """
-
-    t: np.ndarray
+    t: np.ndarray  # (N,) s
+    # q, dq, theta, dtheta: (N, n) at the instant of the sample
     q: np.ndarray
     dq: np.ndarray
     theta: np.ndarray
     dtheta: np.ndarray
+    # tau_J, tau_m: (N, n) means over the sample interval centred on it
     tau_J: np.ndarray
     tau_m: np.ndarray

@@ -27,17 +27,7 @@ def joint_names(entry: Mapping[str, Any]) -> tuple[str, ...]:
 def score_realistic_answer(
     entry: dict[str, Any], answer: dict[str, Any], effects: Mapping[str, Effect] = EFFECTS
 ) -> Line:
-    """Return what an answer to an arm of a level is worth.
-
-    Parameters
-    ----------
-    entry
-        The truth of the arm.
-    answer
-        Its `diagnosis.json`.
-    effects
-        By id.
-    """
+    """Return what an answer to an arm of a level is worth."""
     joints = joint_names(entry)
     line = score_answer(entry, answer, joints, effects)
     # What the whole level has beyond the ordinary is true of the arm, too.

@@ -33,35 +33,13 @@ FORMS: dict[str, Form] = {
 
 
 def sample_foreign(effect: str, n: int, seconds: float, rng: np.random.Generator) -> Fault:
-    """Draw where an effect of no catalogue sits, and its parameters other than the size.
-
-    Parameters
-    ----------
-    effect
-        One of :data:`FOREIGN`.
-    n
-        Number of joints.
-    seconds
-        Of the shorter recording.
-    rng
-        Source of the draw.
-    """
+    """Draw where an effect of no catalogue sits, and its parameters other than the size."""
     joint = n - 1 if effect == "loose_payload" else int(rng.integers(n))
     return Fault(effect, joint, FORMS[effect](rng, seconds))
 
 
 def sized_foreign(fault: Fault, amount: float, peak: Callable[[], np.ndarray]) -> Fault:
-    """Return an effect of no catalogue with so much of it.
-
-    Parameters
-    ----------
-    fault
-        Without its size.
-    amount
-        In the unit of its size.
-    peak
-        Returns the largest motor torques (n,) of the plain motion, Nm: a drive saturates below.
-    """
+    """Return an effect of no catalogue with so much of it."""
     size = {FOREIGN[fault.effect]: float(amount)}
     if fault.effect == "saturating_drive":
         size["limit"] = float((1.0 - amount) * peak()[fault.joint or 0])

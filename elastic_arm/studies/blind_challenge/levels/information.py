@@ -44,17 +44,10 @@ SENSOR_GAIN, SENSOR_OFFSET, ENCODER_OFFSET, WARMING = 0.006, 0.3, 1e-5, 0.06
 
 @dataclass(frozen=True)
 class TrueMotion:
-    """A true motion with its accelerations.
+    """A true motion with its accelerations."""
 
-    Parameters
-    ----------
-    channels
-        The motion and torques, at 1000 Hz.
-    ddq, ddtheta
-        (N, n) rad/s².
-    """
-
-    channels: TrueChannels
+    channels: TrueChannels  # the motion and torques, at 1000 Hz
+    # ddq, ddtheta: (N, n) rad/s²
     ddq: Array
     ddtheta: Array
 
@@ -73,19 +66,7 @@ class TrueMotion:
 
 
 class MarginalInformation:
-    """What sensors tell of effects on one arm.
-
-    Parameters
-    ----------
-    robot
-        The true arm without the effect.
-    sensors
-        Of known quality.
-    motion
-        True motion and torques of the arm, along which ordinary numbers act.
-    warming, torque_constant
-        What is ordinary besides: see :class:`.level.ChallengeLevel`.
-    """
+    """What sensors tell of effects on one arm."""
 
     def __init__(
         self,
@@ -109,13 +90,7 @@ class MarginalInformation:
         self._white = self._whiten(np.stack(list(columns.values()), axis=-1))
 
     def residuals(self, read: TrueChannels) -> Array:
-        """Return what torques exceed the arm's own equations by, (N / 10, R, n).
-
-        Parameters
-        ----------
-        read
-            What ideal sensors read of a motion.
-        """
+        """Return what torques exceed the arm's own equations by, (N / 10, R, n)."""
         tree, now = KinematicTree(self._robot), TrueMotion.of(read)
         left = np.array([tree.torque(*row) for row in zip(*now.rows(), strict=True)])
         spring = self._K * (read.theta - read.q) + self._D * (read.dtheta - read.dq)
@@ -125,15 +100,7 @@ class MarginalInformation:
         return self.seen(link, slow["tau_J"] - spring, motor)
 
     def distance(self, change: Array, *, without: Collection[Key] = ()) -> float:
-        """Return the whitened size of a change of the residuals, everything ordinary marginalised.
-
-        Parameters
-        ----------
-        change
-            (N / 10, R, n) as of :meth:`residuals`.
-        without
-            Ordinary numbers, by name and joint, that the effect is itself.
-        """
+        """Return the whitened size of a change of the residuals, everything ordinary marginalised."""
         r = self._whiten(change[..., None])[:, 0]
         N = self._white[:, [k for k, key in enumerate(self._keys) if key not in without]]
         explained = N.T @ r
@@ -141,13 +108,7 @@ class MarginalInformation:
         return float(np.sqrt(max(left, 0.0)))
 
     def seen(self, link: Array, drive: Array, motor: Array) -> Array:
-        """Stack the equations that the recorded sides leave, (N, R, n).
-
-        Parameters
-        ----------
-        link, drive, motor
-            Residuals (N, n), Nm.
-        """
+        """Stack the equations that the recorded sides leave, (N, R, n)."""
         if self._sensors.sides == BOTH:
             return np.stack([link, drive, motor], axis=1)
         return (link if self._sensors.sides == LINK else link + motor)[:, None]

@@ -15,21 +15,11 @@ KNOWN_FRICTION = ("coulomb_friction", "viscous_friction")
 
 @dataclass(frozen=True)
 class Floor:
-    """Smallest size that counts as an effect.
+    """Smallest size that counts as an effect."""
 
-    Parameters
-    ----------
-    amount
-        In the unit of the effect's size; the distance from no effect.
-    scaled
-        Whether it goes with the size of the joint: torques do.
-    sides
-        Recorded sides on which the effect can show.
-    """
-
-    amount: float
-    scaled: bool = False
-    sides: tuple[str, ...] = (BOTH,)
+    amount: float  # in the unit of the effect's size; the distance from no effect
+    scaled: bool = False  # whether it goes with the size of the joint: torques do
+    sides: tuple[str, ...] = (BOTH,)  # recorded sides on which the effect can show
 
 
 _ANY, _MOTOR, _LINK = (BOTH, MOTOR, LINK), (BOTH, MOTOR), (BOTH, LINK)
@@ -79,44 +69,20 @@ assert set(FOREIGN_FLOORS) == set(FOREIGN)
 
 @dataclass(frozen=True)
 class ChallengeLevel:
-    """A level of the challenge.
+    """A level of the challenge."""
 
-    Parameters
-    ----------
-    name
-        As the user gives it.
-    effects
-        Ids that are drawn, as far as the catalogue has them.
-    joints
-        Numbers of joints, one of which each arm has.
-    sides
-        What is recorded of an arm, one of which each arm has.
-    rates
-        Hz, one of which each arm has.
-    corner
-        Range of the corner that colours the torque noise, Hz; None where the noise is white.
-    torque_constant
-        Largest relative error of the motors' torques beyond the sensors' own.
-    drift
-        Largest wander of a torque channel's zero over the run, in standard deviations of its noise.
-    warming
-        Largest relative change of all friction during the run.
-    urdf
-        Whether arms are described by a URDF with their drives in an overlay.
-    seconds, validate_seconds
-        Durations of the two recordings.
-    """
-
-    name: str
-    effects: tuple[str, ...]
-    joints: tuple[int, ...]
-    sides: tuple[str, ...]
-    rates: tuple[float, ...]
+    name: str  # as the user gives it
+    effects: tuple[str, ...]  # ids that are drawn, as far as the catalogue has them
+    joints: tuple[int, ...]  # numbers of joints, one of which each arm has
+    sides: tuple[str, ...]  # what is recorded of an arm, one of which each arm has
+    rates: tuple[float, ...]  # Hz, one of which each arm has
+    # Range of the corner that colours the torque noise, Hz; None where the noise is white
     corner: tuple[float, float] | None = None
-    torque_constant: float = 0.0
-    drift: float = 0.0
-    warming: float = 0.0
-    urdf: bool = False
+    torque_constant: float = 0.0  # largest relative error of the motors' torques beyond the sensors' own
+    drift: float = 0.0  # largest wander of a torque channel's zero over the run, in standard deviations of its noise
+    warming: float = 0.0  # largest relative change of all friction during the run
+    urdf: bool = False  # whether arms are described by a URDF with their drives in an overlay
+    # seconds, validate_seconds: Durations of the two recordings
     seconds: float = 20.0
     validate_seconds: float = 10.0
 
@@ -159,28 +125,14 @@ NAMES = (LABORATORY, *LEVELS)
 
 
 def level_of(name: str) -> ChallengeLevel | None:
-    """Return a level by its name; None for the laboratory.
-
-    Raises
-    ------
-    DiagnosisError
-        If there is no such level.
-    """
+    """Return a level by its name; None for the laboratory."""
     if name not in NAMES:
         raise DiagnosisError(f"there is no level {name!r}", f"Choose one of {', '.join(NAMES)}")
     return LEVELS.get(name)
 
 
 def drawn_effects(catalogue: Sequence[str], level: str) -> tuple[str, ...]:
-    """Return the effects that a level draws: of the default catalogue its own, and all that a user adds.
-
-    Parameters
-    ----------
-    catalogue
-        Ids.
-    level
-        Name.
-    """
+    """Return the effects that a level draws: of the default catalogue its own, and all that a user adds."""
     found = level_of(level)
     own = LABORATORY_EFFECTS if found is None else found.effects
     users = [effect for effect in catalogue if effect not in EFFECTS] if found is None else []

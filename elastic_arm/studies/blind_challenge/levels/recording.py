@@ -27,21 +27,7 @@ DESCRIPTIONS, CHANNELS = "robots", "channels"  # folders of a challenge
 def record_realistic_arm(
     folder: Path, bags: tuple[Path, Path], request: SamplingRequest, level: ChallengeLevel, catalogue: Catalogue
 ) -> dict[str, Any]:
-    """Draw an arm of a level and record it; return its truth.
-
-    Parameters
-    ----------
-    folder
-        Of the challenge: takes the description, and a channel map where the bags need one.
-    bags
-        To be written: the recording that is fitted and the one that judges.
-    request
-        What is to be drawn.
-    level
-        What it is drawn from.
-    catalogue
-        Where the ids of the request are looked up.
-    """
+    """Draw an arm of a level and record it; return its truth."""
     rng = np.random.default_rng(request.seed)
     drawn = sample_realistic_arm(request, level, rng, catalogue)
     description, sensors = drawn.description, drawn.arm.sensors

@@ -47,45 +47,29 @@ DEEPEST = 0.6
 
 @dataclass(frozen=True)
 class RealisticArm:
-    """One hidden arm of a level: all that is drawn of it.
+    """One hidden arm of a level: all that is drawn of it."""
 
-    Parameters
-    ----------
-    name, model, level
-        Of its bags; what it is diagnosed against; its level.
-    faults, foreign
-        Effects of the catalogue beyond what is ordinary, and of no catalogue.
-    ordinary
-        Friction and calibration of sensors that every arm of the level has; naming them as a cause is wrong.
-    conditions
-        What is beyond ordinary sensors and friction on every arm of the level: naming it is not wrong.
-    numbers
-        True numbers of the arm, as `imperfections` of a diagnosis names them: (what, joint) and value.
-    sensors
-        Their quality.
-    instruments
-        What the score tables of them.
-    multiple, bound, share
-        As of :class:`~elastic_arm.studies.blind_challenge.arm_sampling.ArmSpecification`, the bound with everything
-        ordinary marginalised.
-    visible
-        Whether theory lets an effect of no catalogue be seen.
-    """
-
+    # name, model, level: Of its bags; what it is diagnosed against; its level
     name: str
     model: str
     level: str
+    # faults, foreign: Effects of the catalogue beyond what is ordinary, and of no catalogue
     faults: tuple[Fault, ...]
     foreign: tuple[Fault, ...]
+    # Friction and calibration of sensors that every arm of the level has; naming them as a cause is wrong
     ordinary: tuple[Fault, ...]
+    # What is beyond ordinary sensors and friction on every arm of the level: naming it is not wrong
     conditions: tuple[Fault, ...]
+    # True numbers of the arm, as `imperfections` of a diagnosis names them: (what, joint) and value
     numbers: tuple[tuple[str, int, float], ...]
-    sensors: RealisticSensors
-    instruments: dict[str, float]
+    sensors: RealisticSensors  # their quality
+    instruments: dict[str, float]  # what the score tables of them
+    # multiple, bound, share: As of :class:`~elastic_arm.studies.blind_challenge.arm_sampling.ArmSpecification`, the
+    # bound with everything ordinary marginalised
     multiple: tuple[float, ...] = ()
     bound: tuple[float | None, ...] = ()
     share: tuple[float, ...] = ()
-    visible: bool = True
+    visible: bool = True  # whether theory lets an effect of no catalogue be seen
 
     def truth(self) -> dict[str, Any]:
         """Return it as plain data."""
@@ -99,41 +83,19 @@ class RealisticArm:
 
 @dataclass(frozen=True)
 class DrawnArm:
-    """A drawn arm, with what its recording needs.
+    """A drawn arm, with what its recording needs."""
 
-    Parameters
-    ----------
-    arm
-        The truth.
-    description, robot
-        What the diagnosis is given, and the arm as it is.
-    motions
-        Of the recording that is fitted, and of the one that judges.
-    """
-
-    arm: RealisticArm
+    arm: RealisticArm  # the truth
+    # description, robot: What the diagnosis is given, and the arm as it is
     description: Robot
     robot: Robot
-    motions: tuple[MultiSine, MultiSine]
+    motions: tuple[MultiSine, MultiSine]  # of the recording that is fitted, and of the one that judges
 
 
 def sample_realistic_arm(
     request: SamplingRequest, level: ChallengeLevel, rng: np.random.Generator, catalogue: Catalogue
 ) -> DrawnArm:
-    """Draw one hidden arm of a level.
-
-    Parameters
-    ----------
-    request
-        What is to be drawn: ids of the catalogue or of :data:`FOREIGN`, none for an arm with nothing more than what is
-        ordinary.
-    level
-        What arms, sensors and sizes are drawn from.
-    rng
-        Seeded with the request's own seed.
-    catalogue
-        Where ids are looked up.
-    """
+    """Draw one hidden arm of a level."""
     effects, seconds = request.effects, request.seconds
     n = int(rng.choice(level.joints))
     description = load_robot(None) if n == 3 else industrial_arm(n, rng)
@@ -187,25 +149,7 @@ def _draft(
     peak: Callable[[], Array],
     rng: np.random.Generator,
 ) -> EffectDraft:
-    """Draw an effect without its size, on a joint that is no small wrist where its size is a torque.
-
-    Parameters
-    ----------
-    effect
-        An id, of the catalogue or of none.
-    sizes
-        Of the joints (n,).
-    seconds
-        Of the shorter recording.
-    sensors
-        What is recorded.
-    catalogue
-        Where ids are looked up.
-    peak
-        Returns the largest motor torques (n,).
-    rng
-        Source of the draw.
-    """
+    """Draw an effect without its size, on a joint that is no small wrist where its size is a torque."""
     floor = FLOORS.get(effect) or FOREIGN_FLOORS[effect]
     suits = sizes >= SMALLEST_JOINT if floor.scaled else np.ones(len(sizes), dtype=bool)
     while True:

@@ -39,57 +39,27 @@ ITSELF = {
 
 @dataclass(frozen=True)
 class EffectDraft:
-    """An effect without its size.
+    """An effect without its size."""
 
-    Parameters
-    ----------
-    make
-        Returns the effect with so much of it.
-    low, high
-        Smallest and largest amount.
-    """
-
-    make: Callable[[float], Fault]
+    make: Callable[[float], Fault]  # returns the effect with so much of it
+    # low, high: Smallest and largest amount
     low: float
     high: float
 
 
 @dataclass(frozen=True)
 class SizedEffect:
-    """An effect of a size.
+    """An effect of a size."""
 
-    Parameters
-    ----------
-    fault
-        The effect.
-    distance, bound
-        Multiple of its bound that it is, and that bound.
-    excess
-        Mean square of what it does to the residuals, Nm^2.
-    """
-
-    fault: Fault
+    fault: Fault  # the effect
+    # distance, bound: Multiple of its bound that it is, and that bound
     distance: float
     bound: float
-    excess: float
+    excess: float  # mean square of what it does to the residuals, Nm^2
 
 
 class Sizing:
-    """Sizes of effects on one arm.
-
-    Parameters
-    ----------
-    description, robot
-        What the arm's compiled engine is made of, and the arm as it is.
-    sensors
-        Their quality.
-    level
-        What is ordinary on it.
-    motion
-        Of the recording that is fitted.
-    ordinary
-        Friction and calibration of the arm.
-    """
+    """Sizes of effects on one arm."""
 
     def __init__(
         self,
@@ -114,15 +84,7 @@ class Sizing:
         return np.asarray(np.abs(self._plain.tau_m).max(axis=0))
 
     def sized(self, draft: EffectDraft, wanted: float) -> SizedEffect:
-        """Return an effect of the wanted distance, within its limits.
-
-        Parameters
-        ----------
-        draft
-            The effect without its size.
-        wanted
-            Size over its bound.
-        """
+        """Return an effect of the wanted distance, within its limits."""
         high = draft.high
         tried = reached = draft.low
         distance = excess = 0.0

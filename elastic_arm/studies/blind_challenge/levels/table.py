@@ -29,15 +29,7 @@ COLUMNS = {WORKSHOP.name: 0, FIELD.name: 1}
 
 
 def level_table(lines: Sequence[Line], withheld: Sequence[Line]) -> dict[str, Any]:
-    """Return the shares of one level's answers by question, with their intervals.
-
-    Parameters
-    ----------
-    lines
-        Answers with the whole catalogue.
-    withheld
-        Answers to arms with one effect, that effect taken out of the catalogue.
-    """
+    """Return the shares of one level's answers by question, with their intervals."""
     foreign = [x for x in lines if x["foreign"]]
     own = [x for x in lines if not x["foreign"]]
     single = [x for x in own if len(x["truth"]) == 1 and x["visible"]]
@@ -71,15 +63,7 @@ def level_table(lines: Sequence[Line], withheld: Sequence[Line]) -> dict[str, An
 
 
 def table_rows(level: str, tables: Mapping[str, Mapping[str, Any]]) -> list[tuple[str, ...]]:
-    """Return the rows of a level's table as text: question, what was reached, to reach, and the baseline.
-
-    Parameters
-    ----------
-    level
-        Its name.
-    tables
-        :func:`level_table` of the diagnosis and of the baseline, by "diagnosis" and "baseline".
-    """
+    """Return the rows of a level's table as text: question, what was reached, to reach, and the baseline."""
     own, baseline = tables["diagnosis"], tables.get("baseline")
     rows: list[tuple[str, ...]] = []
     for name, share in own["shares"].items():

@@ -28,13 +28,7 @@ class Claim:
 
 
 def verdict(parts: Sequence[bool | None]) -> str:
-    """Holds if all parts do, in part if some do and others do not; undecided where that hangs on undecided ones.
-
-    Parameters
-    ----------
-    parts
-        Of the claim; None where the study's noise (seeds of noise, searches and guesses) leaves one undecided.
-    """
+    """Holds if all parts do, in part if some do and others do not; undecided where that hangs on undecided ones."""
     known = {bool(part) for part in parts if part is not None}
     if len(known) == 2:
         return IN_PART

@@ -24,13 +24,7 @@ def torque_name(side: str, joint: int) -> str:
 
 
 def torques(comparison: ModelComparison, models: tuple[str, ...], *, differences: bool = False) -> Figure:
-    """Draw tau^m and tau^l of models over time (Figs. 3 and 4a).
-
-    Parameters
-    ----------
-    differences
-        Add a row with tau^m less that of mod3, as the curves lie on one another.
-    """
+    """Draw tau^m and tau^l of models over time (Figs. 3 and 4a)."""
     n = comparison.run.q.shape[1]
     with style():
         figure, axes = new_figure(3 if differences else 2, n, size=(11.0, 6.6 if differences else 4.6), sharex=True)
@@ -60,19 +54,7 @@ def _difference_curves(ax: Axes, comparison: ModelComparison, joint: int) -> Non
 
 
 def stacked_metrics(metrics: list[Metric], models: tuple[str, ...], ratios: tuple[float, ...], n: int) -> Figure:
-    """Draw e_max (bottom) and e_rmse (top) as stacked bars over r_tot, per side and joint (Figs. 4b and 4c).
-
-    Parameters
-    ----------
-    metrics
-        Of all models.
-    models
-        Drawn beside each other.
-    ratios
-        Drawn along the axis.
-    n
-        Number of joints.
-    """
+    """Draw e_max (bottom) and e_rmse (top) as stacked bars over r_tot, per side and joint (Figs. 4b and 4c)."""
     table = {(m.side, m.joint, m.r_tot, m.model): m for m in metrics}
     width = 0.8 / len(models)
     with style():

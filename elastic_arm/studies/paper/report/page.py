@@ -19,22 +19,7 @@ MARKS = {HOLDS: "✓", IN_PART: "◐", FAILS: "✗", UNDECIDED: "?"}
 
 
 def write_paper_report(result: StudyResult, claims: list[Claim], path: Path) -> Path:
-    """Write the study as one self-contained HTML file.
-
-    Parameters
-    ----------
-    result
-        Of the study.
-    claims
-        With their verdicts.
-    path
-        HTML file.
-
-    Raises
-    ------
-    OutputError
-        When the file cannot be written.
-    """
+    """Write the study as one self-contained HTML file."""
     sections = [
         _summary(result, claims),
         arm.section(result),

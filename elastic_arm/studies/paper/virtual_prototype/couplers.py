@@ -16,15 +16,7 @@ from elastic_arm.studies.paper.virtual_prototype.prototype import Prototype
 
 
 class SoftCouplers:
-    """The prototype on MuJoCo's equality constraints.
-
-    Parameters
-    ----------
-    robot, bushing
-        As for :class:`~elastic_arm.studies.paper.virtual_prototype.prototype.Prototype`.
-    frequency
-        How stiff couplers and rotor servos are: the natural frequency of their errors, critically damped, rad/s.
-    """
+    """The prototype on MuJoCo's equality constraints."""
 
     def __init__(self, robot: Robot, frequency: float, bushing: Bushing | None = None) -> None:
         bushing = bushing or Bushing()
@@ -52,22 +44,7 @@ class SoftCouplers:
         equality.solimp = [0.9999, 0.9999, 0.001, 0.5, 2.0]  # the engine's ceiling: all but rigid
 
     def follow(self, motion: ImposedMotion, *, step: float, rate: float = 1000.0) -> tuple[np.ndarray, np.ndarray]:
-        """Servo the rotors along a motion; return tau_m and theta (N, n) as `rate` samples per second.
-
-        Parameters
-        ----------
-        motion
-            Imposed at the rotors.
-        step
-            Integration step, s.
-        rate
-            Samples a second.
-
-        Raises
-        ------
-        SimulationError
-            When the engine's integration leaves the finite numbers.
-        """
+        """Servo the rotors along a motion; return tau_m and theta (N, n) as `rate` samples per second."""
         mj, model, exact = self._mj, self._model, self._exact
         model.opt.timestep = step
         data = mj.MjData(model)

@@ -16,19 +16,6 @@ def runge_kutta(
 ) -> np.ndarray:
     """Take one classical fourth-order step of u'' = acceleration(number of the half step, (u, u')).
 
-    Parameters
-    ----------
-    acceleration
-        (number of the half step, state (2, m)) -> u'' (m,).
-    half
-        Number of the half step at which the step begins.
-    state
-        u and u' there (2, m).
-    first
-        u'' there (m,).
-    h
-        Step, s.
-
     Returns
     -------
     state
@@ -64,15 +51,6 @@ def dividing_step(step: float, rate: float = RECORD_RATE) -> float:
 
 def division(duration: float, step: float, rate: float) -> tuple[int, int, float]:
     """Divide a time into steps of which a whole number makes one sample.
-
-    Parameters
-    ----------
-    duration
-        s.
-    step
-        Largest step, s.
-    rate
-        Samples per second.
 
     Returns
     -------

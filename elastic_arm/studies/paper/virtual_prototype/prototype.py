@@ -79,22 +79,7 @@ class _Reduced:
 
 
 class Prototype:
-    """The virtual prototype of an elastic robot.
-
-    Parameters
-    ----------
-    robot
-        Every joint with a transmission and a bearing.
-    bushing
-        The bushing's numbers that the arm file does not hold.
-
-    Raises
-    ------
-    RobotError
-        When the robot lacks a transmission or a bearing.
-    MissingExtraError
-        When the engine is not installed.
-    """
+    """The virtual prototype of an elastic robot."""
 
     def __init__(self, robot: Robot, bushing: Bushing | None = None) -> None:
         self.bushing = bushing or Bushing()
@@ -135,15 +120,7 @@ class Prototype:
         return _Reduced(self._Tt.dot(self._full).dot(self.T), self._Tt.dot(force))
 
     def _evaluate(self, position: np.ndarray, velocity: np.ndarray, u: np.ndarray, du: np.ndarray) -> np.ndarray:
-        """Let the engine fill its full mass matrix; return its bias minus passive forces (nv,).
-
-        Parameters
-        ----------
-        position, velocity
-            Of the driven coordinates, G theta and G dtheta (nv,).
-        u, du
-            Deflections of the bushing and their rates.
-        """
+        """Let the engine fill its full mass matrix; return its bias minus passive forces (nv,)."""
         data, model, mj, qpos, qvel = self._data, self._model, self._mj, self._qpos, self._qvel
         qpos[:] = position
         qpos[self._free] = u
@@ -198,23 +175,7 @@ class Prototype:
         return places
 
     def follow(self, motion: ImposedMotion, *, step: float = DEFAULT_STEP, rate: float = RECORD_RATE) -> PrototypeRun:
-        """Impose a motion on the rotors (through the couplers) and record what the arm does.
-
-        Parameters
-        ----------
-        motion
-            theta, dtheta, ddtheta over time, in smooth pieces; recorded from t = 0 on. Where the acceleration jumps
-            between two pieces, the sample is the limit from before.
-        step
-            Largest step of the fourth-order Runge-Kutta integration of the bushings, s.
-        rate
-            Samples per second.
-
-        Raises
-        ------
-        SimulationError
-            When the bushing's motion leaves the finite numbers (a step too large for its stiffness).
-        """
+        """Impose a motion on the rotors (through the couplers) and record what the arm does."""
         first = motion.pieces[0]
         u = self.equilibrium(first.evaluate(np.array([first.start]))[0][0])
         state = np.array([u, np.zeros_like(u)])
@@ -236,19 +197,6 @@ class Prototype:
         samples: list[_Sample],
     ) -> np.ndarray:
         """Integrate the bushings over one smooth piece.
-
-        Parameters
-        ----------
-        piece
-            Of the motion imposed.
-        state
-            Deflections of the bushings and their rates (2, 6 n), at its start.
-        division
-            Number of steps and the step, s.
-        kept
-            The steps at whose beginning a sample is taken; the one after the last is the piece's end.
-        samples
-            To which the samples are added.
 
         Returns
         -------
@@ -286,16 +234,7 @@ class Prototype:
         step: float = DEFAULT_STEP,
         rate: float = RECORD_RATE,
     ) -> PrototypeRun:
-        """Apply torques at the harmonic-drive output (through the couplers) and record what the arm does.
-
-        Parameters
-        ----------
-        torque
-            Called with the number of half steps (of :func:`dividing_step`) since the start, theta and dtheta (n,);
-            returns tau_m (n,), Nm.
-        start
-            theta and dtheta at t = 0; the bushings begin in static equilibrium, turning along.
-        """
+        """Apply torques at the harmonic-drive output (through the couplers) and record what the arm does."""
         n = self.n
         state, samples = np.zeros((2, self.T.shape[1])), []
         state[:, :n], state[0, n:] = start, self.equilibrium(start[0])
@@ -322,13 +261,6 @@ class Prototype:
 
         The rows of the bushing alone are solved: its deflections are coordinates of the engine, so that their part of
         T' M T is a part of M.
-
-        Parameters
-        ----------
-        driven
-            Positions, velocities and accelerations of the driven coordinates, (nv,) each.
-        state
-            Deflections of the bushing and their rates (2, 6 n).
         """
         u, du = state
         force = self._evaluate(driven[0], driven[1], u, du)
