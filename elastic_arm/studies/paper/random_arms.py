@@ -21,10 +21,10 @@ from elastic_arm.robot.parts import Bearing, Component, Inertia, Transmission
 from elastic_arm.studies.paper.claims.all_claims import judge_torques
 from elastic_arm.studies.paper.claims.claim import FAILS, HOLDS, IN_PART
 from elastic_arm.studies.paper.coupling import SymbolicCoupling, symbolic_coupling
-from elastic_arm.studies.paper.parallel import ProcessPool
 from elastic_arm.studies.paper.study import StageStart
 from elastic_arm.studies.paper.torque_study import locked_link, ramp_tasks, studied_ratios, torque_result
 from elastic_arm.studies.paper.virtual_prototype.mechanism import Bushing
+from elastic_arm.studies.parallel import ProcessPool
 
 STEP = 2e-4
 

@@ -17,7 +17,6 @@ from elastic_arm.studies.paper.coupling import SymbolicCoupling, symbolic_coupli
 from elastic_arm.studies.paper.excitations import ExcitationSearch, excite
 from elastic_arm.studies.paper.identification_study import CoefficientEstimate
 from elastic_arm.studies.paper.identification_study import study as identify
-from elastic_arm.studies.paper.parallel import Advance, ProcessPool, Results
 from elastic_arm.studies.paper.torque_study import (
     LOCKED_STEP,
     LinkErrors,
@@ -31,6 +30,7 @@ from elastic_arm.studies.paper.torque_study import (
 from elastic_arm.studies.paper.virtual_prototype.mechanism import Bushing, engine
 from elastic_arm.studies.paper.virtual_prototype.motions import PeriodicMotion, StepRamp
 from elastic_arm.studies.paper.virtual_prototype.prototype import PrototypeRun
+from elastic_arm.studies.parallel import Advance, ProcessPool, Results
 
 StageStart = Callable[[str, int], Advance]
 """Called with a stage's name and its number of tasks; returns what to call after each task."""

@@ -14,10 +14,10 @@ from elastic_arm.robot.description import Robot
 from elastic_arm.studies.paper import comparison
 from elastic_arm.studies.paper.comparison import MODELS, Metric, ModelComparison
 from elastic_arm.studies.paper.coupling import SymbolicCoupling
-from elastic_arm.studies.paper.parallel import Task
 from elastic_arm.studies.paper.virtual_prototype.mechanism import Bushing, transmissions
 from elastic_arm.studies.paper.virtual_prototype.motions import QUINTIC, ImposedMotion, StepRamp
 from elastic_arm.studies.paper.virtual_prototype.prototype import Prototype, PrototypeRun
+from elastic_arm.studies.parallel import Task
 
 LOCKED_STEP = 1e-3  # only the drives are left to swing
 

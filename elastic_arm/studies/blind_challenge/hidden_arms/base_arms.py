@@ -37,8 +37,19 @@ ENCODER_ZERO = 1.5e-5  # rad, by which the zeros of a joint's two encoders diffe
 STRAIN = 0.02  # by which a link's shape differs from its description in each direction, shear included
 
 
-def industrial_arm(n: int, rng: np.random.Generator) -> Robot:
-    """Draw the description of an arm of six or seven joints, base to wrist; its geometry is always the same."""
+def mounted(robot: Robot, rng: np.random.Generator) -> Robot:
+    """Return an arm that stands, hangs from the wall or from the ceiling, as its description states."""
+    tilt = rng.choice([0.0, RIGHT, np.pi], p=[0.6, 0.2, 0.2])
+    about = rng.uniform(-np.pi, np.pi)
+    side = np.array([np.cos(about), np.sin(about), 0.0])
+    return robot.with_(gravity=-9.81 * (np.cos(tilt) * np.array([0.0, 0.0, 1.0]) + np.sin(tilt) * side))
+
+
+def industrial_arm(n: int, rng: np.random.Generator, *, lift: bool = False) -> Robot:
+    """Draw the description of an arm of six or seven joints, base to wrist; its geometry is always the same.
+
+    With `lift` its first axis is a column that slides along z instead of turning about it.
+    """
     rows, masses = GEOMETRIES[n]
     scale = rng.uniform(0.7, 1.4)
     joints = []
@@ -46,7 +57,9 @@ def industrial_arm(n: int, rng: np.random.Generator) -> Robot:
         dh = DH(*row)
         link = _link(dh, scale * mass * rng.uniform(0.8, 1.2), rng)
         carrier = "base" if i == 0 else f"link_{i}"
-        joints.append(Joint.from_dh(f"joint_{i + 1}", f"link_{i + 1}", link, dh, transmission=_small_drive(carrier)))
+        drive, slides = _small_drive(carrier), lift and i == 0
+        name, moved = f"joint_{i + 1}", f"link_{i + 1}"
+        joints.append(Joint.from_dh(name, moved, link, dh, transmission=drive, prismatic=slides))
     robot = Robot(f"industrial_{n}", tuple(joints))
     loads = _link_inertias(robot, rng)
     drives = [_drive(load, f"link_{i}" if i else "base", i / (n - 1), rng) for i, load in enumerate(loads)]
@@ -58,7 +71,7 @@ def as_urdf(robot: Robot) -> Robot:
     rigid = robot.with_(joints=tuple(replace(joint, transmission=None) for joint in robot.joints))
     read = parse_urdf(to_urdf(rigid))
     joints = [replace(j, transmission=own.transmission) for j, own in zip(read.joints, robot.joints, strict=True)]
-    return read.with_(joints=tuple(joints), notes=())
+    return read.with_(joints=tuple(joints), gravity=robot.gravity, notes=())
 
 
 def joint_sizes(robot: Robot) -> np.ndarray:

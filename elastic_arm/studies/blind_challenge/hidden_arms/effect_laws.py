@@ -25,6 +25,8 @@ SENSOR_EFFECTS = frozenset(
         "torque_drift",
         "torque_lowpass",
         "sensor_crosstalk",
+        "joint_zero",
+        "gravity_compensation",
     }
 )
 # Ids of all effects that this engine has; the suite's own simulator moves arms with others.
@@ -49,8 +51,10 @@ KNOWN = SENSOR_EFFECTS | {
     "inertia_coupling",
     "joint_spring",
     "thermal_friction",
+    "asymmetric_friction",
+    "load",
 }
-FRICTION = ("viscous", "coulomb", "stribeck", "stribeck_speed", "load")
+FRICTION = ("viscous", "coulomb", "stribeck", "stribeck_speed", "load", "asymmetry")
 # Numbers of a joint, in the order in which the laws take them; what is not there has its value of no effect.
 NUMBERS = (
     *(f"{kind}_{side}" for side in ("link", "motor") for kind in FRICTION),
@@ -98,6 +102,8 @@ def joint_numbers(faults: Sequence[Fault], n: int, r_hd: np.ndarray, r_tot: np.n
             own = {f"stribeck_{side}": p["torque"], f"stribeck_speed_{side}": p["speed"]}
         elif fault.effect == "load_dependent_friction":
             own = {f"load_{side}": p["coefficient"]}
+        elif fault.effect == "asymmetric_friction":
+            own = {f"asymmetry_{side}": p["asymmetry"]}
         elif fault.effect == "nonlinear_stiffness":
             own = {"cubic": p["cubic"]}
         elif fault.effect == "backlash":
@@ -132,7 +138,8 @@ def friction(s: Mapping[str, Any], side: str, w: Any, tau_J: Any) -> Any:
     """
     dry = s[f"coulomb_{side}"] + s[f"load_{side}"] * ca.fabs(tau_J)
     dry += s[f"stribeck_{side}"] * ca.exp(-((w / s[f"stribeck_speed_{side}"]) ** 2))
-    return s[f"viscous_{side}"] * w + dry * ca.tanh(w / s["standstill"])
+    sign = ca.tanh(w / s["standstill"])
+    return (s[f"viscous_{side}"] * w + dry * sign) * (1.0 + s[f"asymmetry_{side}"] * sign)
 
 
 def ripple(s: Mapping[str, Any], theta: Any) -> Any:

@@ -54,7 +54,8 @@ class KinematicTree:
             if bearings:
                 parent, placement = self._add(parent, pin.JointModelRY(), placement, 3 * n + i, 1.0), pin.SE3.Identity()
                 parent = self._add(parent, pin.JointModelRX(), placement, 2 * n + i, 1.0)
-            parent = self._add(parent, pin.JointModelRZ(), placement, i, 1.0)
+            axis = pin.JointModelPZ() if joint.prismatic else pin.JointModelRZ()
+            parent = self._add(parent, axis, placement, i, 1.0)
             placement = _se3(pin, joint.after)
             link = joint.link
             self.model.appendBodyToJoint(
@@ -85,6 +86,10 @@ class KinematicTree:
         full = self._pin.crba(self.model, self._data, q)
         bias = self._pin.nonLinearEffects(self.model, self._data, q, v)
         return self.gears.T @ full @ self.gears, self.gears.T @ bias
+
+    def gravity(self, x: np.ndarray) -> np.ndarray:
+        """Return what holds the bodies at rest (dof,)."""
+        return self.gears.T @ self._pin.computeGeneralizedGravity(self.model, self._data, self.gears @ x)
 
     def torque(self, x: np.ndarray, dx: np.ndarray, ddx: np.ndarray) -> np.ndarray:
         """Return M ddx + h (dof,), without stiffness and damping."""

@@ -12,11 +12,12 @@ from scipy.signal import lfilter
 from elastic_arm.recording import Recording, Side
 from elastic_arm.studies.blind_challenge.hidden_arms.effect_laws import Fault
 from elastic_arm.studies.blind_challenge.hidden_arms.hidden_arm import RATE
+from elastic_arm.studies.blind_challenge.hidden_arms.motion import TrueChannels
 from elastic_arm.studies.blind_challenge.hidden_arms.sensor_models import SensorModel, measure
-from elastic_arm.studies.blind_challenge.hidden_arms.true_channels import TrueChannels
 
 BOTH, MOTOR, LINK = "both", "motor", "link"
 MISSING, DIFFERENCED, MEASURED = "missing", "differenced", "measured"
+LONGEST_GAP = 8  # samples that are lost in a row
 WHITE_SHARE = 0.3  # of the amplitude of a coloured noise that is white
 
 
@@ -26,9 +27,11 @@ class RealisticSensors:
 
     torque_noise: tuple[float, ...]  # standard deviation of each joint's torque channels (n,), Nm
     corner: float | None = None  # Hz, of the first-order low-pass that colours the torque noise; None for white noise
-    # link_bits, motor_bits: Of the encoders; the motor's sits before the gear
+    # link_bits, motor_bits: of the encoders; the motor's sits before the gear
     link_bits: int = 19
     motor_bits: int = 13
+    encoder_noise: float = 0.0  # rad, white, of both encoders behind the gear
+    lost: float = 0.0  # share of the samples that never arrive, singly and several in a row
     velocity: str = MISSING  # "missing", "differenced" (differences of the quantised angles) or "measured"
     jitter: float = 2e-5  # standard deviation of the instants of sampling, s
     apart: bool = False  # whether the two sides are sampled at instants of their own
@@ -67,14 +70,28 @@ def measure_realistically(
         ("motor", taken.motor, sensors.motor_steps(ratios)),
     ):
         assert side.position is not None and side.effort is not None
-        position = np.round(side.position / step) * step
+        position = side.position + sensors.encoder_noise * rng.standard_normal(side.position.shape)
+        position = np.round(position / step) * step
         velocity = _velocity(side, position, sensors, rng)
         sides[name] = replace(
             side, position=position, velocity=velocity, effort=side.effort + _noise(sensors, len(position), rng)
         )
+    if sensors.lost:
+        arrived = {name: _arrived(len(side), sensors.lost, rng) for name, side in sides.items()}
+        common = None if sensors.apart else arrived["link"]
+        sides = {name: side.at(arrived[name] if common is None else common) for name, side in sides.items()}
     link = None if sensors.sides == MOTOR else sides["link"]
     motor = None if sensors.sides == LINK else sides["motor"]
     return replace(taken, link=link, motor=motor)
+
+
+def _arrived(N: int, lost: float, rng: np.random.Generator) -> np.ndarray:
+    """Which of N samples arrive: gaps of one to :data:`LONGEST_GAP` samples begin anywhere but at the ends."""
+    kept = np.ones(N, dtype=bool)
+    for begin in np.flatnonzero(rng.random(N) < lost / (0.5 * (1 + LONGEST_GAP))):
+        kept[begin : begin + int(rng.integers(1, LONGEST_GAP + 1))] = False
+    kept[[0, -1]] = True
+    return kept
 
 
 def _every(recording: Recording, every: int) -> Recording:

@@ -16,7 +16,8 @@ import numpy as np
 from elastic_arm.studies.blind_challenge.hidden_arms.kinematic_tree import KinematicTree
 
 NUMBERS = 10  # of a body: mass, centre of mass, inertia about it (xx, xy, xz, yy, yz, zz)
-AXES = {"JointModelRX": 0, "JointModelRY": 1, "JointModelRZ": 2}
+AXES = {"JointModelRX": 0, "JointModelRY": 1, "JointModelRZ": 2, "JointModelPZ": 2}
+SLIDES = "JointModelPZ"
 
 
 def inertial_numbers(tree: KinematicTree) -> np.ndarray:
@@ -36,6 +37,7 @@ class _MovingBody:
     w: Any
     dw: Any
     a: Any
+    slides: bool = False
 
 
 def inverse_dynamics(tree: KinematicTree, numbers: Any, gravity: Any, x: Any, dx: Any, ddx: Any) -> Any:
@@ -52,7 +54,7 @@ def inverse_dynamics(tree: KinematicTree, numbers: Any, gravity: Any, x: Any, dx
         body = bodies[i]
         force, moment = _inertial(body, numbers[NUMBERS * (i - 1) : NUMBERS * i])
         force, moment = force + forces[i][0], moment + forces[i][1]
-        tau.append(ca.dot(body.axis, moment))
+        tau.append(ca.dot(body.axis, force if body.slides else moment))
         carried = body.R @ force
         below = forces[body.parent]
         forces[body.parent] = below[0] + carried, below[1] + body.R @ moment + ca.cross(body.p, carried)
@@ -63,14 +65,22 @@ def _moved(tree: KinematicTree, i: int, bodies: list[_MovingBody], q: Any, v: An
     parent = bodies[tree.model.parents[i]]
     placement = tree.model.jointPlacements[i]
     k = AXES[tree.model.joints[i].shortname()]
-    R = ca.sparsify(ca.DM(_snapped(placement.rotation))) @ _turn(k, q)
-    p = ca.DM(_snapped(placement.translation))
+    slides = tree.model.joints[i].shortname() == SLIDES
+    R, p = ca.sparsify(ca.DM(_snapped(placement.rotation))), ca.DM(_snapped(placement.translation))
     axis = ca.DM(np.eye(3)[k])
+    if slides:
+        p += R @ axis * q
+    else:
+        R = R @ _turn(k, q)
     w = R.T @ parent.w
-    rate = axis * v
-    dw = R.T @ parent.dw + axis * a + ca.cross(w, rate)
+    rate, dw = axis * v, R.T @ parent.dw
     acceleration = R.T @ (parent.a + ca.cross(parent.dw, p) + ca.cross(parent.w, ca.cross(parent.w, p)))
-    return _MovingBody(int(tree.model.parents[i]), R, p, axis, w + rate, dw, acceleration)
+    if slides:
+        acceleration += axis * a + 2.0 * ca.cross(w, rate)
+    else:
+        dw += axis * a + ca.cross(w, rate)
+        w += rate
+    return _MovingBody(int(tree.model.parents[i]), R, p, axis, w, dw, acceleration, slides)
 
 
 def _inertial(body: _MovingBody, numbers: Any) -> tuple[Any, Any]:

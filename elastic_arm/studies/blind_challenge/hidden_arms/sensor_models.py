@@ -11,7 +11,7 @@ from scipy.signal import bilinear, lfilter, lfilter_zi
 
 from elastic_arm.recording import Recording, Side
 from elastic_arm.studies.blind_challenge.hidden_arms.effect_laws import SENSOR_EFFECTS, Fault
-from elastic_arm.studies.blind_challenge.hidden_arms.true_channels import TrueChannels
+from elastic_arm.studies.blind_challenge.hidden_arms.motion import TrueChannels
 
 
 @dataclass(frozen=True)
@@ -53,11 +53,17 @@ def measure(
     tau_J = sampled(course.tau_J, "joint_torque", taken)
     tau_m = sampled(course.tau_m, "motor_torque", taken_of_motor)
     torques = {"joint_torque": tau_J, "motor_torque": tau_m}
+    for fault in sensors:
+        if fault.effect == "gravity_compensation" and course.gravity is not None:
+            own = slice(None) if fault.joint is None else fault.joint
+            for channel in fault.channels:
+                torques[channel][:, own] -= fault.parameters["share"] * course.gravity[:, own]
     _distort(torques, sensors, t)
     for fault in sensors:
         j, p = fault.joint, fault.parameters
-        if fault.effect == "encoder_offset":
+        if fault.effect in ("encoder_offset", "joint_zero"):
             q[:, j] += p["offset"]
+            theta[:, j] += p["offset"] if fault.effect == "joint_zero" else 0.0
         elif fault.effect == "encoder_eccentricity":
             angle = q[:, j] + p["phase"]
             dq[:, j] *= 1.0 + p["amplitude"] * np.cos(angle)
