@@ -194,6 +194,7 @@ class MarginalInformation:
         # |X(f)|² over the power density of a stretch of T seconds has mean 1 a real part where the noise is white.
         T = N * EVERY / RATE
         root = np.linalg.cholesky(S * T / 4.0)
+        root[0] *= np.sqrt(2.0)  # a mean has no imaginary part
         found = []
         for j in range(self.n):
             white = np.linalg.solve(root[:, j], spectrum[:, :, j])
