@@ -20,7 +20,7 @@ from elastic_arm.robot import load_robot
 
 if TYPE_CHECKING:
     from elastic_arm.robot import Robot
-    from elastic_arm.studies.paper.claims.all_claims import Claim
+    from elastic_arm.studies.paper.claims import Claim
     from elastic_arm.studies.paper.study import StageStart
 
 RESULTS = ("report.html", "paper.json", "claims.csv")
@@ -57,9 +57,9 @@ def paper(
     _require_extras()
     from dataclasses import asdict
 
-    from elastic_arm.studies.paper.claims.all_claims import judge
+    from elastic_arm.studies.paper.claims import judge
     from elastic_arm.studies.paper.export import export
-    from elastic_arm.studies.paper.report.page import write_paper_report
+    from elastic_arm.studies.paper.report import write_paper_report
     from elastic_arm.studies.paper.study import FULL, QUICK, run_study
 
     robot = load_robot(robot_file)

@@ -7,7 +7,6 @@ ranges around the arm file's numbers. No drawn arm was chosen by how a claim com
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
@@ -18,11 +17,11 @@ import numpy as np
 from elastic_arm.errors import OutputError
 from elastic_arm.robot.description import Joint, Robot
 from elastic_arm.robot.parts import Bearing, Component, Inertia, Transmission
-from elastic_arm.studies.paper.claims.all_claims import judge_torques
-from elastic_arm.studies.paper.claims.claim import FAILS, HOLDS, IN_PART
+from elastic_arm.studies.paper.claims import FAILS, HOLDS, IN_PART, judge_torques
 from elastic_arm.studies.paper.coupling import SymbolicCoupling, symbolic_coupling
+from elastic_arm.studies.paper.export import write_csv
 from elastic_arm.studies.paper.study import StageStart
-from elastic_arm.studies.paper.torque_study import locked_link, ramp_tasks, studied_ratios, torque_result
+from elastic_arm.studies.paper.torques import locked_link, ramp_tasks, studied_ratios, torque_result
 from elastic_arm.studies.paper.virtual_prototype.mechanism import Bushing
 from elastic_arm.studies.parallel import ProcessPool
 
@@ -174,10 +173,6 @@ def write_arms(arms: Sequence[JudgedArm], path: Path) -> Path:
     rows = [{"seed": a["seed"], **a["numbers"], **a["verdicts"]} for a in map(asdict, arms)]
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with path.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, fieldnames=list(rows[0]))
-            writer.writeheader()
-            writer.writerows(rows)
+        return write_csv(path, rows)
     except OSError as error:
         raise OutputError(f"{path} cannot be written: {error.strerror}", "Choose another folder with --out.") from error
-    return path
