@@ -197,16 +197,14 @@ def catalogue_of(folder: Path) -> Catalogue:
 
 def recorded(folder: Path, request: Request, level: Level, catalogue: Catalogue) -> dict[str, Any]:
     """Record an arm and return its truth; one that no simulation gets through is drawn again from another seed."""
-    for draw in range(DRAWS):
-        seed = (*request.seed, draw) if draw else request.seed
+    for draw in range(1, DRAWS):
         try:
-            return record(folder, replace(request, seed=seed), level, catalogue)
+            return record(folder, request, level, catalogue)
         except SimulationError:
             for bag in bags_of(folder, request.name):
                 shutil.rmtree(bag, ignore_errors=True)
-            if draw == DRAWS - 1:
-                raise
-    raise AssertionError  # not reached
+            request = replace(request, seed=(*request.seed[:2], draw))
+    return record(folder, request, level, catalogue)
 
 
 def _each(tasks: Sequence[Callable[[], Any]], workers: int, report: Report | None) -> list[Any]:

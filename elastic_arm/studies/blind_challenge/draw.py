@@ -104,11 +104,10 @@ class Arm:
 
 @dataclass(frozen=True)
 class Drawn:
-    """A drawn arm with what its recording needs: its description, the arm as it is, its motions, and what moves it."""
+    """A drawn arm with what its recording needs: its description, its motions, and what moves it."""
 
     arm: Arm
     description: Robot
-    robot: Robot
     motions: tuple[Motion, ...]
     run: Run
 
@@ -159,7 +158,7 @@ def draw(request: Request, level: Level, rng: np.random.Generator, catalogue: Ca
         share=_shares([one.excess for one in chosen] or [1.0] * len(faults)),
         visible=min(multiples, default=np.inf) >= request.ratio[0],
     )
-    return Drawn(arm, description, real, motions, _mover(real, description, effects, catalogue))
+    return Drawn(arm, description, motions, _mover(real, description, effects, catalogue))
 
 
 def record(

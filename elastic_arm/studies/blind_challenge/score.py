@@ -146,7 +146,7 @@ def level_table(lines: Sequence[Line], withheld: Sequence[Line]) -> dict[str, An
         "brier": float(np.mean([(c - r) ** 2 for c, r in told])) if told else None,
         "log_score": float(-np.mean([np.log(max(c if r else 1 - c, LEAST)) for c, r in told])) if told else None,
         "ranks": {"counts": ranks.tolist(), "p": float(chisquare(ranks).pvalue) if z else None},
-        "seconds": {str(n): _seconds(some) for n, some in _by_joints(lines).items()},
+        "seconds": _seconds(lines),
         "foreign": {x["name"]: [*x["foreign"], x["verdict"], *x["named"]] for x in foreign},
         "missed": {x["name"]: [*x["truth"], x["verdict"], *x["named"]] for x in missed},
     }
@@ -261,16 +261,11 @@ def _confusion(single: Sequence[Line]) -> dict[str, dict[str, int]]:
     return {effect: dict(row) for effect, row in table.items()}
 
 
-def _by_joints(lines: Sequence[Line]) -> dict[int, list[float]]:
+def _seconds(lines: Sequence[Line]) -> dict[str, dict[str, float]]:
     spent: dict[int, list[float]] = {}
     for x in lines:
-        if x["cpu_seconds"] is not None:
-            spent.setdefault(x["joints_of_arm"], []).append(x["cpu_seconds"])
-    return dict(sorted(spent.items()))
-
-
-def _seconds(spent: Sequence[float]) -> dict[str, float]:
-    return {"median": float(np.median(spent)), "longest": float(np.max(spent))}
+        spent.setdefault(x["joints_of_arm"], []).append(x["cpu_seconds"] or 0.0)
+    return {str(n): {"median": float(np.median(s)), "longest": max(s)} for n, s in sorted(spent.items())}
 
 
 def _table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

@@ -18,7 +18,7 @@ from elastic_arm.studies.paper.study import StudyResult
 
 SCHEMA = "elastic_arm/paper/2"
 # Arrays (coefficients,) of an estimate.
-PER_COEFFICIENT = ("true", "estimate", "error", "model_error", "bushing_error", "noise_spread", "fast_error",
+PER_COEFFICIENT = ("true", "estimate", "error", "model_error", "bushing_error", "noise_spread",
                    "fast_noise_spread", "torque")  # fmt: skip
 
 
@@ -55,7 +55,7 @@ def export(result: StudyResult, claims: list[Claim], folder: Path) -> list[Path]
 
 
 def _as_dict(result: StudyResult) -> dict[str, Any]:
-    plain = ("translations", "estimates", "excited", "convergence", "settings")
+    plain = ("translations", "estimates", "excited", "settings")
     found: dict[str, Any] = {"schema": SCHEMA, "robot": result.robot.name, "engine": result.engine}
     found |= {"ratios": result.ratios, "motor_torque_parts": result.inertial, "seconds": result.seconds}
     found |= {name: getattr(result, name) for name in plain}

@@ -16,8 +16,7 @@ import numpy as np
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.excitation import FourierTrajectory
 from elastic_arm.robot.description import Robot
-from elastic_arm.studies.paper.virtual_prototype.integration import dividing_step
-from elastic_arm.studies.paper.virtual_prototype.prototype import Prototype
+from elastic_arm.studies.paper.virtual_prototype.prototype import Prototype, dividing_step
 
 ROUNDS = 6
 

@@ -109,37 +109,27 @@ def merged_error(found: Fit, true: np.ndarray, kept: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class CoefficientEstimate:
-    """One model at one ratio.
-
-    All errors are in percent of the true coefficient, (B,): `error` as in the paper (10 Hz, no noise), `unfolded_error`
-    the same for mod1 by the other reading of its true coefficients, without the splines that it counts with the links,
-    `model_error` that of 10 Hz with the bushing locked, `noise_spread` the standard deviation over seeds at 10 Hz,
-    `fast_error` and `fast_noise_spread` at 1 kHz; `merged_error` that of 10 Hz with what this motion cannot separate
-    merged.
-    `noisy_shares` and `merged_noisy_shares` are those of each seed. `torque` is what each coefficient contributes
-    to the equations, `residual` what the fit leaves, Nm rms. `condition` is that of F with columns of unit
-    length, at 10 Hz.
-    """
+    """One model at one ratio; errors are in percent of the true coefficients (B,)."""
 
     model: str
     r_tot: float
     names: tuple[str, ...]
-    estimable: int
+    estimable: int  # parameters
     true: np.ndarray
     estimate: np.ndarray
-    error: np.ndarray
-    unfolded_error: np.ndarray | None
-    model_error: np.ndarray
-    noise_spread: np.ndarray
-    fast_error: np.ndarray
+    error: np.ndarray  # as in the paper: 10 Hz, no noise
+    unfolded_error: np.ndarray | None  # of mod1 against true coefficients without the splines it counts with the links
+    model_error: np.ndarray  # with the bushing locked
+    noise_spread: np.ndarray  # standard deviation over seeds at 10 Hz, and at 1 kHz
     fast_noise_spread: np.ndarray
-    merged_error: np.ndarray
+    merged_error: np.ndarray  # with what this motion cannot separate merged
+    # Of each seed
     merged_noisy_shares: tuple[ErrorShares, ...]
     noisy_shares: tuple[ErrorShares, ...]
     fast_noisy_shares: tuple[ErrorShares, ...]
-    torque: np.ndarray
-    residual: float
-    condition: float
+    torque: np.ndarray  # what each coefficient contributes to the equations, rms Nm
+    residual: float  # rms Nm
+    condition: float  # of F with columns of unit length
     Psi: np.ndarray
 
     @property
@@ -185,7 +175,6 @@ def study(
         unfolded_error=problem.percent_unfolded(plain.Psi),
         model_error=problem.percent(problem.fit(slow_locked).Psi),
         noise_spread=problem.percent(np.array([one.Psi for one in noisy])).std(axis=0, ddof=1),
-        fast_error=problem.percent(problem.fit(fast).Psi),
         fast_noise_spread=problem.percent(np.array([one.Psi for one in fast_noisy])).std(axis=0, ddof=1),
         merged_error=merged_error(plain, problem.true, kept),
         merged_noisy_shares=tuple(shares(merged_error(one, problem.true, kept)) for one in noisy),

@@ -67,24 +67,19 @@ def _summary(result: StudyResult, claims: list[Claim]) -> Section:
             "circular spline of joint 1 has ten times the inertia of joint 2's flex spline, and the motor-torque error "
             f"of joint 1 stays below 0.5 Nm (S_11 = {_entry(result, 0, 0):.3g} kg m^2, S_23 = "
             f"{_entry(result, 1, 2):.3g} kg m^2 at r_tot = {result.highest:g}). {len(chosen)} claims rest on these "
-            "choices and are marked *: that they hold for this arm shows nothing. How the claims on torques fare over "
-            "random arms of the kind is shown by elastic-arm paper --arms 100; docs/paper.md has one such run."
+            "choices and are marked *: that they hold for this arm shows nothing."
         ),
         Table(
             ("section", "claim of the paper", "what decides it here", "verdict"),
-            [(c.section, c.claim, _finding(c), _marked(c)) for c in claims],
+            [
+                (c.section, c.claim, c.finding + chosen, f"{MARKS[c.verdict]} {c.verdict}{' *' if chosen else ''}")
+                for c in claims
+                for chosen in [f". * {c.by_choice.capitalize()}." if c.by_choice else ""]
+            ],
             caption="* rests on a number that was chosen so",
         ),
     ]
     return Section("Claims", blocks)
-
-
-def _marked(claim: Claim) -> str:
-    return f"{MARKS[claim.verdict]} {claim.verdict}{' *' if claim.by_choice else ''}"
-
-
-def _finding(claim: Claim) -> str:
-    return f"{claim.finding}. * {claim.by_choice.capitalize()}." if claim.by_choice else claim.finding
 
 
 def _entry(result: StudyResult, row: int, column: int) -> float:
@@ -173,39 +168,17 @@ def _arm(ax: Axes3D, robot: Robot, pose: np.ndarray) -> np.ndarray:
 
 
 def prototype(result: StudyResult) -> Section:
-    """What step size and bushing stiffness leave."""
-    labels = {
-        "step": ("integration step [s]", "change of $\\tau^m$ from the finest step [Nm]"),
-        "bushing": ("bushing stiffness, times the arm's", "mod$_3$ against mod$_{ad}$ [Nm]"),
-    }
-    with style():
-        figure, axes = new_figure(1, 2, size=(8.0, 3.0))
-        for ax, (name, (horizontal, title)) in zip(axes[0], labels.items(), strict=True):
-            checks = [check for check in result.convergence[name] if np.isfinite(check.setting)]
-            settings = [check.setting for check in checks]
-            ax.loglog(settings, [check.tau_m for check in checks], "o-", color=BLUE, label=r"$\tau^m$")
-            if name == "bushing":
-                ax.loglog(settings, [check.tau_l for check in checks], "s-", color=VERMILION, label=r"$\tau^l$")
-                ax.legend()
-            ax.set(xlabel=horizontal)
-            ax.set_title(title, loc="left")
-    rows = [
-        (what, "locked" if np.isinf(c.setting) else c.setting, c.tau_m, c.tau_l)
-        for what, checks in result.convergence.items()
-        for c in checks
-    ]
+    """What the models are compared with."""
     words = (
         f"Links, rotors, wave generators and splines are bodies of a {result.engine} model, which shares no dynamics "
         "code with mod1 to mod3. The link hangs on its spline by a bushing of six springs and dampers, whose "
         f"translations have {Bushing().translation_stiffness:.0e} N/m. Rotors, wave generators and splines are driven "
         "exactly: the engine's mass matrix and bias forces are projected on theta and the bushings, the bushings are "
         "integrated (Runge-Kutta, fourth order), and the torque at the harmonic-drive output follows. tau^l of a model "
-        "is the residual of its first row on the prototype's motion."
+        "is the residual of its first row on the prototype's motion. With locked bushings mod3 leaves "
+        f"{result.locked_link:.1g} Nm of it."
     )
-    header = ("varied", "setting", "tau^m differs by [Nm]", "tau^l of mod3 [Nm]")
-    caption = "Largest differences at the highest ratio, over the step ramp; bushings without its jumps (quintic)"
-    shown = Figure(figure, "Left: the integration. Right: mod3 meets the prototype as the bushing grows stiff.")
-    return Section("The virtual prototype mod_ad", [Text(words), shown, Table(header, rows, caption=caption)])
+    return Section("The virtual prototype mod_ad", [Text(words)])
 
 
 def figure_4a(result: StudyResult) -> Section:
@@ -393,31 +366,12 @@ def coupling(result: StudyResult) -> Section:
                 caption="With bearing tilts q_ix, q_iy: S_row,motor = (sum of I_zz times ratio of that motor's "
                 "spinning bodies) times sigma; entries not listed are zero",
             ),
-            Text(_coupling_words(result)),
             Table(
                 ("part of tau^m", *(f"joint {j + 1} [Nm]" for j in range(n))),
                 values,
                 caption="What tau^m of the step ramp is made of at the highest ratio, rms",
             ),
         ],
-    )
-
-
-def _coupling_words(result: StudyResult) -> str:
-    flat, tilted, n = result.coupling.matrix, result.tilted_coupling.matrix, result.robot.n
-    woken = [f"S_{i + 1},{j + 1}" for i in range(n) for j in range(n) if flat[i, j] == 0 and tilted[i, j] != 0]
-    asleep = [f"S_{i + 1},{j + 1}" for i in range(n) for j in range(i + 1, n) if tilted[i, j] == 0]
-    largest = float(np.abs(result.at_highest().run.tilt[0]).max())
-    words = f"Bearing tilt wakes {', '.join(woken) or 'no entry'} of the joints' own rows"
-    if asleep:
-        words += (
-            f"; {', '.join(asleep)} stays zero for every pose and tilt, because the whole transmission rides on a "
-            "body whose joint axis is perpendicular to its own"
-        )
-    return words + (
-        f". The tilt itself is small ({1e3 * largest:.2g} mrad at most on the ramp). What S does to the tilts' own "
-        "rows is not small and depends on the pose: spinning rotors push against the bearings, and this is what "
-        "makes them ring."
     )
 
 

@@ -16,7 +16,7 @@ from elastic_arm.studies.paper import feedforward, torques
 from elastic_arm.studies.paper.coupling import symbolic_coupling
 from elastic_arm.studies.paper.identification_study import CoefficientEstimate, ExcitationSearch, excite
 from elastic_arm.studies.paper.identification_study import study as identify
-from elastic_arm.studies.paper.torques import MODELS, ConvergenceCheck, ModelComparison, TorqueResult, follow
+from elastic_arm.studies.paper.torques import MODELS, ModelComparison, TorqueResult, follow
 from elastic_arm.studies.paper.virtual_prototype.mechanism import Bushing, engine
 from elastic_arm.studies.paper.virtual_prototype.motions import PeriodicMotion, StepRamp
 from elastic_arm.studies.parallel import Advance, ProcessPool, Results, Task
@@ -36,8 +36,6 @@ class StudySettings:
     seeds: tuple[int, int]  # noise realisations at 10 Hz and at 1 kHz
     evaluations: int  # budget of each pattern search
     random_trajectories: int
-    bushing_scales: tuple[float, ...]  # of the convergence tables
-    step_sizes: tuple[float, ...]  # the last is the one that the others are compared with
     translations: tuple[float, ...]  # stiffnesses of the bushing at which tau_l is compared, N/m
     tracking: float  # recorded seconds under feed-forward, after :data:`SETTLE` seconds to settle
     motions: int  # under feed-forward
@@ -51,8 +49,6 @@ FULL = StudySettings(
     seeds=(100, 20),
     evaluations=1500,
     random_trajectories=50,
-    bushing_scales=(1.0, 4.0, 16.0, 64.0),
-    step_sizes=(3e-4, 2e-4, 1e-4, 5e-5, 2.5e-5),
     translations=(2e7, 5e7, 1e8, 4e8, 1e9),
     tracking=4.0,
     motions=3,
@@ -65,8 +61,6 @@ QUICK = StudySettings(
     seeds=(20, 3),
     evaluations=150,
     random_trajectories=10,
-    bushing_scales=(1.0,),
-    step_sizes=(2e-4, 1e-4),
     translations=(5e7, 1e9),
     tracking=1.0,
     motions=2,
@@ -85,7 +79,6 @@ class StudyResult(TorqueResult):
 
     settings: StudySettings
     poses: list[tuple[np.ndarray, ModelComparison]]
-    convergence: Mapping[str, list[ConvergenceCheck]]
     excited: Mapping[str, ExcitationSearch]
     estimates: list[CoefficientEstimate]
     tracking: list[feedforward.Tracking]
@@ -105,7 +98,7 @@ def run_study(robot: Robot, settings: StudySettings, *, workers: int, seed: int,
     engine_name = f"MuJoCo {engine().__version__}"
     rng = np.random.default_rng(seed)
     arms = {r_tot: robot.with_ratio(r_tot) for r_tot in ratios}
-    top, still = arms[ratios[-1]], np.zeros(robot.n)
+    top = arms[ratios[-1]]
     seconds: dict[str, float] = {}
     starts = rng.uniform(-1.0, 1.0, (settings.poses - 1, robot.n))
     with ProcessPool(workers) as pool:
@@ -122,15 +115,6 @@ def run_study(robot: Robot, settings: StudySettings, *, workers: int, seed: int,
                 for model, own in zip(MODELS, seeds, strict=True)
             ],
         )
-        ramp = StepRamp(still, hold=0.05)
-        scales = [*((scale,) for scale in settings.bushing_scales), (np.inf,)]
-        checking = begin(
-            "convergence of the prototype",
-            [
-                partial(torques.over_steps, top, settings.step_sizes, ramp),
-                *(partial(torques.over_bushings, top, scale, ramp, settings.step) for scale in scales),
-            ],
-        )
         excited = dict(zip(MODELS, searches(), strict=True))
         pairs = [(list(arms)[k], model) for k in settings.identified for model in MODELS]
         identifying = begin(
@@ -144,21 +128,20 @@ def run_study(robot: Robot, settings: StudySettings, *, workers: int, seed: int,
             "translation stiffness of the bushing",
             [partial(torques.link_errors, top, ratios[-1], K, settings.step) for K in settings.translations],
         )
+        locking = begin("the prototype with locked bushings", [partial(torques.locked_link, top)])
         deriving = begin(
             "the coupling S in symbols", [partial(symbolic_coupling, top, bearings=b) for b in (False, True)]
         )
         estimates = identifying()
         tracking = begin("feed-forward of the prototype", _tracking(arms, estimates, settings, rng))
         ramps = ramping()
-        steps, *bushings = checking()
-        checks = {"step": steps, "bushing": [check for part in bushings for check in part]}
         found = torques.torque_result(
             robot,
             arms,
             ramps,
             translations=translating(),
             assumed=Bushing().translation_stiffness,
-            locked=next(check.tau_l for check in checks["bushing"] if np.isinf(check.setting)) or 0.0,
+            locked=locking()[0],
             coupling=tuple(deriving()),
         )
         poses = zip(starts, ramps[len(ratios) + 1 :], strict=True)
@@ -169,7 +152,6 @@ def run_study(robot: Robot, settings: StudySettings, *, workers: int, seed: int,
         **vars(found),
         settings=settings,
         poses=compared,
-        convergence=checks,
         excited=excited,
         estimates=estimates,
         tracking=[feedforward.together(tracked[k : k + along]) for k in range(0, len(tracked), along)],

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -233,12 +233,6 @@ def link_errors_of(compared: ModelComparison, stiffness: float) -> LinkErrors:
     return LinkErrors(stiffness, np.abs(errors).max(axis=1), np.sqrt((errors**2).mean(axis=1)))
 
 
-def locked_link(robot: Robot) -> float:
-    """Return the largest tau_l that mod3 leaves on a ramp of the prototype with locked bushings, Nm."""
-    run = follow(robot, Bushing(locked=True), StepRamp(np.zeros(robot.n), hold=0.05, shape=QUINTIC), LOCKED_STEP)
-    return float(np.abs(model_torques(build_model(robot, "mod3"), run).link).max())
-
-
 def motor_terms(robot: Robot, run: PrototypeRun) -> dict[str, np.ndarray]:
     """Return the parts of tau_m (1), mod3, on a run: rms per joint (n,) of B ddtheta, S' ddq, c2 and the drive."""
     model = build_model(robot, "mod3")
@@ -253,44 +247,7 @@ def motor_terms(robot: Robot, run: PrototypeRun) -> dict[str, np.ndarray]:
     return {name: np.sqrt((part**2).mean(axis=0)) for name, part in parts.items()}
 
 
-@dataclass(frozen=True)
-class ConvergenceCheck:
-    """One setting and the largest deviation it leaves, Nm.
-
-    `tau_m` is against the reference named by the table; `tau_l` is mod3's link-side residual where there is one.
-    """
-
-    setting: float
-    tau_m: float
-    tau_l: float | None = None
-
-
-def over_steps(robot: Robot, steps: tuple[float, ...], motion: StepRamp) -> list[ConvergenceCheck]:
-    """Compare tau_m at each integration step with that at the last, the finest."""
-    prototype = Prototype(robot)
-    torques = [prototype.follow(motion, step=step).tau_m for step in steps]
-    return [
-        ConvergenceCheck(step, float(np.abs(tau_m - torques[-1]).max()))
-        for step, tau_m in zip(steps, torques, strict=True)
-    ][:-1]
-
-
-def over_bushings(robot: Robot, scales: tuple[float, ...], motion: StepRamp, step: float) -> list[ConvergenceCheck]:
-    """Compare mod3 with the prototype as the bushing grows stiff; an infinite scale has it locked.
-
-    On a ramp without jumps of acceleration, after which bearings of any stiffness would ring.
-    """
-    motion = replace(motion, shape=QUINTIC)
-    mod3 = build_model(robot, "mod3")
-    checks = []
-    for scale in scales:
-        bushing = Bushing(locked=True) if np.isinf(scale) else Bushing(bearing_scale=scale)
-        fine = step if np.isinf(scale) else step / max(1.0, scale**0.5)
-        run = Prototype(robot, bushing).follow(motion, step=fine)
-        torques = model_torques(mod3, run)
-        checks.append(
-            ConvergenceCheck(
-                float(scale), float(np.abs(torques.motor - run.tau_m).max()), float(np.abs(torques.link).max())
-            )
-        )
-    return checks
+def locked_link(robot: Robot) -> float:
+    """Return the largest tau_l that mod3 leaves on a ramp of the prototype with locked bushings, Nm."""
+    run = follow(robot, Bushing(locked=True), StepRamp(np.zeros(robot.n), hold=0.05, shape=QUINTIC), LOCKED_STEP)
+    return float(np.abs(model_torques(build_model(robot, "mod3"), run).link).max())

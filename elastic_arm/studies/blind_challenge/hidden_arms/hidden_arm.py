@@ -11,12 +11,11 @@ from scipy.interpolate import CubicSpline
 from elastic_arm.errors import SimulationError
 from elastic_arm.recording import Recording
 from elastic_arm.robot import Component, Inertia, Robot, Transmission
-from elastic_arm.studies.blind_challenge.hidden_arms.compiled_arm import StateHistory, compiled_arm
+from elastic_arm.studies.blind_challenge.hidden_arms.compiled_arm import StateHistory, compiled_arm, inertial_numbers
 from elastic_arm.studies.blind_challenge.hidden_arms.effect_laws import Fault, joint_numbers
 from elastic_arm.studies.blind_challenge.hidden_arms.further_laws import further_numbers, needs_further_laws
 from elastic_arm.studies.blind_challenge.hidden_arms.kinematic_tree import KinematicTree
 from elastic_arm.studies.blind_challenge.hidden_arms.motion import Motion, TrueChannels
-from elastic_arm.studies.blind_challenge.hidden_arms.recursion import inertial_numbers
 from elastic_arm.studies.blind_challenge.hidden_arms.sensor_models import SensorModel, measure
 
 RATE = 1000.0
