@@ -267,7 +267,8 @@ def _import(file: Path | str, mapping: Path | str, bag: Path) -> None:
     command = [sys.executable, "-c", "from elastic_arm.app import main; main()", "bag", "import", str(file)]
     done = subprocess.run([*command, "--map", str(mapping), "--out", str(bag)], text=True, capture_output=True)
     if done.returncode:
-        raise ImportRefused(" ".join(done.stderr.split()) or f"bag import ended with {done.returncode}")
+        said = " ".join(done.stderr.split())[-300:] or f"bag import ended with {done.returncode}"
+        raise ImportRefused(said) if done.returncode == 2 else RuntimeError(said)
 
 
 class ImportRefused(Exception):

@@ -72,9 +72,9 @@ def _summary(result: StudyResult, claims: list[Claim]) -> Section:
         Table(
             ("section", "claim of the paper", "what decides it here", "verdict"),
             [
-                (c.section, c.claim, c.finding + chosen, f"{MARKS[c.verdict]} {c.verdict}{' *' if chosen else ''}")
+                (c.section, c.claim, c.finding + note, f"{MARKS[c.verdict]} {c.verdict}{' *' if note else ''}")
                 for c in claims
-                for chosen in [f". * {c.by_choice.capitalize()}." if c.by_choice else ""]
+                for note in [f". * {c.by_choice.capitalize()}." if c.by_choice else ""]
             ],
             caption="* rests on a number that was chosen so",
         ),
