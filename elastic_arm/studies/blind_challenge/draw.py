@@ -42,7 +42,12 @@ from elastic_arm.studies.blind_challenge.hidden_arms.base_arms import (
 from elastic_arm.studies.blind_challenge.hidden_arms.effect_laws import KNOWN, SENSOR_EFFECTS, Fault
 from elastic_arm.studies.blind_challenge.hidden_arms.further_laws import FOREIGN
 from elastic_arm.studies.blind_challenge.hidden_arms.hidden_arm import RATE, HiddenArm, altered
-from elastic_arm.studies.blind_challenge.hidden_arms.motion import Motion, TrueChannels, random_motion, random_points
+from elastic_arm.studies.blind_challenge.hidden_arms.motion import (
+    HiddenMotion,
+    TrueChannels,
+    random_motion,
+    random_points,
+)
 from elastic_arm.studies.blind_challenge.hidden_arms.realistic_sensors import (
     BOTH,
     DIFFERENCED,
@@ -57,7 +62,7 @@ from elastic_arm.studies.blind_challenge.levels import FLOORS, FOREIGN_FLOORS, L
 
 Array = NDArray[np.float64]
 
-Run = Callable[[Motion, Sequence[Fault]], TrueChannels]
+Run = Callable[[HiddenMotion, Sequence[Fault]], TrueChannels]
 
 LOWEST, HIGHEST = 10.0, 300.0  # bounds
 NOISE = 0.26  # Nm, of the torque channels of a large joint
@@ -108,7 +113,7 @@ class Drawn:
 
     arm: Arm
     description: Robot
-    motions: tuple[Motion, ...]
+    motions: tuple[HiddenMotion, ...]
     run: Run
 
 
@@ -221,7 +226,7 @@ def _mover(robot: Robot, description: Robot, effects: Sequence[str], catalogue: 
     if all(effect in KNOWN or effect in FOREIGN or model_of([effect], catalogue) != "mod3" for effect in effects):
         return lambda motion, faults: HiddenArm(robot, faults, geometry=description).run(motion)
 
-    def simulated(motion: Motion, faults: Sequence[Fault]) -> TrueChannels:
+    def simulated(motion: HiddenMotion, faults: Sequence[Fault]) -> TrueChannels:
         t = np.arange(round(motion.duration * RATE) + 1) / RATE
         reference = motion.evaluate(t)
         # The faults of sensors that the challenge's own sensors have act there.
@@ -245,7 +250,7 @@ def _sized(
     catalogue: Catalogue,
     rng: np.random.Generator,
     run: Run,
-    motions: Sequence[Motion],
+    motions: Sequence[HiddenMotion],
 ) -> list[SizedEffect]:
     """Draw an effect where it acts, with its size; an exact arm gets the friction that it scales."""
     for _ in range(PLACES):
@@ -266,7 +271,7 @@ def _sized(
     )
 
 
-def _acts_in_both(fault: Fault, run: Run, motions: Sequence[Motion]) -> bool:
+def _acts_in_both(fault: Fault, run: Run, motions: Sequence[HiddenMotion]) -> bool:
     """Whether an effect changes the torques of each motion by a tenth of what it changes those of another, or more."""
     if fault.effect in SENSOR_EFFECTS or fault.effect in SCALING:
         return True
@@ -274,7 +279,7 @@ def _acts_in_both(fault: Fault, run: Run, motions: Sequence[Motion]) -> bool:
     return bool(min(most) >= 0.1 * max(most))
 
 
-def _torques(run: Run, motion: Motion, fault: Fault) -> Iterator[tuple[Array, Array]]:
+def _torques(run: Run, motion: HiddenMotion, fault: Fault) -> Iterator[tuple[Array, Array]]:
     with_it, without = run(motion, (fault,)), run(motion, ())
     return zip((with_it.tau_J, with_it.tau_m), (without.tau_J, without.tau_m), strict=True)
 

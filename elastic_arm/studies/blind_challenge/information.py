@@ -26,7 +26,7 @@ from elastic_arm.studies.blind_challenge.hidden_arms.base_arms import strained
 from elastic_arm.studies.blind_challenge.hidden_arms.effect_laws import SENSOR_EFFECTS, Fault
 from elastic_arm.studies.blind_challenge.hidden_arms.hidden_arm import RATE
 from elastic_arm.studies.blind_challenge.hidden_arms.kinematic_tree import KinematicTree
-from elastic_arm.studies.blind_challenge.hidden_arms.motion import Motion, TrueChannels
+from elastic_arm.studies.blind_challenge.hidden_arms.motion import HiddenMotion, TrueChannels
 from elastic_arm.studies.blind_challenge.hidden_arms.realistic_sensors import BOTH, LINK, RealisticSensors
 from elastic_arm.studies.blind_challenge.hidden_arms.sensor_models import SensorModel, measure
 from elastic_arm.studies.blind_challenge.levels import Level
@@ -288,7 +288,7 @@ class Sizing:
         robot: Robot,
         sensors: RealisticSensors,
         level: Level,
-        motion: Motion,
+        motion: HiddenMotion,
         friction: Sequence[Fault],
         run: Callable[[Sequence[Fault]], TrueChannels],
     ) -> None:

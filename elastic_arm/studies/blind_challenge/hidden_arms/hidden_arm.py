@@ -15,7 +15,7 @@ from elastic_arm.studies.blind_challenge.hidden_arms.compiled_arm import StateHi
 from elastic_arm.studies.blind_challenge.hidden_arms.effect_laws import Fault, joint_numbers
 from elastic_arm.studies.blind_challenge.hidden_arms.further_laws import further_numbers, needs_further_laws
 from elastic_arm.studies.blind_challenge.hidden_arms.kinematic_tree import KinematicTree
-from elastic_arm.studies.blind_challenge.hidden_arms.motion import Motion, TrueChannels
+from elastic_arm.studies.blind_challenge.hidden_arms.motion import HiddenMotion, TrueChannels
 from elastic_arm.studies.blind_challenge.hidden_arms.sensor_models import SensorModel, measure
 
 RATE = 1000.0
@@ -107,7 +107,7 @@ class HiddenArm:
         """Return the rate of a state (coordinates, velocities, further states) under motor torques u (n,)."""
         return self._engine.rate(state, u, self._parameters)[0]
 
-    def run(self, motion: Motion) -> TrueChannels:
+    def run(self, motion: HiddenMotion) -> TrueChannels:
         """Follow a motion from rest."""
         n, dof, N = self.n, self.tree.dof, round(motion.duration * RATE)
         self._parameters = self._all_numbers(motion.duration)
@@ -145,7 +145,7 @@ class HiddenArm:
                     "Report this: the challenge's engine is wrong",
                 )
 
-    def record(self, motion: Motion, instruments: SensorModel, rng: np.random.Generator) -> Recording:
+    def record(self, motion: HiddenMotion, instruments: SensorModel, rng: np.random.Generator) -> Recording:
         """Follow a motion and return the recording of the sensors."""
         course = self.run(motion)
         return measure(course, self.nominal.joint_names, self.faults, instruments, rng)

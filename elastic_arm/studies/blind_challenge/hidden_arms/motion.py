@@ -31,7 +31,7 @@ class TrueChannels:
     gravity: np.ndarray | None = None  # (N, n) what a controller that compensates gravity adds by itself
 
 
-class Motion(Protocol):
+class HiddenMotion(Protocol):
     """A motion from rest to rest."""
 
     @property
