@@ -6,7 +6,7 @@ From the seed alone: description, true numbers, sensors, two motions, effects, j
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -24,6 +24,7 @@ from elastic_arm.sensors import Sensors
 from elastic_arm.simulation import SimulationSettings
 from elastic_arm.simulation.simulator import Simulator
 from elastic_arm.studies.blind_challenge.effect_sampling import (
+    SampledEffect,
     instance_of,
     model_of,
     sample_effect,
@@ -58,7 +59,7 @@ from elastic_arm.studies.blind_challenge.hidden_arms.realistic_sensors import (
     measure_realistically,
 )
 from elastic_arm.studies.blind_challenge.information import SCALING, EffectDraft, SizedEffect, Sizing
-from elastic_arm.studies.blind_challenge.levels import FLOORS, FOREIGN_FLOORS, Level
+from elastic_arm.studies.blind_challenge.levels import FLOORS, FOREIGN_FLOORS, Floor, Level
 
 Array = NDArray[np.float64]
 
@@ -135,8 +136,8 @@ def draw(request: Request, level: Level, rng: np.random.Generator, catalogue: Ca
     model = model_of(effects, catalogue)
     if effects and model == "mod3":
         sizing = Sizing(real, sensors, level, motions[0], ordinary, lambda faults: run(motions[0], faults))
-        for effect in effects:
-            chosen += _sized(effect, request, level, sizing, sizes, sensors, catalogue, rng, run, motions)
+        drawing = _Effects(request, level, sizes, sensors, catalogue, sizing, run, motions, rng)
+        chosen = [one for effect in effects for one in drawing.sized(effect)]
     faults = [one.fault for one in chosen] or [Fault(effect, None) for effect in effects]
     for fault in faults:
         ordinary = [o for o in ordinary if (o.effect, o.joint) != (fault.effect, fault.joint)]
@@ -146,7 +147,6 @@ def draw(request: Request, level: Level, rng: np.random.Generator, catalogue: Ca
         conditions += [o for o in ordinary if o.effect == "motor_torque_gain"]
         ordinary = [o for o in ordinary if o.effect != "motor_torque_gain"]
     multiples = tuple(one.distance for one in chosen) or (MODEL_DISTANCE,) * len(faults)
-    loads = ("payload", "load")
     arm = Arm(
         name=request.name,
         model=model,
@@ -156,7 +156,7 @@ def draw(request: Request, level: Level, rng: np.random.Generator, catalogue: Ca
         foreign=tuple(f for f in faults if f.effect in FOREIGN),
         ordinary=tuple(ordinary),
         conditions=tuple(conditions),
-        numbers=_numbers(altered(real, [f for f in faults if f.effect not in loads]), description),
+        numbers=_numbers(altered(real, [f for f in faults if f.effect not in ("payload", "load")]), description),
         sensors=sensors,
         multiple=multiples,
         bound=tuple(one.bound for one in chosen) or (None,) * len(faults),
@@ -240,89 +240,86 @@ def _mover(robot: Robot, description: Robot, effects: Sequence[str], catalogue: 
     return simulated
 
 
-def _sized(
-    effect: str,
-    request: Request,
-    level: Level,
-    sizing: Sizing,
-    sizes: Array,
-    sensors: RealisticSensors,
-    catalogue: Catalogue,
-    rng: np.random.Generator,
-    run: Run,
-    motions: Sequence[HiddenMotion],
-) -> list[SizedEffect]:
-    """Draw an effect where it acts, with its size; an exact arm gets the friction that it scales."""
-    for _ in range(PLACES):
-        fault, drawn = _placed(effect, sizes, min(request.seconds), sensors, catalogue, rng)
-        friction = []
-        if level.exact and effect in SCALING:
-            dry = Fault("coulomb_friction", fault.joint, {"torque": float(rng.uniform(*DRY))})
-            sizing.add_friction([dry])
-            distance, excess = sizing.change(dry)
-            friction = [SizedEffect(dry, distance, dry.parameters["torque"] / distance, excess)]
-        draft = _draft(effect, fault, drawn, sizes, level, sizing.peak)
-        one = sizing.sized(draft, float(np.exp(rng.uniform(*np.log(request.ratio)))))
-        if one.distance > NOTHING and _acts_in_both(one.fault, run, motions):
-            return [*friction, one]
-    raise SimulationError(
-        f"{effect} changes nothing of one recording or both, wherever it was drawn",
-        "Correct its law or the range of its size, or leave it out with --effect",
-    )
+@dataclass(frozen=True)
+class _Effects:
+    """Draws the effects of one arm: where they sit, their form, and their sizes."""
+
+    request: Request
+    level: Level
+    joints: Array  # sizes of the joints (n,)
+    sensors: RealisticSensors
+    catalogue: Catalogue
+    sizing: Sizing
+    run: Run
+    motions: tuple[HiddenMotion, ...]
+    rng: np.random.Generator
+
+    def sized(self, effect: str) -> list[SizedEffect]:
+        """Draw an effect where it acts, with its size; an exact arm gets the friction that it scales."""
+        for _ in range(PLACES):
+            fault, drawn = self._placed(effect)
+            friction = []
+            if self.level.exact and effect in SCALING:
+                dry = Fault("coulomb_friction", fault.joint, {"torque": float(self.rng.uniform(*DRY))})
+                self.sizing.add_friction([dry])
+                distance, excess = self.sizing.change(dry)
+                friction = [SizedEffect(dry, distance, dry.parameters["torque"] / distance, excess)]
+            wanted = float(np.exp(self.rng.uniform(*np.log(self.request.ratio))))
+            one = self.sizing.sized(self._draft(fault, drawn), wanted)
+            if one.distance > NOTHING and self._acts_in_both(one.fault):
+                return [*friction, one]
+        raise SimulationError(
+            f"{effect} changes nothing of one recording or both, wherever it was drawn",
+            "Correct its law or the range of its size, or leave it out with --effect",
+        )
+
+    def _acts_in_both(self, fault: Fault) -> bool:
+        """Whether an effect changes the torques of each motion by a tenth of what it does in the other, or more."""
+        if fault.effect in SENSOR_EFFECTS or fault.effect in SCALING:
+            return True
+        most = []
+        for motion in self.motions:
+            changed, plain = self.run(motion, (fault,)), self.run(motion, ())
+            most.append(max(np.abs(changed.tau_J - plain.tau_J).max(), np.abs(changed.tau_m - plain.tau_m).max()))
+        return bool(min(most) >= 0.1 * max(most))
+
+    def _placed(self, effect: str) -> tuple[Fault, SampledEffect | None]:
+        """Draw where an effect sits and its form: on a joint that is no small wrist where its size is a torque."""
+        floor, n = _floor(effect), len(self.joints)
+        suits = self.joints >= SMALLEST_JOINT if floor and floor.scaled else np.ones(n, dtype=bool)
+        while True:
+            drawn = None if effect in FOREIGN else sample_effect(self.catalogue[effect], n, self.rng)
+            fault = drawn.fault if drawn else sample_foreign(effect, n, min(self.request.seconds), self.rng)
+            # What sits on the last link alone has no choice of a joint.
+            if fault.joint is None or suits[fault.joint] or effect == "loose_payload":
+                break
+        torque = "joint_torque" if self.sensors.sides == LINK else "motor_torque"
+        if effect in SCALING:
+            fault = replace(fault, side="motor")
+        elif effect == "torque_drift" and self.sensors.sides != BOTH:
+            fault = replace(fault, choices={"channel": torque})
+        elif effect == "gravity_compensation" and self.sensors.sides != BOTH:
+            fault = replace(fault, channels=(torque,))
+        return fault, replace(drawn, fault=fault) if drawn else None
+
+    def _draft(self, fault: Fault, drawn: SampledEffect | None) -> EffectDraft:
+        """Return an effect without its size, with the range that it may have."""
+        floor, low = _floor(fault.effect), 0.0
+        if floor and not self.level.exact:
+            scaled = floor.scaled and fault.joint is not None
+            low = floor.amount * (float(self.joints[fault.joint]) if scaled else 1.0)
+        if drawn is None:
+            high = DEEPEST if fault.effect == "saturating_drive" else LARGEST * low
+            return EffectDraft(lambda amount: sized_foreign(fault, amount, self.sizing.peak), low, high, low)
+        least, most = drawn.limits()
+        if self.level.exact:
+            return EffectDraft(drawn.sized, least, most, float(np.clip(drawn.typical(), least, most)))
+        high = max(least, most)
+        return EffectDraft(drawn.sized, min(low, high), high, min(low, high))
 
 
-def _acts_in_both(fault: Fault, run: Run, motions: Sequence[HiddenMotion]) -> bool:
-    """Whether an effect changes the torques of each motion by a tenth of what it changes those of another, or more."""
-    if fault.effect in SENSOR_EFFECTS or fault.effect in SCALING:
-        return True
-    most = [max(np.abs(a - b).max() for a, b in _torques(run, motion, fault)) for motion in motions]
-    return bool(min(most) >= 0.1 * max(most))
-
-
-def _torques(run: Run, motion: HiddenMotion, fault: Fault) -> Iterator[tuple[Array, Array]]:
-    with_it, without = run(motion, (fault,)), run(motion, ())
-    return zip((with_it.tau_J, with_it.tau_m), (without.tau_J, without.tau_m), strict=True)
-
-
-def _placed(
-    effect: str, sizes: Array, seconds: float, sensors: RealisticSensors, catalogue: Catalogue, rng: np.random.Generator
-) -> tuple[Fault, Any]:
-    """Draw where an effect sits and its form: on a joint that is no small wrist where its size is a torque."""
-    floor = FLOORS.get(effect) or FOREIGN_FLOORS.get(effect)
-    suits = sizes >= SMALLEST_JOINT if floor and floor.scaled else np.ones(len(sizes), dtype=bool)
-    while True:
-        if effect in FOREIGN:
-            fault, drawn = sample_foreign(effect, len(sizes), seconds, rng), None
-        else:
-            drawn = sample_effect(catalogue[effect], len(sizes), rng)
-            fault = drawn.fault
-        # What sits on the last link alone has no choice of a joint.
-        if fault.joint is None or suits[fault.joint] or effect == "loose_payload":
-            break
-    torque = "joint_torque" if sensors.sides == LINK else "motor_torque"
-    if effect in SCALING:
-        fault = replace(fault, side="motor")
-    elif effect == "torque_drift" and sensors.sides != BOTH:
-        fault = replace(fault, choices={"channel": torque})
-    elif effect == "gravity_compensation" and sensors.sides != BOTH:
-        fault = replace(fault, channels=(torque,))
-    return fault, None if drawn is None else replace(drawn, fault=fault)
-
-
-def _draft(effect: str, fault: Fault, drawn: Any, sizes: Array, level: Level, peak: Callable[[], Array]) -> EffectDraft:
-    """Return an effect without its size, with the range that it may have."""
-    floor = FLOORS.get(effect) or FOREIGN_FLOORS.get(effect)
-    low = 0.0
-    if floor and not level.exact:
-        low = floor.amount * (float(sizes[fault.joint]) if floor.scaled and fault.joint is not None else 1.0)
-    if drawn is None:
-        high = DEEPEST if effect == "saturating_drive" else LARGEST * low
-        return EffectDraft(lambda amount: sized_foreign(fault, amount, peak), low, high, low)
-    least, most = drawn.limits()
-    if level.exact:
-        return EffectDraft(drawn.sized, least, most, float(np.clip(drawn.typical(), least, most)))
-    high = max(least, most)
-    return EffectDraft(drawn.sized, min(low, high), high, min(low, high))
+def _floor(effect: str) -> Floor | None:
+    return FLOORS.get(effect) or FOREIGN_FLOORS.get(effect)
 
 
 def _shares(amounts: Sequence[float]) -> tuple[float, ...]:

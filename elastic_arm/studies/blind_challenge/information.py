@@ -305,7 +305,7 @@ class Sizing:
 
     def peak(self) -> Array:
         """Return the largest motor torques (n,) of the plain motion, Nm."""
-        return np.asarray(np.abs(self._plain.tau_m).max(axis=0))
+        return np.abs(self._plain.tau_m).max(axis=0)
 
     def sized(self, draft: EffectDraft, wanted: float) -> SizedEffect:
         """Return an effect of the wanted distance, within its limits."""
