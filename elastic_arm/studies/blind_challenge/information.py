@@ -39,6 +39,7 @@ EDGE = 40.0  # Hz, upper edge of what counts; with one encoder alone:
 EDGE_ONE_ENCODER = 5.0
 FREE = 100.0  # a prior so wide that it states nothing: friction known by name
 STEP = 1e-3  # of an ordinary number, for derivatives
+OWN = 1e-2  # of the torques' noise power that each equation has on its own, as equations are never exact
 ENDS = 50  # rows left out at either end, where derivatives are inexact
 # Standard deviations of what is ordinary, as :mod:`.base_arms` draws it.
 ORDINARY = {"mass": 0.05, "com": 0.006, "inertia": 0.03, "rotor": 0.03, "stiffness": 0.06, "damping": 0.12}
@@ -226,7 +227,7 @@ class MarginalInformation:
             [torque, torque, np.broadcast_to(link, torque.shape), np.broadcast_to(motor, torque.shape)], -1
         )
         S = np.einsum("fnrc,fnc,fnsc->fnrs", H, power, H)
-        return S + 1e-4 * variance[:, None, None] * np.eye(S.shape[-1]) * 2.0 / rate
+        return S + OWN * variance[:, None, None] * np.eye(S.shape[-1]) * 2.0 / rate
 
 
 def _alterations(robot: Robot, j: int) -> list[tuple[str, float, Robot]]:

@@ -11,8 +11,6 @@ from elastic_arm.errors import DiagnosisError
 from elastic_arm.studies.blind_challenge.hidden_arms.further_laws import FOREIGN
 from elastic_arm.studies.blind_challenge.hidden_arms.realistic_sensors import BOTH, LINK, MOTOR
 
-KNOWN_FRICTION = ("coulomb_friction", "viscous_friction")
-
 
 @dataclass(frozen=True)
 class Floor:
@@ -111,7 +109,7 @@ LABORATORY = Level(
     exact=True,
     seconds=(12.0, 8.0),
 )
-_ASKED = {"refit": True, "with": list(KNOWN_FRICTION)}
+_ASKED = {"refit": True, "with": ["coulomb_friction", "viscous_friction"]}
 WORKSHOP = Level(
     "workshop",
     tuple(FLOORS),
