@@ -191,7 +191,7 @@ def place(effect: str, bench: Bench, rng: np.random.Generator) -> int:
         return n - 1
     if effect == "load":
         return n // 2 - 1
-    carries = bench.peak >= 0.1 * bench.peak.max()
+    carries = bench.peak >= 0.3 * bench.peak.max()
     return int(rng.choice(np.flatnonzero(carries & (bench.fastest > 0.05))))
 
 
