@@ -70,7 +70,7 @@ NOISE = 0.26  # Nm, of the torque channels of a large joint
 SMALLEST_JOINT = 0.25  # on which effects of torques are drawn: no wrist that carries a kilogram
 LARGEST = 30.0  # floors that an effect of no catalogue may have; of a drive that saturates:
 DEEPEST = 0.6
-DRY = (5.0, 20.0)  # Nm, of the friction that an exact arm gets with what scales friction
+VISCOUS = (5.0, 20.0)  # Nm s/rad, of an exact arm with what scales friction: of dry friction that may be an offset
 IDEAL_BITS = 40
 PLACES = 5  # draws of an effect, until one acts: the zero of a vertical axis does not
 NOTHING = 1e-6  # standard deviations: what moves the residuals by less does not act
@@ -260,10 +260,11 @@ class _Effects:
             fault, drawn = self._placed(effect)
             friction = []
             if self.level.exact and effect in SCALING:
-                dry = Fault("coulomb_friction", fault.joint, {"torque": float(self.rng.uniform(*DRY))})
-                self.sizing.add_friction([dry])
-                distance, excess = self.sizing.change(dry)
-                friction = [SizedEffect(dry, distance, dry.parameters["torque"] / distance, excess)]
+                size = float(self.rng.uniform(*VISCOUS))
+                own = Fault("viscous_friction", fault.joint, {"coefficient": size})
+                self.sizing.add_friction([own])
+                distance, excess = self.sizing.change(own)
+                friction = [SizedEffect(own, distance, size / distance, excess)]
             wanted = float(np.exp(self.rng.uniform(*np.log(self.request.ratio))))
             one = self.sizing.sized(self._draft(fault, drawn), wanted)
             if one.distance > NOTHING and self._acts_in_both(one.fault):
