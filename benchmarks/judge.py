@@ -378,6 +378,12 @@ def distances(truth: Mapping[str, Any], cause: Mapping[str, Any]) -> list[tuple[
     return found
 
 
+def _grown(truth: Mapping[str, Any], causes: Sequence[Mapping[str, Any]]) -> bool:
+    """Whether an effect that was there before a change is said with half of the change, or more."""
+    own = (c for c in causes if "change" in truth and truth["before"] and _meets(truth, c["effect"], c["joint"]))
+    return all(abs(part) <= 0.5 for c in own for _, part in distances(truth, c))
+
+
 def row(arm: Arm, found: Mapping[str, Any]) -> dict[str, str]:
     """Return an answer as a row of the CSV."""
     causes = found["causes"]
@@ -388,7 +394,7 @@ def row(arm: Arm, found: Mapping[str, Any]) -> dict[str, str]:
         + [(a["effect"], a["joint"]) for a in c["alternatives"] if a["confidence"] >= DECLARED]
         for c in causes
     ]
-    held = [any(_meets(t, *one) for every in named for one in every) for t in arm.truth]
+    held = [any(_meets(t, *one) for every in named for one in every) and _grown(t, causes) for t in arm.truth]
     if arm.truth:
         right = all(held)
     else:

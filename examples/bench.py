@@ -5,7 +5,7 @@
 DATA has a folder for each robot. Each change is added numerically to the torques of all its recordings, at 3, 1 and 0.3
 times what a workshop would notice (`NOTICED`), and the altered recordings are asked as `benchmarks.judge` does. Every
 answer is judged against that to the recordings as they are: what they have already is allowed, and the size that is to
-be found is theirs and the change together.
+be found is theirs and the change together, of which an effect that was named before has to show half or more.
 """
 
 from __future__ import annotations
@@ -245,7 +245,8 @@ def against(arm: Arm, before: Mapping[str, Any]) -> Arm:
             there = own[0][name]["value"]
             sizes[name] = there * change if name == "gain" else there + change
     change = {k: v - 1.0 if k == "gain" else v for k, v in truth["parameters"].items()}
-    return replace(arm, truth=[truth | {"parameters": sizes, "change": change}], allowed=allowed)
+    found = truth | {"parameters": sizes, "change": change, "before": bool(own)}
+    return replace(arm, truth=[found], allowed=allowed)
 
 
 def by_effect(rows: Sequence[Mapping[str, str]]) -> str:

@@ -119,11 +119,14 @@ def test_another_arm_takes_other_torques(bench: Bench) -> None:
 
 
 def test_the_size_to_be_found_is_that_before_and_the_change() -> None:
-    """Friction of 5 Nm before and 2 Nm more is 7 Nm; what was a cause before is no false one; gains multiply."""
+    """Friction of 5 Nm before and 2 Nm more is 7 Nm, of which half the change counts; what was a cause before is no false one; gains multiply."""
     truth = {"effect": "coulomb_friction", "joint": "j1", "parameters": {"torque": 2.0}, "phases": []}
     before = {"causes": [cause("coulomb_friction", "j1", 0.9, parameters={"torque": {"value": 5.0}})]}
     asked = against(replace(ARM, truth=[truth]), before)
     assert asked.truth[0]["parameters"] == {"torque": 7.0} and asked.allowed == [["coulomb_friction", "j1"]]
+    for said, right in ((5.2, "0"), (6.8, "1")):
+        size = {"torque": {"value": said, "std": 0.5}}
+        assert row(asked, answer(cause("coulomb_friction", "j1", 0.9, parameters=size)))["right"] == right
     gain = {"effect": "motor_torque_gain", "joint": "j1", "parameters": {"gain": 1.1}, "phases": []}
     known = {"causes": [], "imperfections": [{"what": "motor_torque_gain", "joint": "j1", "value": 0.98}]}
     (found,) = against(replace(ARM, truth=[gain]), known).truth
