@@ -119,7 +119,7 @@ def test_another_arm_takes_other_torques(bench: Bench) -> None:
 
 
 def test_the_size_to_be_found_is_that_before_and_the_change() -> None:
-    """Friction of 5 Nm and 2 Nm more is 7 Nm, found from 6 Nm on; what was a cause before is no false one; gains multiply."""
+    """Friction of 5 Nm and 2 Nm more is 7 Nm, found from 6 Nm on; causes before are not false; gains multiply."""
     truth = {"effect": "coulomb_friction", "joint": "j1", "parameters": {"torque": 2.0}, "phases": []}
     before = {"causes": [cause("coulomb_friction", "j1", 0.9, parameters={"torque": {"value": 5.0}})]}
     asked = against(replace(ARM, truth=[truth]), before)
