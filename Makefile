@@ -1,7 +1,7 @@
 # Two commands: `make demo` and `make test`. Both set up what they need; `make help` lists the rest.
 SHELL := /bin/bash
 .DELETE_ON_ERROR:
-.PHONY: help demo test quick oldest fuzz soak paper setup lint types unit clean
+.PHONY: help demo test quick oldest fuzz soak judge paper setup lint types unit clean
 
 DONE := .venv/.done
 RUN := . tools/env.sh &&
@@ -35,6 +35,10 @@ fuzz: $(DONE)/packages $(DONE)/tests ## feed broken bags and files to all reader
 RATE := 1000
 soak: $(DONE)/packages $(DONE)/tests ## run the live graph for MINUTES=60 at RATE=1000: memory, losses, delays in runs/soak
 	@$(RUN) python -m benchmarks.soak --minutes $(MINUTES) --rate $(RATE) --out runs/soak
+
+JUDGED := runs/judge.csv
+judge: $(DONE)/packages $(DONE)/tests ## answer the 150 fixed arms, one row an arm in JUDGED=runs/judge.csv
+	@$(RUN) python -m benchmarks.judge --out $(JUDGED)
 
 paper: $(DONE)/packages $(DONE)/tests ## reproduce the paper in one report, runs/paper/report.html
 	@$(RUN) elastic-arm paper --out runs/paper --force

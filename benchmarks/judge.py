@@ -27,7 +27,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -75,9 +75,9 @@ class Arm:
 # --- What is drawn -------------------------------------------------------------------------------------------------
 
 SEEDS = {"laboratory": 720101, "workshop": 720102, "field": 720103}
-CLEAN = {"laboratory": 10, "workshop": 6, "field": 4}
-PAIRS = {"laboratory": 12, "workshop": 6, "field": 3}
-FOREIGN = {"laboratory": (), "workshop": None, "field": ("dress_pack", "cogging_cable", "worn_zone", "oil_drag")}
+CLEAN = {"laboratory": 8, "workshop": 4, "field": 3}
+SETS = {"laboratory": (2,) * 6, "workshop": (2, 2, 2, 3), "field": (2, 3)}  # arms of several effects
+FOREIGN = {"field": ("cogging_cable", "worn_zone")}  # all that the level has where none are named
 # Effects whose arms are asked once more without them: no other law of the catalogue does what they do.
 WITHHELD = {
     "laboratory": (
@@ -95,57 +95,32 @@ def requests(level: str) -> list[Any]:
     import numpy as np
 
     from elastic_arm.effects import EFFECTS
-    from elastic_arm.studies.blind_challenge import campaign
-    from elastic_arm.studies.blind_challenge.levels import level as levels
+    from elastic_arm.studies.blind_challenge.campaign import Request, combines, effects_together
+    from elastic_arm.studies.blind_challenge.levels import level_of
 
-    settings = campaign.ChallengeSettings(seed=SEEDS[level], level=level)
-    alone = levels.drawn_effects(tuple(EFFECTS), level)
-    together = [effect for effect in alone if campaign.combines(EFFECTS[effect])]
-    rng = np.random.default_rng(SEEDS[level])
-    pairs = [settings._drawn_set(together, 2, rng) for _ in range(PAIRS[level])]
-    foreign = FOREIGN[level]
-    foreign = levels.foreign_effects(level) if foreign is None else foreign
-    kinds = [()] * CLEAN[level] + [(effect,) for effect in (*alone, *foreign)] + pairs
-    seconds = (12.0, 8.0) if level == "laboratory" else (20.0, 10.0)
+    found, rng = level_of(level), np.random.default_rng(SEEDS[level])
+    alone = found.drawn(tuple(EFFECTS))
+    together = [effect for effect in alone if combines(EFFECTS[effect])]
+    sets = [effects_together(together, count, found, rng) for count in SETS[level]]
+    kinds = [()] * CLEAN[level] + [(effect,) for effect in (*alone, *FOREIGN.get(level, found.foreign))] + sets
     names = [f"{level}_{k:03d}_{'_and_'.join(kind) or 'clean'}" for k, kind in enumerate(kinds)]
     return [
-        campaign.SamplingRequest(name, kind, (SEEDS[level], k), seconds)
+        Request(name, kind, (SEEDS[level], k), found.seconds)
         for k, (name, kind) in enumerate(zip(names, kinds, strict=True))
     ]
 
 
 def record(arms: Path, level: str, request: Any) -> list[Arm]:
     """Draw and record one arm of a level; return what is asked of it."""
-    import numpy as np
-
-    from elastic_arm.effects import EFFECTS
-    from elastic_arm.recording import write_recording
-    from elastic_arm.robot import load_robot
-    from elastic_arm.studies.blind_challenge import campaign
-    from elastic_arm.studies.blind_challenge.levels.level import level_of
-
-    name, found = request.name, level_of(level)
-    bags = campaign._bags(arms, name)
-    if found is None:
-        robot, rng = load_robot(None), np.random.default_rng(request.seed)
-        item, motions = campaign.sample_arm(request, robot, rng, EFFECTS)
-        arm = campaign.arm_maker(robot, request.effects, EFFECTS)(item.faults)
-        for bag, motion in zip(bags, motions, strict=True):
-            bag.parent.mkdir(parents=True, exist_ok=True)
-            write_recording(bag, arm.record(motion, item.instruments, rng))
-        truth, joints = item.truth(), robot.joint_names
-    else:
-        truth = campaign._recorded(arms, request, found, EFFECTS)
-        joints = tuple(f"joint_{k + 1}" for k in range(len(truth["sensors"]["torque_noise"])))
-    return list(_asked(arms, level, name, json.loads(json.dumps(truth)), joints))
-
-
-def _asked(arms: Path, level: str, name: str, truth: dict[str, Any], joints: Sequence[str]) -> Iterator[Arm]:
     from elastic_arm.effects import EFFECTS, Scope
     from elastic_arm.effects.model import MODELS
+    from elastic_arm.studies.blind_challenge.campaign import recorded
     from elastic_arm.studies.blind_challenge.effect_sampling import Fault, true_parameters
+    from elastic_arm.studies.blind_challenge.levels import level_of
 
-    effects, foreign = [], bool(truth.get("foreign"))
+    name, found = request.name, level_of(level)
+    truth = json.loads(json.dumps(recorded(arms, request, found, EFFECTS)))
+    joints, effects, foreign = truth["joints"], [], bool(truth["foreign"])
     for fault in (Fault(**one) for one in truth["faults"]):
         effect = EFFECTS[fault.effect]
         joint = len(joints) - 1 if effect.scope is Scope.LAST and fault.joint is None else fault.joint
@@ -160,10 +135,9 @@ def _asked(arms: Path, level: str, name: str, truth: dict[str, Any], joints: Seq
         )
     # A poorer model lacks more than the one effect that was asked for.
     allowed = [[e.id, None] for e in EFFECTS.values() if e.lacked_by != MODELS and truth["model"] in e.lacked_by]
-    allowed += [[c["effect"], joints[c["joint"]]] for c in truth.get("conditions", ())]
-    files = {folder: arms / folder / f"{name}.yaml" for folder in ("robots", "channels")}
-    realistic = level != "laboratory"
-    kind = "foreign" if foreign else ("clean", "single", "pair")[len(effects)]
+    allowed += [[c["effect"], joints[c["joint"]]] for c in truth["conditions"]]
+    files = {folder: f"{folder}/{name}.yaml" for folder in ("robots", "channels")}
+    kind = "foreign" if foreign else ("clean", "single", "pair", "triple")[len(request.effects)]
     verdicts = [UNKNOWN] if foreign else [NONE, "explained"]
     arm = Arm(
         name=name,
@@ -174,18 +148,18 @@ def _asked(arms: Path, level: str, name: str, truth: dict[str, Any], joints: Seq
         truth=effects,
         allowed=allowed,
         verdicts=[*verdicts, NONE] if foreign and not truth["visible"] else verdicts,
-        robot=f"robots/{name}.yaml" if files["robots"].is_file() else None,
-        channels=f"channels/{name}.yaml" if files["channels"].is_file() else None,
+        robot=files["robots"] if (arms / files["robots"]).is_file() else None,
+        channels=files["channels"] if (arms / files["channels"]).is_file() else None,
         model=truth["model"],
-        refit=realistic,
-        known=["coulomb_friction", "viscous_friction"] if realistic else [],
-        gains={"motor_torque_gain": 0.15} if level == "field" else {},
+        refit=found.asked.get("refit", False),
+        known=found.asked.get("with", []),
+        gains=found.asked.get("priors", {}).get("sensors", {}),
     )
-    yield arm
-    if kind == "single" and effects[0]["effect"] in WITHHELD[level]:
-        yield replace(
-            arm, name=f"{name}_withheld", kind="withheld", truth=[], without=effects[0]["effect"], verdicts=[UNKNOWN]
-        )
+    if kind != "single" or effects[0]["effect"] not in WITHHELD[level]:
+        return [arm]
+    effect = effects[0]["effect"]
+    without = replace(arm, name=f"{name}_withheld", kind="withheld", truth=[], without=effect, verdicts=[UNKNOWN])
+    return [arm, without]
 
 
 def _is(effect: str, joint: str | None, **parameters: Any) -> dict[str, Any]:
@@ -293,7 +267,8 @@ def _import(file: Path | str, mapping: Path | str, bag: Path) -> None:
     command = [sys.executable, "-c", "from elastic_arm.app import main; main()", "bag", "import", str(file)]
     done = subprocess.run([*command, "--map", str(mapping), "--out", str(bag)], text=True, capture_output=True)
     if done.returncode:
-        raise ImportRefused(" ".join(done.stderr.split()) or f"bag import ended with {done.returncode}")
+        said = " ".join(done.stderr.split())[-300:] or f"bag import ended with {done.returncode}"
+        raise ImportRefused(said) if done.returncode == 2 else RuntimeError(said)
 
 
 class ImportRefused(Exception):
@@ -401,6 +376,12 @@ def distances(truth: Mapping[str, Any], cause: Mapping[str, Any]) -> list[tuple[
     return found
 
 
+def _grown(truth: Mapping[str, Any], causes: Sequence[Mapping[str, Any]]) -> bool:
+    """Whether an effect that was there before a change is said with half of the change, or more."""
+    own = (c for c in causes if "change" in truth and truth["before"] and _meets(truth, c["effect"], c["joint"]))
+    return all(abs(part) <= 0.5 for c in own for _, part in distances(truth, c))
+
+
 def row(arm: Arm, found: Mapping[str, Any]) -> dict[str, str]:
     """Return an answer as a row of the CSV."""
     causes = found["causes"]
@@ -411,7 +392,7 @@ def row(arm: Arm, found: Mapping[str, Any]) -> dict[str, str]:
         + [(a["effect"], a["joint"]) for a in c["alternatives"] if a["confidence"] >= DECLARED]
         for c in causes
     ]
-    held = [any(_meets(t, *one) for every in named for one in every) for t in arm.truth]
+    held = [any(_meets(t, *one) for every in named for one in every) and _grown(t, causes) for t in arm.truth]
     if arm.truth:
         right = all(held)
     else:

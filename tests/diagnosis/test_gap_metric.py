@@ -20,8 +20,10 @@ from elastic_arm.diagnosis.selection.hypothesis import Hypothesis, Rival
 from elastic_arm.diagnosis.settings import DiagnosisSettings
 from elastic_arm.effects import EFFECTS
 from elastic_arm.robot import load_robot
-from elastic_arm.studies.blind_challenge.arm_sampling import SamplingRequest, sample_arm
+from elastic_arm.studies.blind_challenge.draw import Request, draw
 from elastic_arm.studies.blind_challenge.hidden_arms.hidden_arm import HiddenArm
+from elastic_arm.studies.blind_challenge.hidden_arms.sensor_models import SensorModel
+from elastic_arm.studies.blind_challenge.levels import LABORATORY
 
 ROBOT = load_robot(None)
 SETTINGS = DiagnosisSettings()
@@ -31,9 +33,9 @@ DETECTED, EXPLAINED = SETTINGS.significance.detected, SETTINGS.judgement.explain
 def diagnosed(effects: tuple[str, ...], seed: int, size: float) -> Diagnosis:
     """Diagnose a hidden arm of another engine with effects of so many bounds."""
     rng = np.random.default_rng(seed)
-    item, motions = sample_arm(SamplingRequest("arm", effects, (seed,), (12.0, 8.0), (size, size)), ROBOT, rng)
-    arm = HiddenArm(ROBOT, item.faults)
-    identify, validate = (arm.record(motion, item.instruments, rng) for motion in motions)
+    drawn = draw(Request("arm", effects, (seed,), (12.0, 8.0), (size, size)), LABORATORY, rng, EFFECTS)
+    arm = HiddenArm(ROBOT, drawn.arm.faults)
+    identify, validate = (arm.record(motion, SensorModel(), rng) for motion in drawn.motions)
     return diagnose([identify], Question(ROBOT), [validate])
 
 

@@ -8,14 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from elastic_arm.diagnosis import Diagnosis, DiagnosisSettings, Question, diagnose
-from elastic_arm.diagnosis.priors import Priors
 from elastic_arm.effects import EFFECTS
 from elastic_arm.effects.text import known_effects
 from elastic_arm.recording import read_recording
 from elastic_arm.robot import Robot, load_robot
-from elastic_arm.studies.blind_challenge.arm_sampling import SamplingRequest
-from elastic_arm.studies.blind_challenge.levels.level import KNOWN_FRICTION, level_of, stated_priors
-from elastic_arm.studies.blind_challenge.levels.recording import description_path, record_realistic_arm
+from elastic_arm.studies.blind_challenge.draw import Request, description_path, record
+from elastic_arm.studies.blind_challenge.levels import FIELD
 
 
 def diagnosed_field_arm(
@@ -35,16 +33,14 @@ def diagnosed_field_arm(
     described
         Makes the description that the diagnosis is given of that of the arm.
     """
-    level = level_of("field")
-    assert level is not None
     bags = folder / "fit", folder / "judge"
-    request = SamplingRequest("arm", tuple(effects), seed, (20.0, 10.0))
-    truth = record_realistic_arm(folder, bags, request, level, EFFECTS)
+    truth = record(folder, Request("arm", tuple(effects), seed, (20.0, 10.0)), FIELD, EFFECTS, bags)
     path = description_path(folder, "arm")
     assert path is not None
     robot = described(load_robot(path))
-    settings = replace(DiagnosisSettings(), priors=Priors.model_validate(stated_priors("field")))
-    question = Question(robot, refit=True, given=known_effects(KNOWN_FRICTION, robot), settings=settings)
+    settings = DiagnosisSettings()
+    settings = replace(settings, priors=settings.priors.model_copy(update=FIELD.asked["priors"]))
+    question = Question(robot, refit=True, given=known_effects(FIELD.asked["with"], robot), settings=settings)
     recordings = [read_recording(bag) for bag in bags]
     true = {
         (fault["effect"], robot.joint_names[-1 if fault["joint"] is None else fault["joint"]]): fault["parameters"]

@@ -13,7 +13,7 @@ from multiprocessing.process import BaseProcess
 import psutil
 import pytest
 
-from elastic_arm.studies.paper.parallel import ProcessPool
+from elastic_arm.studies.parallel import ProcessPool
 from tests.helpers.interrupted import interrupted
 
 
@@ -40,7 +40,7 @@ def test_a_tasks_error_is_raised_where_its_result_is_waited_for() -> None:
 
 SCRIPT = """
 import functools, sys, time
-from elastic_arm.studies.paper.parallel import ProcessPool
+from elastic_arm.studies.parallel import ProcessPool
 try:
     with ProcessPool(2) as pool:
         results = pool.start([functools.partial(time.sleep, 60.0)] * 2, lambda: None)
@@ -70,7 +70,7 @@ def test_an_interrupt_ends_the_pools_own_processes_alone(bystander: BaseProcess)
 
 ORPHANS = """
 import functools, multiprocessing, time
-from elastic_arm.studies.paper.parallel import ProcessPool
+from elastic_arm.studies.parallel import ProcessPool
 with ProcessPool(2) as pool:
     print(pool.run([functools.partial(abs, -1)] * 2, lambda: None), flush=True)
     print(*(process.pid for process in multiprocessing.active_children()), flush=True)

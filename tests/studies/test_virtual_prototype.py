@@ -12,8 +12,7 @@ from elastic_arm.dynamics import build_model
 from elastic_arm.errors import MissingExtraError, RobotError, SimulationError
 from elastic_arm.robot import load_robot
 from elastic_arm.robot.description import Joint, Robot, Transmission
-from elastic_arm.studies.paper.comparison import model_torques
-from elastic_arm.studies.paper.virtual_prototype.couplers import SoftCouplers
+from elastic_arm.studies.paper.torques import model_torques
 from elastic_arm.studies.paper.virtual_prototype.mechanism import Bushing, build_spec
 from elastic_arm.studies.paper.virtual_prototype.motions import QUINTIC, StepRamp
 from elastic_arm.studies.paper.virtual_prototype.prototype import Prototype
@@ -88,17 +87,6 @@ def test_halving_the_step_shrinks_the_error_as_a_fourth_order_method_does(robot:
     prototype, motion = Prototype(robot), short_ramp(POSE, shape=QUINTIC)
     fine, half, whole = (prototype.follow(motion, step=step).tau_m for step in (5e-5, 1e-4, 2e-4))
     assert np.abs(whole - fine).max() > 8.0 * np.abs(half - fine).max()
-
-
-def test_soft_couplers_of_the_engine_approach_the_exact_ones(robot: Robot) -> None:
-    """Doubling their natural frequency leaves less than a third of the difference in tau_m."""
-    motion = StepRamp(POSE, hold=0.05, shape=QUINTIC)  # slow, so that the engine's own step leaves less than they do
-    exact = Prototype(robot).follow(motion, step=1e-4).tau_m
-    apart = []
-    for frequency in (1000.0, 2000.0):
-        tau_m, _ = SoftCouplers(robot, frequency).follow(motion, step=1e-4)
-        apart.append(np.abs(tau_m - exact[: len(tau_m)]).max())
-    assert apart[1] < apart[0] / 3.0
 
 
 def test_in_equilibrium_nothing_moves(robot: Robot) -> None:

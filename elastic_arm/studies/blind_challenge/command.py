@@ -19,30 +19,26 @@ from elastic_arm.cli.options import EffectsFiles
 from elastic_arm.cli.outputs import claim_folder
 from elastic_arm.effects import Catalogue
 from elastic_arm.studies.blind_challenge import campaign
-from elastic_arm.studies.blind_challenge.levels.level import FIELD, LABORATORY, WORKSHOP
-from elastic_arm.studies.blind_challenge.levels.table import LEVEL_HEADINGS, table_rows
-from elastic_arm.studies.blind_challenge.scoring import score as score_answers
-from elastic_arm.studies.blind_challenge.summary import SIMULATED, effect_rows, markdown, of_levels_alone, question_rows
+from elastic_arm.studies.blind_challenge.levels import LEVELS
+from elastic_arm.studies.blind_challenge.score import (
+    EFFECT_HEADINGS,
+    HEADINGS,
+    SIMULATED,
+    effect_rows,
+    markdown,
+    table_rows,
+)
+from elastic_arm.studies.blind_challenge.score import score as score_answers
 
 challenge_app = typer.Typer(
     name="challenge", help="Check the diagnosis on arms whose effect is withheld from it.", no_args_is_help=True
 )
 
 Folder = Annotated[Path, typer.Argument(help="Folder of the challenge.", show_default=False)]
-Workers = Annotated[int, typer.Option(min=0, help="Processes on this machine; 0 works here, one after another.")]
-Scheduler = Annotated[
-    str | None, typer.Option(help="Address of a Dask cluster, instead of --workers; it must see the same folder.")
-]
+Workers = Annotated[int, typer.Option(min=1, help="Processes on this machine.")]
 CORES = os.cpu_count() or 1
-DURATIONS = ((12.0, 8.0), (20.0, 10.0))  # s, of the laboratory and of the other levels
-
-
-class LevelName(StrEnum):
-    """Names of the levels."""
-
-    laboratory = LABORATORY
-    workshop = WORKSHOP.name
-    field = FIELD.name
+LevelName = StrEnum("LevelName", {name: name for name in LEVELS})  # type: ignore[misc]
+EXACT = LevelName("laboratory")
 
 
 @challenge_app.command("create")
@@ -66,10 +62,9 @@ def create(
     level: Annotated[
         LevelName,
         typer.Option(help="laboratory: arms perfect but for their effects; workshop, field: as they are."),
-    ] = LevelName.laboratory,
+    ] = EXACT,
     foreign: Annotated[int, typer.Option(min=0, help="Recordings of each effect that no catalogue has.")] = 0,
     workers: Workers = CORES,
-    scheduler: Scheduler = None,
 ) -> None:
     """Draw hidden arms from a seed and record them; the truth is sealed. Goes on where it stopped.
 
@@ -77,15 +72,14 @@ def create(
     """
     claim_folder(folder, (), force=True, option="FOLDER")
     catalogue = Catalogue.default().with_files(effects_files or ())
-    durations = DURATIONS[level is not LevelName.laboratory]
+    own = LEVELS[level.value].seconds
     settings = campaign.ChallengeSettings(
         seed=seed,
         per_effect=per_effect,
         clean=clean,
         pairs=pairs,
         triples=triples,
-        seconds=seconds or durations[0],
-        validate_seconds=validate_seconds or durations[1],
+        seconds=(seconds or own[0], validate_seconds or own[1]),
         ratio=_range(ratio),
         effects=tuple(catalogue.find(e).id for e in effect or ()),
         effects_files=tuple(str(path) for path in effects_files or ()),
@@ -93,7 +87,7 @@ def create(
         foreign=foreign,
     )
     with _bar("recording") as bar:
-        digest = campaign.create(folder, settings, workers=workers, scheduler=scheduler, report=_reporter(bar))
+        digest = campaign.create(folder, settings, workers=workers, report=_reporter(bar))
     out.print(f"sealed truth, SHA-256: {digest}")
     if simulated := campaign.load_manifest(folder).get("simulated"):
         out.print(SIMULATED.format(", ".join(simulated)))
@@ -106,12 +100,8 @@ def diagnose(
     withheld: Annotated[
         bool, typer.Option("--withheld", help="Arms with one effect again, that effect not in the catalogue.")
     ] = False,
-    baseline: Annotated[
-        bool, typer.Option("--baseline", help="Answer by plain least squares and BIC instead, to compare with.")
-    ] = False,
     stale: Annotated[bool, typer.Option("--stale", help="Again what another state of the code answered.")] = False,
     workers: Workers = CORES,
-    scheduler: Scheduler = None,
 ) -> None:
     """Diagnose every recording that has no answer yet, without looking at the truth.
 
@@ -119,13 +109,9 @@ def diagnose(
 
     Example: elastic-arm challenge diagnose blind
     """
-    if withheld and baseline:
-        raise typer.BadParameter("the baseline answers with the whole catalogue", param_hint="--baseline")
-    kind = campaign.WITHHELD if withheld else campaign.BASELINE if baseline else campaign.ANSWERS
+    kind = campaign.WITHHELD if withheld else campaign.ANSWERS
     with _bar("diagnosing") as bar:
-        wrong = campaign.solve(
-            folder, kind=kind, stale=stale, workers=workers, scheduler=scheduler, report=_reporter(bar)
-        )
+        wrong = campaign.solve(folder, kind=kind, stale=stale, workers=workers, report=_reporter(bar))
     for name, problem in wrong.items():
         err.print(escape(f"{name}: {problem}"))
     if wrong:
@@ -143,7 +129,7 @@ def score(
 
     Example: elastic-arm challenge score blind --markdown docs/challenge_results.md
     """
-    from elastic_arm.studies.blind_challenge.report.page import write_challenge_report
+    from elastic_arm.studies.blind_challenge.report import write_challenge_report
 
     found = score_answers(folders)
     (folders[0] / "score.json").write_text(json_module.dumps(found, indent=1, allow_nan=False) + "\n")
@@ -154,14 +140,9 @@ def score(
     if json:
         print_json(found)
         return
-    for level, tables in found["levels"].items():
-        _print(f"level {level}", LEVEL_HEADINGS, table_rows(level, tables))
-    if of_levels_alone(found):
-        out.print(escape(f"{folders[0] / 'score.json'}, {page}"))
-        return
-    _print("", ("question", "right", "of", "share", "95 % interval", "to reach"), question_rows(found))
-    headings, rows = effect_rows(found)
-    _print("single effects", headings[:8], [row[:8] for row in rows])
+    for level, table in found["levels"].items():
+        _print(f"level {level}", HEADINGS, table_rows(level, table))
+    _print("single effects", EFFECT_HEADINGS, effect_rows(found))
     if found["simulated"]:
         out.print(SIMULATED.format(", ".join(found["simulated"])))
     if found["open"]:

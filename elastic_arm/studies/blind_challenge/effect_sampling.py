@@ -1,8 +1,11 @@
-"""Effects as the challenge draws them, from the ranges of their files: where, in which form, and how much of them."""
+"""Effects as the challenge draws them: where, in which form, and how much of them.
+
+Those of a catalogue are drawn from the ranges of their files, those of no catalogue from the forms below.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -13,22 +16,19 @@ from elastic_arm.effects import Catalogue, Effect, EffectInstance, Parameter, Ro
 from elastic_arm.effects.model import MODELS
 from elastic_arm.robot import Robot
 from elastic_arm.studies.blind_challenge.hidden_arms.effect_laws import Fault, variation
+from elastic_arm.studies.blind_challenge.hidden_arms.further_laws import FOREIGN
 
 COMMON = 0.25  # share of effects of one joint or all that all joints have
 
 
-def model_without(effect: Effect) -> str | None:
-    """Return the richest model variant that lacks an effect; None for what no variant has."""
-    return None if effect.lacked_by == MODELS else effect.lacked_by[-1]
-
-
 def model_of(effects: Sequence[str], catalogue: Catalogue) -> str:
-    """Return the model that an arm with these effects is diagnosed against."""
-    return next((model for e in effects if (model := model_without(catalogue[e]))), MODELS[-1])
+    """Return the model that an arm with these effects is diagnosed against: the richest that lacks one of them."""
+    lacking = (catalogue[e].lacked_by for e in effects if e in catalogue)
+    return next((models[-1] for models in lacking if models != MODELS), MODELS[-1])
 
 
 def combines(effect: Effect) -> bool:
-    """Whether there can be as little of an effect as one likes beside others: it has a value of no effect."""
+    """Whether there can be as little of an effect as one likes with others: it has a value of no effect."""
     return bool(effect.magnitude) and effect.parameter(effect.magnitude[0]).neutral is not None
 
 
@@ -44,17 +44,7 @@ def true_parameters(fault: Fault, effect: Effect) -> dict[str, Any]:
 
 
 def instance_of(fault: Fault, effect: Effect, robot: Robot) -> EffectInstance:
-    """Return a fault as the suite's own simulator takes it.
-
-    Parameters
-    ----------
-    fault
-        As it was drawn.
-    effect
-        Of its name.
-    robot
-        Whose joint it sits on.
-    """
+    """Return a fault as the suite's own simulator takes it."""
     given = {"side": fault.side, "channels": fault.channels, **fault.choices}
     chosen = {c.name: given[c.name] for c in effect.choices if given.get(c.name)}
     joint = None if fault.joint is None else robot.joint_names[fault.joint]
@@ -63,21 +53,11 @@ def instance_of(fault: Fault, effect: Effect, robot: Robot) -> EffectInstance:
 
 @dataclass(frozen=True)
 class SampledEffect:
-    """An effect without its size.
+    """An effect without its size."""
 
-    Parameters
-    ----------
-    effect
-        What.
-    fault
-        With all its parameters but the size.
-    direction
-        Of the size's components, of length 1; a sign where the size is one number.
-    """
-
-    effect: Effect
-    fault: Fault
-    direction: tuple[float, ...]
+    effect: Effect  # what
+    fault: Fault  # with all its parameters but the size
+    direction: tuple[float, ...]  # of the size's components, of length 1; a sign where the size is one number
 
     @property
     def _size(self) -> Parameter:
@@ -94,7 +74,7 @@ class SampledEffect:
         return replace(self.fault, parameters={k: float(v) for k, v in {**values, **self.fault.parameters}.items()})
 
     def limits(self) -> tuple[float, float]:
-        """Return the smallest and largest plausible amount; of sizes that enter linearly, any small one is."""
+        """Return the smallest and largest plausible amount."""
         p, neutral = self._size, self._size.neutral or 0.0
         if p.inverse:
             return 1.0 / p.high, 1.0 / p.low
@@ -102,7 +82,7 @@ class SampledEffect:
             return abs(p.draw[0] - neutral), abs(p.draw[1] - neutral)
         if neutral:
             return 1e-9, abs((p.high if self.direction[0] > 0 else p.low) - neutral)
-        return (p.low if p.role is Role.SEARCHED and p.low > 0.0 else 1e-12), p.high
+        return (p.low if p.low > 0.0 else 1e-12), p.high
 
     def typical(self) -> float:
         """Return an amount to begin with."""
@@ -113,17 +93,7 @@ class SampledEffect:
 
 
 def sample_effect(effect: Effect, n: int, rng: np.random.Generator) -> SampledEffect:
-    """Draw where an effect sits, its form, and its parameters other than the size.
-
-    Parameters
-    ----------
-    effect
-        What.
-    n
-        Number of joints.
-    rng
-        Draws joint, side, channels and parameters.
-    """
+    """Draw where an effect sits, its form, and its parameters other than the size."""
     joint = None if effect.scope in (Scope.ARM, Scope.LAST) else int(rng.integers(n - (effect.scope is Scope.BUT_LAST)))
     if effect.scope is Scope.EACH_OR_ARM and rng.random() < COMMON:
         joint = None
@@ -168,3 +138,41 @@ def _drawn(p: Parameter, rng: np.random.Generator) -> NDArray[np.float64]:
     if p.logarithmic:
         return np.exp(rng.uniform(np.log(low), np.log(high), p.size))
     return rng.uniform(low, high, p.size)
+
+
+Form = Callable[[np.random.Generator, float], dict[str, float]]
+
+
+def _phase(rng: np.random.Generator) -> float:
+    return float(rng.uniform(-np.pi, np.pi))
+
+
+def _while(rng: np.random.Generator, seconds: float) -> dict[str, float]:
+    on = float(rng.uniform(0.15, 0.4) * seconds)
+    return {"on": on, "off": on + float(rng.uniform(0.3, 0.5) * seconds)}
+
+
+# Parameters other than the size of the effects of no catalogue, for a run of so many seconds.
+FORMS: dict[str, Form] = {
+    "dress_pack": lambda rng, _: {"rest": float(rng.uniform(-0.5, 0.5)), "slack": float(rng.uniform(0.1, 0.4))},
+    "periodic_disturbance": lambda rng, _: {"rate": 2 * np.pi * float(rng.uniform(0.3, 3.0)), "phase": _phase(rng)},
+    "loose_payload": lambda rng, _: {"phase": _phase(rng), "relaxation": float(rng.uniform(0.05, 0.3))},
+    "cogging_cable": lambda rng, _: {"rate": float(rng.uniform(8, 25)), "phase": _phase(rng)},
+    "gear_creep": lambda rng, _: {"relaxation": float(rng.uniform(0.5, 4.0))},
+    "worn_zone": lambda rng, _: {"place": float(rng.uniform(-0.6, 0.6)), "width": float(rng.uniform(0.1, 0.3))},
+    "dragging_brake": _while,
+}
+
+
+def sample_foreign(effect: str, n: int, seconds: float, rng: np.random.Generator) -> Fault:
+    """Draw where an effect of no catalogue sits, and its parameters other than the size."""
+    joint = n - 1 if effect == "loose_payload" else int(rng.integers(n))
+    return Fault(effect, joint, FORMS.get(effect, lambda *_: {})(rng, seconds))
+
+
+def sized_foreign(fault: Fault, amount: float, peak: Callable[[], NDArray[np.float64]]) -> Fault:
+    """Return an effect of no catalogue with so much of it; a drive saturates below the largest torques (n,) of peak."""
+    size = {FOREIGN[fault.effect]: float(amount)}
+    if fault.effect == "saturating_drive":
+        size["limit"] = float((1.0 - amount) * peak()[fault.joint or 0])
+    return replace(fault, parameters={**fault.parameters, **size})

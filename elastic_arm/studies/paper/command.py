@@ -19,12 +19,9 @@ from elastic_arm.errors import MissingExtraError
 from elastic_arm.robot import load_robot
 
 if TYPE_CHECKING:
-    from elastic_arm.robot import Robot
-    from elastic_arm.studies.paper.claims.all_claims import Claim
-    from elastic_arm.studies.paper.study import StageStart
+    from elastic_arm.studies.paper.claims import Claim
 
 RESULTS = ("report.html", "paper.json", "claims.csv")
-RANDOM_ARMS = "arms.csv"
 COLOURS = {"holds": "green", "holds in part": "yellow", "does not hold": "red", "undecided": "cyan"}
 
 
@@ -35,9 +32,6 @@ def paper(
     quick: Annotated[bool, typer.Option(help="Less of everything, in a minute.")] = False,
     workers: Annotated[int, typer.Option(min=1, help="Processes for the prototype's runs.")] = os.cpu_count() or 1,
     seed: Annotated[int, typer.Option(min=0, help="Of noise, poses and searches.")] = 1,
-    arms: Annotated[
-        int, typer.Option(min=0, help="Instead, judge the claims on torques for so many random arms of the kind.")
-    ] = 0,
     json: Annotated[bool, typer.Option("--json", help="Print the claims as JSON, for scripts.")] = False,
     force: Force = False,
 ) -> None:
@@ -50,16 +44,14 @@ def paper(
         elastic-arm paper --out paper/
 
         elastic-arm paper --quick --json
-
-        elastic-arm paper --arms 100 --out arms/
     """
-    claim_folder(folder, (RANDOM_ARMS,) if arms else RESULTS, force=force)
+    claim_folder(folder, RESULTS, force=force)
     _require_extras()
     from dataclasses import asdict
 
-    from elastic_arm.studies.paper.claims.all_claims import judge
+    from elastic_arm.studies.paper.claims import judge
     from elastic_arm.studies.paper.export import export
-    from elastic_arm.studies.paper.report.page import write_paper_report
+    from elastic_arm.studies.paper.report import write_paper_report
     from elastic_arm.studies.paper.study import FULL, QUICK, run_study
 
     robot = load_robot(robot_file)
@@ -70,9 +62,6 @@ def paper(
             task = progress.add_task(name, total=count)
             return lambda: progress.advance(task)
 
-        if arms:
-            _random_arms(robot, arms, folder, workers=workers, seed=seed, stage=stage, json=json)
-            return
         result = run_study(robot, QUICK if quick else FULL, workers=workers, seed=seed, stage=stage)
     claims = judge(result)
     files = export(result, claims, folder)
@@ -83,25 +72,6 @@ def paper(
     _print_claims(claims)
     out.print(f"report: {escape(str(report))}; numbers beside it: {escape(', '.join(f.name for f in files))}")
     out.print(f"the study took {result.seconds['whole study']:.0f} s")
-
-
-def _random_arms(
-    robot: Robot, count: int, folder: Path, *, workers: int, seed: int, stage: StageStart, json: bool
-) -> None:
-    """Judge the claims on torques over random arms; print how often each holds, write every arm beside it."""
-    from elastic_arm.studies.paper.random_arms import judge_arms, summary, write_arms
-
-    found = judge_arms(robot, count, workers=workers, seed=seed, stage=stage)
-    path = write_arms(found, folder / RANDOM_ARMS)
-    rows = summary(found)
-    if json:
-        print_json({"arms": count, "file": str(path), "claims": {key: counts for key, *counts in rows}})
-        return
-    table = Table("claim", "holds", "in part", "does not hold", title=f"Claims on torques over {count} random arms")
-    for key, *counts in rows:
-        table.add_row(key, *map(str, counts))
-    out.print(table)
-    out.print(f"every arm: {escape(str(path))}")
 
 
 def _print_claims(claims: list[Claim]) -> None:

@@ -18,36 +18,17 @@ from elastic_arm.robot.description import Robot
 
 @dataclass(frozen=True)
 class SymbolicCoupling:
-    """S in symbols, a column a motor.
+    """S in symbols, a column a motor."""
 
-    Attributes
-    ----------
-    rows
-        Coordinates of the link side: q_1 … q_n and, with bearings, the tilts q_ix, q_iy.
-    matrix
-        (len(rows), n); its first n rows are the S of (8).
-    reflected
-        Per motor j, the sum of izz times ratio over its bodies that ride on a moving link: the bracket in (9).
-    sigma
-        matrix[i, j] = reflected[j] sigma[i, j], functions of the angles alone.
-    """
-
-    rows: tuple[str, ...]
-    matrix: sympy.Matrix
+    rows: tuple[str, ...]  # coordinates of the link side: q_1 … q_n and, with bearings, the tilts q_ix, q_iy
+    matrix: sympy.Matrix  # (len(rows), n); its first n rows are the S of (8)
+    # Per motor j, the sum of izz times ratio over its bodies that ride on a moving link: the bracket in (9)
     reflected: tuple[sympy.Expr, ...]
-    sigma: sympy.Matrix
+    sigma: sympy.Matrix  # matrix[i, j] = reflected[j] sigma[i, j], functions of the angles alone
 
 
 def symbolic_coupling(robot: Robot, *, bearings: bool = False) -> SymbolicCoupling:
-    """Derive S of mod3 in symbols.
-
-    Parameters
-    ----------
-    robot
-        An arm with transmissions.
-    bearings
-        With the tilts q_ix, q_iy of the bearings as coordinates, on which S then depends too.
-    """
+    """Derive S of mod3 in symbols."""
     if not robot.elastic:
         raise RobotError(f"robot {robot.name} has no transmissions", "S couples motors to links; use an arm file")
     bodies = _with_symbols(robot, compose(robot, "mod3", bearings=bearings))

@@ -16,8 +16,7 @@ import numpy as np
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.excitation import FourierTrajectory
 from elastic_arm.robot.description import Robot
-from elastic_arm.studies.paper.virtual_prototype.integration import dividing_step
-from elastic_arm.studies.paper.virtual_prototype.prototype import Prototype
+from elastic_arm.studies.paper.virtual_prototype.prototype import Prototype, dividing_step
 
 ROUNDS = 6
 
@@ -71,19 +70,7 @@ def together(runs: Sequence[Tracking]) -> Tracking:
 
 
 def invert(model: Model, Psi: np.ndarray, q: tuple[np.ndarray, np.ndarray, np.ndarray], period: float) -> Command:
-    """Return the command that drives a model's link along one period of q, dq, ddq (M, n).
-
-    Parameters
-    ----------
-    model
-        Elastic, without bearings.
-    Psi
-        Its parameters (P,).
-    q
-        Link angles, velocities and accelerations over one period, (M, n) each.
-    period
-        s.
-    """
+    """Return the command that drives a model's link along one period of q, dq, ddq (M, n)."""
     n, names = model.n, [parameter.name.rpartition(".")[2] for parameter in model.parameters]
     K, D = (Psi[[k for k, name in enumerate(names) if name == letter]] for letter in ("K", "D"))
     loose = np.where([name in ("K", "D") for name in names], 0.0, Psi)
@@ -98,17 +85,7 @@ def invert(model: Model, Psi: np.ndarray, q: tuple[np.ndarray, np.ndarray, np.nd
 
 
 def gains(model: Model, frequency: float, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return proportional and derivative gains (n,) for a natural frequency (rad/s) and damping ratio 0.7.
-
-    Parameters
-    ----------
-    model
-        Whose inertia counts.
-    frequency
-        Natural frequency, rad/s.
-    at
-        Pose (n,), rad.
-    """
+    """Return proportional and derivative gains (n,) for a natural frequency (rad/s) and damping ratio 0.7."""
     n = model.n
     mass = np.diag(model.mass_matrix(np.concatenate([at, at])[None])[0])
     inertia = mass[:n] + mass[n:]
@@ -116,19 +93,7 @@ def gains(model: Model, frequency: float, at: np.ndarray) -> tuple[np.ndarray, n
 
 
 def reference(n: int, period: float, duration: float, rng: np.random.Generator) -> FourierTrajectory:
-    """Make a motion that no identification saw: three harmonics, at most 0.4 rad from zero per joint and 0.8 rad/s.
-
-    Parameters
-    ----------
-    n
-        Number of joints.
-    period
-        s.
-    duration
-        Recorded time, s; one period is added before it.
-    rng
-        Draws the coefficients.
-    """
+    """Make a motion that no identification saw: three harmonics, at most 0.4 rad from zero per joint and 0.8 rad/s."""
     harmonics = 3
     a, b = rng.standard_normal((2, n, harmonics))
     frequency = 2.0 * np.pi / period * np.arange(1, harmonics + 1)
@@ -140,17 +105,7 @@ def reference(n: int, period: float, duration: float, rng: np.random.Generator) 
 def assess(
     robot: Robot, law: FeedforwardLaw, reference: FourierTrajectory, *, frequency: float, settle: float, step: float
 ) -> Tracking:
-    """Drive the prototype along a reference under a feed-forward law and compare.
-
-    Parameters
-    ----------
-    frequency
-        Natural frequency of the feedback on the motor side, rad/s.
-    settle
-        Time after which errors count, s.
-    step
-        Of the prototype's integration, s.
-    """
+    """Drive the prototype along a reference under a feed-forward law and compare."""
     period, step = reference.period, dividing_step(step)
     steps = round(period / step)
     grid = np.linspace(0.0, period, 2 * steps, endpoint=False)

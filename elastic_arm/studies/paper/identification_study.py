@@ -10,16 +10,15 @@ from scipy.stats import spearmanr
 
 from elastic_arm.dynamics import build_model
 from elastic_arm.estimation.motion import Motion
+from elastic_arm.excitation import ExcitationResult, FourierTrajectory, MotionLimits, Shape, optimise
 from elastic_arm.excitation.criteria import distinct_columns
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.least_squares import Fit, fit
 from elastic_arm.identification.stream import Accumulator
 from elastic_arm.robot.description import Robot
-from elastic_arm.studies.paper.individual import RecoveredParameters, recover
 from elastic_arm.studies.paper.virtual_prototype.prototype import PrototypeRun
 
 PAPER_STRIDE = 100  # of the 1 kHz samples: the paper's 10 Hz
-GUESS_SEED = 7
 NOTHING = 1e-12  # kg and kg m^2
 LOW, MID = 20.5, 50.5  # the paper's 0-20 %, 21-50 %, 51-100 %, read as rounded percentages
 
@@ -42,15 +41,7 @@ def shares(error: np.ndarray) -> ErrorShares:
 
 
 class CoefficientFit:
-    """One model's regression (10) in base parameters; the truth is the description's numbers in the same combinations.
-
-    Parameters
-    ----------
-    robot
-        The true arm: what the prototype was built from.
-    model
-        Name: mod1, mod2 or mod3.
-    """
+    """One model's regression (10) in base parameters; the truth is the description's in the same combinations."""
 
     def __init__(self, robot: Robot, model: str) -> None:
         self.model = build_model(robot, model)
@@ -60,30 +51,18 @@ class CoefficientFit:
         self.true = base.T @ self.equations.nominal
         self.estimable = int(np.count_nonzero(np.abs(base.T).max(axis=0) > 0.0))
 
-    def fit(self, motion: Motion, *, weighted: bool) -> Fit:
-        """Fit the base parameters; `weighted` by the noise of each equation."""
+    def fit(self, motion: Motion) -> Fit:
+        """Fit the base parameters."""
         data = Accumulator(self.equations)
         data.add(motion)
-        return fit(data.snapshot(), float(weighted))
+        return fit(data.snapshot(), 0.0)
 
     def with_noise(self, motion: Motion, std: float, seeds: int, rng: np.random.Generator) -> list[Fit]:
-        """Return fits with independent Gaussian noise of `std` Nm on every measured torque.
-
-        Parameters
-        ----------
-        motion
-            The prototype's samples, without noise.
-        std
-            Nm.
-        seeds
-            Number of noise realisations.
-        rng
-            Of the noise.
-        """
+        """Return fits with independent Gaussian noise of `std` Nm on every measured torque."""
         assert motion.tau_m is not None
         torque = motion.tau_m
         noisy = (replace(motion, tau_m=torque + std * rng.standard_normal(torque.shape)) for _ in range(seeds))
-        return [self.fit(one, weighted=False) for one in noisy]
+        return [self.fit(one) for one in noisy]
 
     def percent(self, estimate: np.ndarray) -> np.ndarray:
         """Return Psi_err of (13), in percent."""
@@ -119,15 +98,6 @@ def merged_error(found: Fit, true: np.ndarray, kept: np.ndarray) -> np.ndarray:
 
     Base parameters are what *some* state separates. Where no ordinary motion does, as at high ratios, (11) is blown
     up along that direction; a numerical rank decision would have merged such columns, and this does.
-
-    Parameters
-    ----------
-    found
-        Fit of all coefficients.
-    true
-        True coefficients (B,).
-    kept
-        Indices (K,) of the coefficients that remain.
     """
     R, z = found.factor[:, :-1], found.factor[:, -1]
     lost = np.setdiff1d(np.arange(len(true)), kept)
@@ -139,39 +109,28 @@ def merged_error(found: Fit, true: np.ndarray, kept: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class CoefficientEstimate:
-    """One model at one ratio.
-
-    All errors are in percent of the true coefficient, (B,): `error` as in the paper (10 Hz, no noise), `unfolded_error`
-    the same for mod1 by the other reading of its true coefficients, without the splines that it counts with the links,
-    `model_error` that of 10 Hz with the bushing locked, `noise_spread` the standard deviation over seeds at 10 Hz,
-    `fast_error` and `fast_noise_spread` at 1 kHz; `merged_error` that of 10 Hz with what this motion cannot separate
-    merged.
-    `noisy_shares` and `merged_noisy_shares` are those of each seed. `torque` is what each coefficient contributes
-    to the equations, `residual` what the fit leaves, Nm rms. `condition` is that of F with columns of unit
-    length, at 10 Hz. `individual` are the individual parameters under physical consistency.
-    """
+    """One model at one ratio; errors are in percent of the true coefficients (B,)."""
 
     model: str
     r_tot: float
     names: tuple[str, ...]
-    estimable: int
+    estimable: int  # parameters
     true: np.ndarray
     estimate: np.ndarray
-    error: np.ndarray
-    unfolded_error: np.ndarray | None
-    model_error: np.ndarray
-    noise_spread: np.ndarray
-    fast_error: np.ndarray
+    error: np.ndarray  # as in the paper: 10 Hz, no noise
+    unfolded_error: np.ndarray | None  # of mod1 against true coefficients without the splines it counts with the links
+    model_error: np.ndarray  # with the bushing locked
+    noise_spread: np.ndarray  # standard deviation over seeds at 10 Hz, and at 1 kHz
     fast_noise_spread: np.ndarray
-    merged_error: np.ndarray
+    merged_error: np.ndarray  # with what this motion cannot separate merged
+    # Of each seed
     merged_noisy_shares: tuple[ErrorShares, ...]
     noisy_shares: tuple[ErrorShares, ...]
     fast_noisy_shares: tuple[ErrorShares, ...]
-    torque: np.ndarray
-    residual: float
-    condition: float
+    torque: np.ndarray  # what each coefficient contributes to the equations, rms Nm
+    residual: float  # rms Nm
+    condition: float  # of F with columns of unit length
     Psi: np.ndarray
-    individual: RecoveredParameters
 
     @property
     def bushing_error(self) -> np.ndarray:
@@ -193,28 +152,13 @@ def study(
     *,
     noise: float,
     seeds: tuple[int, int],
-    guesses: int,
     rng: np.random.Generator,
 ) -> CoefficientEstimate:
-    """Identify one model from the prototype's run.
-
-    Parameters
-    ----------
-    robot
-        With its ratio set to `r_tot`.
-    run, locked
-        The prototype's samples at 1 kHz, with its bushings and with locked ones.
-    noise
-        Standard deviation of the torque sensor, Nm.
-    seeds
-        Number of noise realisations at 10 Hz and at 1 kHz.
-    guesses
-        Number of wrong descriptions from which individual parameters are recovered.
-    """
+    """Identify one model from the prototype's run."""
     problem = CoefficientFit(robot, model)
     fast = motion_of(run)
     slow, slow_locked = fast[_ten_hertz(run)], motion_of(locked)[_ten_hertz(locked)]
-    plain = problem.fit(slow, weighted=False)
+    plain = problem.fit(slow)
     noisy = problem.with_noise(slow, noise, seeds[0], rng)
     fast_noisy = problem.with_noise(fast, noise, seeds[1], rng)
     kept = distinct_columns(plain.factor[:, :-1])
@@ -229,9 +173,8 @@ def study(
         estimate=plain.Psi,
         error=problem.percent(plain.Psi),
         unfolded_error=problem.percent_unfolded(plain.Psi),
-        model_error=problem.percent(problem.fit(slow_locked, weighted=False).Psi),
+        model_error=problem.percent(problem.fit(slow_locked).Psi),
         noise_spread=problem.percent(np.array([one.Psi for one in noisy])).std(axis=0, ddof=1),
-        fast_error=problem.percent(problem.fit(fast, weighted=False).Psi),
         fast_noise_spread=problem.percent(np.array([one.Psi for one in fast_noisy])).std(axis=0, ddof=1),
         merged_error=merged_error(plain, problem.true, kept),
         merged_noisy_shares=tuple(shares(merged_error(one, problem.true, kept)) for one in noisy),
@@ -241,7 +184,6 @@ def study(
         residual=float(np.sqrt((left**2).mean())),
         condition=plain.condition,
         Psi=problem.full(plain.Psi),
-        individual=recover(problem.fit(slow, weighted=True), problem.equations, guesses, GUESS_SEED),
     )
 
 
@@ -280,3 +222,39 @@ def mean_shares(many: Sequence[ErrorShares]) -> tuple[ErrorShares, ErrorShares]:
     """Return mean and standard deviation of shares over seeds."""
     table = np.array([(s.low, s.mid, s.high, s.beyond) for s in many])
     return ErrorShares(*map(float, table.mean(0))), ErrorShares(*map(float, table.std(0)))
+
+
+SHAPE = Shape(harmonics=5, period=10.0, ramp=1.0)
+"""The paper's duration of 10 s, between smooth ramps."""
+
+
+@dataclass(frozen=True)
+class ExcitationSearch:
+    """A search's outcome in condition numbers of the base regressor."""
+
+    trajectory: FourierTrajectory  # what was found
+    # Of the trajectory found, of the one the search began with (the best random one), and of the random ones
+    condition: float
+    unoptimised: float
+    random: np.ndarray
+    course: tuple[tuple[int, float], ...]  # (evaluation, best so far)
+    evaluations: int
+
+
+def excite(robot: Robot, model: str, evaluations: int, random: int, seed: int) -> ExcitationSearch:
+    """Search the motion within the robot's limits whose regressor of `model` is conditioned best."""
+    problem = CoefficientFit(robot, model)
+    limits = MotionLimits.of(robot)
+    columns = [int(c) for c in problem.equations.base.columns]
+    rng = np.random.default_rng(seed)
+    found: ExcitationResult = optimise(
+        problem.model, limits, columns, rng=rng, shape=SHAPE, evaluations=evaluations, random=random
+    )
+    return ExcitationSearch(
+        found.trajectory,
+        found.condition_after,
+        found.condition_before,
+        found.random,
+        found.history,
+        found.evaluations,
+    )

@@ -37,15 +37,18 @@ ENCODER_ZERO = 1.5e-5  # rad, by which the zeros of a joint's two encoders diffe
 STRAIN = 0.02  # by which a link's shape differs from its description in each direction, shear included
 
 
-def industrial_arm(n: int, rng: np.random.Generator) -> Robot:
+def mounted(robot: Robot, rng: np.random.Generator) -> Robot:
+    """Return an arm that stands, hangs from the wall or from the ceiling, as its description states."""
+    tilt = rng.choice([0.0, RIGHT, np.pi], p=[0.6, 0.2, 0.2])
+    about = rng.uniform(-np.pi, np.pi)
+    side = np.array([np.cos(about), np.sin(about), 0.0])
+    return robot.with_(gravity=-9.81 * (np.cos(tilt) * np.array([0.0, 0.0, 1.0]) + np.sin(tilt) * side))
+
+
+def industrial_arm(n: int, rng: np.random.Generator, *, lift: bool = False) -> Robot:
     """Draw the description of an arm of six or seven joints, base to wrist; its geometry is always the same.
 
-    Parameters
-    ----------
-    n
-        6 or 7.
-    rng
-        Draws masses, inertias and drives.
+    With `lift` its first axis is a column that slides along z instead of turning about it.
     """
     rows, masses = GEOMETRIES[n]
     scale = rng.uniform(0.7, 1.4)
@@ -54,7 +57,9 @@ def industrial_arm(n: int, rng: np.random.Generator) -> Robot:
         dh = DH(*row)
         link = _link(dh, scale * mass * rng.uniform(0.8, 1.2), rng)
         carrier = "base" if i == 0 else f"link_{i}"
-        joints.append(Joint.from_dh(f"joint_{i + 1}", f"link_{i + 1}", link, dh, transmission=_small_drive(carrier)))
+        drive, slides = _small_drive(carrier), lift and i == 0
+        name, moved = f"joint_{i + 1}", f"link_{i + 1}"
+        joints.append(Joint.from_dh(name, moved, link, dh, transmission=drive, prismatic=slides))
     robot = Robot(f"industrial_{n}", tuple(joints))
     loads = _link_inertias(robot, rng)
     drives = [_drive(load, f"link_{i}" if i else "base", i / (n - 1), rng) for i, load in enumerate(loads)]
@@ -66,7 +71,7 @@ def as_urdf(robot: Robot) -> Robot:
     rigid = robot.with_(joints=tuple(replace(joint, transmission=None) for joint in robot.joints))
     read = parse_urdf(to_urdf(rigid))
     joints = [replace(j, transmission=own.transmission) for j, own in zip(read.joints, robot.joints, strict=True)]
-    return read.with_(joints=tuple(joints), notes=())
+    return read.with_(joints=tuple(joints), gravity=robot.gravity, notes=())
 
 
 def joint_sizes(robot: Robot) -> np.ndarray:
@@ -81,13 +86,6 @@ def imprecise(robot: Robot, rng: np.random.Generator) -> Robot:
     Masses and inertias differ by up to 8 %, centres of mass by 1 cm, rotors by 5 %, stiffness by 10 %, damping by 20 %,
     all uniformly. A link's moments of inertia differ by up to 4 % in common; the rest is its shape, stretched and
     sheared, so that no product of inertia is known exactly either.
-
-    Parameters
-    ----------
-    robot
-        The description.
-    rng
-        Source of the factors.
     """
     joints = []
     shapes = rng.spawn(1)[0]  # so that all other numbers of a seed stay as they were
@@ -113,15 +111,7 @@ def imprecise(robot: Robot, rng: np.random.Generator) -> Robot:
 
 
 def strained(inertia: np.ndarray, strain: np.ndarray) -> np.ndarray:
-    """Return the inertia (3, 3) of a body about its centre of mass after a homogeneous deformation 1 + strain.
-
-    Parameters
-    ----------
-    inertia
-        (3, 3) kg m² before.
-    strain
-        (3, 3) displacement gradient.
-    """
+    """Return the inertia (3, 3) of a body about its centre of mass after a homogeneous deformation 1 + strain."""
     deformation = np.eye(3) + strain
     second = 0.5 * np.trace(inertia) * np.eye(3) - inertia  # the integral of x x' over the mass
     second = deformation @ second @ deformation.T
@@ -130,17 +120,7 @@ def strained(inertia: np.ndarray, strain: np.ndarray) -> np.ndarray:
 
 
 def ordinary_faults(sizes: Sequence[float], rng: np.random.Generator, *, torque_constant: float = 0.0) -> list[Fault]:
-    """Draw what every joint has: dry and viscous friction, torque sensors off by 1 % and 0.5 Nm.
-
-    Parameters
-    ----------
-    sizes
-        Of the joints (n,), as :func:`joint_sizes`: frictions and offsets go with them.
-    rng
-        Source of the sizes.
-    torque_constant
-        Largest relative error of the motors' torques, where it is more than 1 %.
-    """
+    """Draw what every joint has: dry and viscous friction, torque sensors off by 1 % and 0.5 Nm."""
     found = []
     for i, size in enumerate(sizes):
         found.append(Fault("coulomb_friction", i, {"torque": float(size * rng.uniform(4, 14))}))
@@ -153,15 +133,7 @@ def ordinary_faults(sizes: Sequence[float], rng: np.random.Generator, *, torque_
 
 
 def encoder_zeros(n: int, rng: np.random.Generator) -> list[Fault]:
-    """Draw by how much each joint's deflection is read wrong, where both of its encoders are.
-
-    Parameters
-    ----------
-    n
-        Number of joints.
-    rng
-        Source of the sizes; what it draws next is not changed.
-    """
+    """Draw by how much each joint's deflection is read wrong, where both of its encoders are."""
     offsets = rng.spawn(1)[0].uniform(-ENCODER_ZERO, ENCODER_ZERO, n)
     return [Fault("encoder_offset", i, {"offset": float(offset)}) for i, offset in enumerate(offsets)]
 
@@ -193,19 +165,7 @@ def _link_inertias(robot: Robot, rng: np.random.Generator) -> np.ndarray:
 
 
 def _drive(load: float, carrier: str, outward: float, rng: np.random.Generator) -> Transmission:
-    """A drive fit for a load: reflected inertia, stiffness and damping in proportion.
-
-    Parameters
-    ----------
-    load
-        Inertia of the link about the joint, kg m².
-    carrier
-        Body that holds the motor.
-    outward
-        0 at the base, 1 at the wrist, whose drives are stiffer for their load.
-    rng
-        Source of ratios and factors.
-    """
+    """A drive fit for a load: reflected inertia, stiffness and damping in proportion."""
     belt, harmonic = float(rng.choice([1.0, 1.5, 2.0])), float(rng.choice([50, 80, 100, 120, 160]))
     reflected = max(load * rng.uniform(0.3, 1.0), LEAST_REFLECTED)
     frequency = 2 * np.pi * rng.uniform(11, 18) * (1 + 1.5 * outward)

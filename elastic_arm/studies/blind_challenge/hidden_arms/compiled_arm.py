@@ -1,4 +1,7 @@
-"""Forward simulation of hidden arms, compiled: bodies by :mod:`.recursion`, effects by :mod:`.effect_laws`.
+"""Forward simulation of hidden arms, compiled: bodies by Newton and Euler's recursion, effects by :mod:`.effect_laws`.
+
+Pinocchio called once a step from Python takes ten times as long as all else. So its tree is walked once with symbols,
+and the walk compiled; every run is checked against Pinocchio's own algorithm along its way (:mod:`.hidden_arm`).
 
 Every number of arm and effects is an argument, so that one library serves all arms of one build.
 """
@@ -18,9 +21,12 @@ from elastic_arm.codegen import kernels
 from elastic_arm.robot import Robot
 from elastic_arm.studies.blind_challenge.hidden_arms import effect_laws, further_laws
 from elastic_arm.studies.blind_challenge.hidden_arms.kinematic_tree import KinematicTree
-from elastic_arm.studies.blind_challenge.hidden_arms.recursion import NUMBERS, inverse_dynamics
 
 Array = NDArray[np.float64]
+
+NUMBERS = 10  # of a body: mass, centre of mass, inertia about it (xx, xy, xz, yy, yz, zz)
+AXES = {"JointModelRX": 0, "JointModelRY": 1, "JointModelRZ": 2, "JointModelPZ": 2}
+SLIDES = "JointModelPZ"
 
 # Runge and Kutta's rule of the fourth order; a command is held over its sample.
 LOOP = """
@@ -67,40 +73,15 @@ void run(long samples, long substeps, double h, const double* parameters, const 
 
 @dataclass(frozen=True)
 class StateHistory:
-    """What a simulation gives.
+    """What a simulation gives."""
 
-    Parameters
-    ----------
-    states
-        (N, S) at the samples: coordinates, velocities, states of hystereses.
-    commands
-        (N, n) motor torques, held over each sample.
-    torques
-        (N, substeps, n) joint torques from each sample on.
-    """
-
-    states: Array
-    commands: Array
-    torques: Array
+    states: Array  # (N, S) at the samples: coordinates, velocities, states of hystereses
+    commands: Array  # (N, n) motor torques, held over each sample
+    torques: Array  # (N, substeps, n) joint torques from each sample on
 
 
 class CompiledArm:
-    """Equations of motion of an arm with whatever effects, compiled.
-
-    Parameters
-    ----------
-    robot
-        Its placements and gears count; inertias are arguments.
-    bearings
-        Whether they tilt.
-    further
-        Whether it has the effects of :mod:`.further_laws`.
-
-    Raises
-    ------
-    KernelError
-        If there is no C compiler.
-    """
+    """Equations of motion of an arm with whatever effects, compiled."""
 
     def __init__(self, robot: Robot, *, bearings: bool, further: bool = False) -> None:
         self.n = robot.n
@@ -116,17 +97,7 @@ class CompiledArm:
         self._library = kernels.build(kernels.emit_c(function, "rate") + loop)
 
     def rate(self, state: Array, u: Array, parameters: Array) -> tuple[Array, Array, Array]:
-        """Return the state's rate, tau_J (n,), and the forces (dof,) that act on the bodies.
-
-        Parameters
-        ----------
-        state
-            Coordinates, velocities, states of the hystereses, and those of the further laws with their clock, (S,).
-        u
-            Motor torques (n,), Nm.
-        parameters
-            All numbers of arm and effects, in the order of the compiled function.
-        """
+        """Return the state's rate, tau_J (n,), and the forces (dof,) that act on the bodies."""
         out = np.empty(self.outputs)
         self._library.evaluate(_pointer(np.concatenate([state, u, parameters])), _pointer(out))
         return out[: self.states], out[self.states : self.states + self.n], out[self.states + self.n :]
@@ -140,17 +111,7 @@ class CompiledArm:
         rate: float,
         substeps: int,
     ) -> StateHistory:
-        """Follow a reference from a state.
-
-        Parameters
-        ----------
-        reference
-            Feed-forward torque, position and velocity of the motors, (N, n) each.
-        gains
-            Kp, Kd (n,).
-        rate, substeps
-            Samples a second, steps a sample.
-        """
+        """Follow a reference from a state."""
         N = len(reference[0])
         found = StateHistory(np.empty((N, self.states)), np.empty((N, self.n)), np.empty((N, substeps, self.n)))
         given = [np.ascontiguousarray(a, dtype=float) for a in (parameters, *reference, *gains)]
@@ -162,15 +123,7 @@ class CompiledArm:
 
 @lru_cache(maxsize=8)
 def compiled_arm(robot: Robot, bearings: bool, further: bool = False) -> CompiledArm:
-    """Return the engine of an arm, made once.
-
-    Parameters
-    ----------
-    robot
-        Its placements and gears count.
-    bearings, further
-        As of :class:`CompiledArm`.
-    """
+    """Return the engine of an arm, made once."""
     return CompiledArm(robot, bearings=bearings, further=further)
 
 
@@ -231,3 +184,92 @@ def _solved(M: Any, f: Any) -> Any:
 
 def _pointer(array: Array) -> Any:
     return array.ctypes.data_as(ctypes.c_void_p)
+
+
+def inertial_numbers(tree: KinematicTree) -> np.ndarray:
+    """Return the numbers (10 bodies,) of all bodies of a tree."""
+    rows = [[b.mass, *b.lever, *np.asarray(b.inertia)[np.triu_indices(3)]] for b in list(tree.model.inertias)[1:]]
+    return np.array(rows).ravel()
+
+
+@dataclass(frozen=True)
+class _MovingBody:
+    """One body underway: how it turns against its parent, and its motion in its own frame."""
+
+    parent: int
+    R: Any
+    p: Any
+    axis: Any
+    w: Any
+    dw: Any
+    a: Any
+    slides: bool = False
+
+
+def inverse_dynamics(tree: KinematicTree, numbers: Any, gravity: Any, x: Any, dx: Any, ddx: Any) -> Any:
+    """Return the generalized forces (dof,) of a motion."""
+    G = ca.sparsify(ca.DM(tree.gears))
+    q, v, a = G @ x, G @ dx, G @ ddx
+    zero = ca.SX.zeros(3)
+    bodies = [_MovingBody(-1, None, None, None, zero, zero, -gravity)]
+    for i in range(1, tree.model.njoints):
+        bodies.append(_moved(tree, i, bodies, q[i - 1], v[i - 1], a[i - 1]))
+    forces = [(zero, zero) for _ in bodies]
+    tau = []
+    for i in range(len(bodies) - 1, 0, -1):
+        body = bodies[i]
+        force, moment = _inertial(body, numbers[NUMBERS * (i - 1) : NUMBERS * i])
+        force, moment = force + forces[i][0], moment + forces[i][1]
+        tau.append(ca.dot(body.axis, force if body.slides else moment))
+        carried = body.R @ force
+        below = forces[body.parent]
+        forces[body.parent] = below[0] + carried, below[1] + body.R @ moment + ca.cross(body.p, carried)
+    return G.T @ ca.vertcat(*reversed(tau))
+
+
+def _moved(tree: KinematicTree, i: int, bodies: list[_MovingBody], q: Any, v: Any, a: Any) -> _MovingBody:
+    parent = bodies[tree.model.parents[i]]
+    placement = tree.model.jointPlacements[i]
+    k = AXES[tree.model.joints[i].shortname()]
+    slides = tree.model.joints[i].shortname() == SLIDES
+    R, p = ca.sparsify(ca.DM(_snapped(placement.rotation))), ca.DM(_snapped(placement.translation))
+    axis = ca.DM(np.eye(3)[k])
+    if slides:
+        p += R @ axis * q
+    else:
+        R = R @ _turn(k, q)
+    w = R.T @ parent.w
+    rate, dw = axis * v, R.T @ parent.dw
+    acceleration = R.T @ (parent.a + ca.cross(parent.dw, p) + ca.cross(parent.w, ca.cross(parent.w, p)))
+    if slides:
+        acceleration += axis * a + 2.0 * ca.cross(w, rate)
+    else:
+        dw += axis * a + ca.cross(w, rate)
+        w += rate
+    return _MovingBody(int(tree.model.parents[i]), R, p, axis, w, dw, acceleration, slides)
+
+
+def _inertial(body: _MovingBody, numbers: Any) -> tuple[Any, Any]:
+    """Force and moment about the frame's origin that a body's motion requires."""
+    mass, com = numbers[0], numbers[1:4]
+    xx, xy, xz, yy, yz, zz = (numbers[4 + k] for k in range(6))
+    inertia = ca.vertcat(ca.horzcat(xx, xy, xz), ca.horzcat(xy, yy, yz), ca.horzcat(xz, yz, zz))
+    force = mass * (body.a + ca.cross(body.dw, com) + ca.cross(body.w, ca.cross(body.w, com)))
+    moment = inertia @ body.dw + ca.cross(body.w, inertia @ body.w)
+    return force, moment + ca.cross(com, force)
+
+
+def _turn(k: int, angle: Any) -> Any:
+    """Rotation by an angle about the axis k."""
+    c, s = ca.cos(angle), ca.sin(angle)
+    i, j = (k + 1) % 3, (k + 2) % 3
+    R = ca.SX(3, 3)
+    R[k, k] = 1
+    R[i, i], R[j, j], R[i, j], R[j, i] = c, c, -s, s
+    return R
+
+
+def _snapped(values: np.ndarray) -> np.ndarray:
+    values = np.array(values, dtype=float)
+    values[np.abs(values) < 1e-15] = 0.0
+    return values

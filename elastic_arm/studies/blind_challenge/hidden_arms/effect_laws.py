@@ -25,6 +25,8 @@ SENSOR_EFFECTS = frozenset(
         "torque_drift",
         "torque_lowpass",
         "sensor_crosstalk",
+        "joint_zero",
+        "gravity_compensation",
     }
 )
 # Ids of all effects that this engine has; the suite's own simulator moves arms with others.
@@ -49,8 +51,10 @@ KNOWN = SENSOR_EFFECTS | {
     "inertia_coupling",
     "joint_spring",
     "thermal_friction",
+    "asymmetric_friction",
+    "load",
 }
-FRICTION = ("viscous", "coulomb", "stribeck", "stribeck_speed", "load")
+FRICTION = ("viscous", "coulomb", "stribeck", "stribeck_speed", "load", "asymmetry")
 # Numbers of a joint, in the order in which the laws take them; what is not there has its value of no effect.
 NUMBERS = (
     *(f"{kind}_{side}" for side in ("link", "motor") for kind in FRICTION),
@@ -62,29 +66,14 @@ _NEUTRAL = {"stribeck_speed_link": 1.0, "stribeck_speed_motor": 1.0, "width": 1.
 
 @dataclass(frozen=True)
 class Fault:
-    """One effect on a hidden arm.
+    """One effect on a hidden arm."""
 
-    Parameters
-    ----------
-    effect
-        The id of the contract.
-    joint
-        Index of the joint, None for effects of the whole arm.
-    side
-        "motor" or "link" for friction that may sit on either.
-    parameters
-        Values by the contract's names, SI units.
-    channels
-        For `time_delay`: what is late.
-    choices
-        What else is chosen, of effects that this engine does not have.
-    """
-
-    effect: str
-    joint: int | None
-    parameters: Mapping[str, float] = field(default_factory=dict)
-    side: str = "motor"
-    channels: tuple[str, ...] = ()
+    effect: str  # the id of the contract
+    joint: int | None  # index of the joint, None for effects of the whole arm
+    parameters: Mapping[str, float] = field(default_factory=dict)  # values by the contract's names, SI units
+    side: str = "motor"  # "motor" or "link" for friction that may sit on either
+    channels: tuple[str, ...] = ()  # for `time_delay`: what is late
+    # What else is chosen, of effects that this engine does not have
     choices: Mapping[str, Any] = field(default_factory=dict)
 
 
@@ -100,11 +89,6 @@ def joint_numbers(faults: Sequence[Fault], n: int, r_hd: np.ndarray, r_tot: np.n
     """Return the :data:`NUMBERS` (n,) of joints with these effects.
 
     Stiffness, damping, standstill and armature are left 0.
-
-    Parameters
-    ----------
-    r_hd, r_tot
-        Ratios (n,).
     """
     found = {name: np.full(n, _NEUTRAL.get(name, 0.0)) for name in NUMBERS}
     for fault in faults:
@@ -118,6 +102,8 @@ def joint_numbers(faults: Sequence[Fault], n: int, r_hd: np.ndarray, r_tot: np.n
             own = {f"stribeck_{side}": p["torque"], f"stribeck_speed_{side}": p["speed"]}
         elif fault.effect == "load_dependent_friction":
             own = {f"load_{side}": p["coefficient"]}
+        elif fault.effect == "asymmetric_friction":
+            own = {f"asymmetry_{side}": p["asymmetry"]}
         elif fault.effect == "nonlinear_stiffness":
             own = {"cubic": p["cubic"]}
         elif fault.effect == "backlash":
@@ -134,15 +120,7 @@ def joint_numbers(faults: Sequence[Fault], n: int, r_hd: np.ndarray, r_tot: np.n
 
 
 def joint_torque(s: Mapping[str, Any], q: Any, theta: Any, dq: Any, dtheta: Any, z: Any) -> tuple[Any, Any, Any]:
-    """Return tau_J, its lever on the motor (1 + de/dtheta), and the rate of the hysteresis state, each (n,).
-
-    Parameters
-    ----------
-    s
-        The :data:`NUMBERS` as symbols.
-    z
-        State of the hysteresis.
-    """
+    """Return tau_J, its lever on the motor (1 + de/dtheta), and the rate of the hysteresis state, each (n,)."""
     angle = s["error_rate"] * theta + s["error_phase"]
     slope = s["error"] * s["error_rate"] * ca.cos(angle)
     d = theta + s["error"] * ca.sin(angle) - q
@@ -157,21 +135,11 @@ def friction(s: Mapping[str, Any], side: str, w: Any, tau_J: Any) -> Any:
     """Return the torque (n,) that resists the motion w of the motor or the link side.
 
     The sign of a velocity is smoothed below `standstill`, far below any motion of a recording.
-
-    Parameters
-    ----------
-    s
-        The :data:`NUMBERS` as symbols.
-    side
-        "motor" or "link".
-    w
-        Velocity of that side (n,), rad/s.
-    tau_J
-        Joint torque (n,), Nm.
     """
     dry = s[f"coulomb_{side}"] + s[f"load_{side}"] * ca.fabs(tau_J)
     dry += s[f"stribeck_{side}"] * ca.exp(-((w / s[f"stribeck_speed_{side}"]) ** 2))
-    return s[f"viscous_{side}"] * w + dry * ca.tanh(w / s["standstill"])
+    sign = ca.tanh(w / s["standstill"])
+    return (s[f"viscous_{side}"] * w + dry * sign) * (1.0 + s[f"asymmetry_{side}"] * sign)
 
 
 def ripple(s: Mapping[str, Any], theta: Any) -> Any:

@@ -58,17 +58,7 @@ def needs_further_laws(faults: Sequence[Fault]) -> bool:
 
 
 def further_numbers(faults: Sequence[Fault], n: int, duration: float) -> dict[str, np.ndarray]:
-    """Return the numbers (n,) by name, of joints with these effects.
-
-    Parameters
-    ----------
-    faults
-        Of the arm; those of other laws are passed over.
-    n
-        Number of joints.
-    duration
-        s, of the run.
-    """
+    """Return the numbers (n,) by name, of joints with these effects."""
     found = {name: np.full(n, value) for name, value in NEUTRAL.items()}
     found["duration"][:] = duration
     for fault in faults:
@@ -81,19 +71,7 @@ def further_numbers(faults: Sequence[Fault], n: int, duration: float) -> dict[st
 
 
 def link_torque(s: Mapping[str, Any], q: Any, relaxed: Any, clock: Any) -> Any:
-    """Return the torque (n,) on the links: springs, cables, disturbances, what shifts in a gripper.
-
-    Parameters
-    ----------
-    s
-        The numbers as symbols.
-    q
-        Link angles (n,).
-    relaxed
-        States (n,) of what relaxes.
-    clock
-        s since the start.
-    """
+    """Return the torque (n,) on the links: springs, cables, disturbances, what shifts in a gripper."""
     wound = q - s["pack_rest"]
     beyond = ca.fmax(ca.fabs(wound) - s["pack_slack"], 0.0)
     torque = -s["spring"] * (q - s["spring_rest"]) - s["pack"] * ca.sign(wound) * beyond**2
@@ -103,21 +81,7 @@ def link_torque(s: Mapping[str, Any], q: Any, relaxed: Any, clock: Any) -> Any:
 
 
 def motor_torque(s: Mapping[str, Any], q: Any, dtheta: Any, standstill: Any, clock: Any) -> Any:
-    """Return the torque (n,) on the motors: worn teeth, oil, a brake that drags for a while.
-
-    Parameters
-    ----------
-    s
-        The numbers as symbols.
-    q
-        Link angles (n,).
-    dtheta
-        Velocities of the motors (n,), rad/s.
-    standstill
-        rad/s below which dry friction is smoothed.
-    clock
-        s since the start.
-    """
+    """Return the torque (n,) on the motors: worn teeth, oil, a brake that drags for a while."""
     sign = ca.tanh(dtheta / standstill)
     worn = s["worn"] * ca.exp(-(((q - s["worn_place"]) / s["worn_width"]) ** 2))
     gate = 0.5 * (ca.tanh((clock - s["brake_on"]) / GATE) - ca.tanh((clock - s["brake_off"]) / GATE))
@@ -130,34 +94,12 @@ def delivered(s: Mapping[str, Any], u: Any) -> Any:
 
 
 def warmth(s: Mapping[str, Any], side: str, clock: Any) -> Any:
-    """Return the factor (n,) of a side's friction: linear in time, 1 in the middle of the run.
-
-    Parameters
-    ----------
-    s
-        The numbers as symbols.
-    side
-        "link" or "motor".
-    clock
-        s since the start.
-    """
+    """Return the factor (n,) of a side's friction: linear in time, 1 in the middle of the run."""
     return 1.0 + s[f"thermal_{side}"] * (clock / s["duration"] - 0.5)
 
 
 def relaxation(s: Mapping[str, Any], q: Any, rate: Any, relaxed: Any) -> Any:
-    """Return the rate (n,) of what relaxes: a load that slides to the lower side, or a gear that creeps.
-
-    Parameters
-    ----------
-    s
-        The numbers as symbols.
-    q
-        Link angles (n,).
-    rate
-        Of the deflection (n,), rad/s.
-    relaxed
-        States (n,).
-    """
+    """Return the rate (n,) of what relaxes: a load that slides to the lower side, or a gear that creeps."""
     creeps, slides = ca.sign(s["creep"]), ca.sign(s["loose"])
     side = ca.tanh(ca.sin(q + s["loose_phase"]) / 0.1)
     return creeps * rate + (slides * side - relaxed) / s["relaxation"]

@@ -11,14 +11,12 @@ from scipy.interpolate import CubicSpline
 from elastic_arm.errors import SimulationError
 from elastic_arm.recording import Recording
 from elastic_arm.robot import Component, Inertia, Robot, Transmission
-from elastic_arm.studies.blind_challenge.hidden_arms.compiled_arm import StateHistory, compiled_arm
+from elastic_arm.studies.blind_challenge.hidden_arms.compiled_arm import StateHistory, compiled_arm, inertial_numbers
 from elastic_arm.studies.blind_challenge.hidden_arms.effect_laws import Fault, joint_numbers
 from elastic_arm.studies.blind_challenge.hidden_arms.further_laws import further_numbers, needs_further_laws
 from elastic_arm.studies.blind_challenge.hidden_arms.kinematic_tree import KinematicTree
-from elastic_arm.studies.blind_challenge.hidden_arms.motion import MultiSine
-from elastic_arm.studies.blind_challenge.hidden_arms.recursion import inertial_numbers
+from elastic_arm.studies.blind_challenge.hidden_arms.motion import HiddenMotion, TrueChannels
 from elastic_arm.studies.blind_challenge.hidden_arms.sensor_models import SensorModel, measure
-from elastic_arm.studies.blind_challenge.hidden_arms.true_channels import TrueChannels
 
 RATE = 1000.0
 SUBSTEPS = 4  # RK4 steps a sample; those between also give tau_J for its mean over the sample interval
@@ -30,19 +28,7 @@ CONTROL_BANDWIDTH = 20.0  # rad/s
 
 
 class HiddenArm:
-    """An arm with effects that the diagnosis has no access to.
-
-    Parameters
-    ----------
-    robot
-        The nominal arm.
-    faults
-        What the real arm has more.
-    standstill
-        rad/s below which dry friction is smoothed; None for the smallest at which the steps stay stable.
-    geometry
-        An arm of the same placements and gears, whose compiled engine serves; `robot` itself when None.
-    """
+    """An arm with effects that the diagnosis has no access to."""
 
     def __init__(
         self,
@@ -121,14 +107,8 @@ class HiddenArm:
         """Return the rate of a state (coordinates, velocities, further states) under motor torques u (n,)."""
         return self._engine.rate(state, u, self._parameters)[0]
 
-    def run(self, motion: MultiSine) -> TrueChannels:
-        """Follow a motion from rest.
-
-        Raises
-        ------
-        SimulationError
-            When the motion leaves the finite numbers, or Pinocchio finds other torques for it.
-        """
+    def run(self, motion: HiddenMotion) -> TrueChannels:
+        """Follow a motion from rest."""
         n, dof, N = self.n, self.tree.dof, round(motion.duration * RATE)
         self._parameters = self._all_numbers(motion.duration)
         t = np.arange(N + 1) / RATE
@@ -147,7 +127,8 @@ class HiddenArm:
         tau_m = 0.5 * (found.commands[1:N] + found.commands[: N - 1])
         x, dx = found.states[1:N, :dof], found.states[1:N, dof : 2 * dof]
         tau_J = _means(found.torques, self.substeps)
-        return TrueChannels(t[1:N], x[:, :n], dx[:, :n], x[:, n : 2 * n], dx[:, n : 2 * n], tau_J, tau_m)
+        gravity = self._gravity(x) if any(f.effect == "gravity_compensation" for f in self.faults) else None
+        return TrueChannels(t[1:N], x[:, :n], dx[:, :n], x[:, n : 2 * n], dx[:, n : 2 * n], tau_J, tau_m, gravity)
 
     def _check(self, found: StateHistory) -> None:
         """Compare the forces along a run with Pinocchio's for the same motion."""
@@ -164,30 +145,24 @@ class HiddenArm:
                     "Report this: the challenge's engine is wrong",
                 )
 
-    def record(self, motion: MultiSine, instruments: SensorModel, rng: np.random.Generator) -> Recording:
-        """Follow a motion and return the recording of the sensors.
-
-        Parameters
-        ----------
-        motion
-            Reference of the motors.
-        instruments
-            Quality of the sensors.
-        rng
-            Of the noise.
-        """
+    def record(self, motion: HiddenMotion, instruments: SensorModel, rng: np.random.Generator) -> Recording:
+        """Follow a motion and return the recording of the sensors."""
         course = self.run(motion)
         return measure(course, self.nominal.joint_names, self.faults, instruments, rng)
+
+    def _gravity(self, x: np.ndarray) -> np.ndarray:
+        """Torque (N, n) that holds the nominal arm, which is what a controller knows."""
+        tree, some = KinematicTree(self.nominal), _every_tenth(len(x))
+        held = np.array([tree.gravity(row[: 2 * self.n])[: self.n] for row in x[some]])
+        return CubicSpline(some, held)(np.arange(len(x)))
 
     def _feed_forward(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
         """Torque (N, n) of the arm as if its joints were stiff, from the nominal numbers."""
         tree = KinematicTree(self.nominal)
-        # The motion is slow: every tenth sample determines the torque to 1e-6 of itself.
-        k = np.arange(len(q))
-        some = np.append(k[:-1:10], k[-1])
+        some = _every_tenth(len(q))
         both = [np.hstack([v[some], v[some]]) for v in (q, dq, ddq)]
         torque = np.array([tree.torque(*row) for row in zip(*both, strict=True)])
-        return CubicSpline(some, torque[:, : self.n] + torque[:, self.n :])(k)
+        return CubicSpline(some, torque[:, : self.n] + torque[:, self.n :])(np.arange(len(q)))
 
     def _rest(self, theta: np.ndarray, torque: np.ndarray) -> np.ndarray:
         """State at rest with the springs loaded by gravity (`torque` (n,))."""
@@ -203,8 +178,9 @@ def altered(robot: Robot, faults: Sequence[Fault]) -> Robot:
     joints = list(robot.joints)
     for fault in faults:
         p = fault.parameters
-        if fault.effect == "payload":
-            joints[-1] = replace(joints[-1], link=_with_point(joints[-1].link, p["mass"], _position(p)))
+        if fault.effect in ("payload", "load"):
+            j = -1 if fault.joint is None else fault.joint
+            joints[j] = replace(joints[j], link=_with_point(joints[j].link, p["mass"], _position(p)))
         elif fault.effect == "link_inertia_mismatch" and fault.joint is not None:
             link = joints[fault.joint].link
             scaled = replace(link, mass=link.mass * p["mass"], inertia=np.asarray(link.inertia) * p["mass"])
@@ -253,13 +229,7 @@ def _position(parameters: Mapping[str, float]) -> np.ndarray:
 
 
 def _means(torques: np.ndarray, substeps: int) -> np.ndarray:
-    """Means (N - 1, n) over the sample intervals centred on the samples 1 to N - 1, by Simpson's rule.
-
-    Parameters
-    ----------
-    torques : (N + 1, substeps, n)
-        From each sample on.
-    """
+    """Means (N - 1, n) over the sample intervals centred on the samples 1 to N - 1, by Simpson's rule."""
     weights = np.ones(substeps + 1)
     weights[1:-1:2], weights[2:-1:2] = 4.0, 2.0
     weights /= 3.0 * substeps
@@ -268,6 +238,11 @@ def _means(torques: np.ndarray, substeps: int) -> np.ndarray:
     count = len(torques) - 2
     parts = (w * flat[first + s :: substeps][:count] for s, w in enumerate(weights))
     return np.sum(list(parts), axis=0)
+
+
+def _every_tenth(N: int) -> np.ndarray:
+    """Every tenth of N samples, and the last: the motion is slow, and they determine a torque to 1e-6 of itself."""
+    return np.append(np.arange(N)[:-1:10], N - 1)
 
 
 def rotation(a: float, b: float) -> np.ndarray:

@@ -16,13 +16,7 @@ from elastic_arm.robot import Component, Robot
 
 
 def pinocchio() -> Any:
-    """Return the Pinocchio module.
-
-    Raises
-    ------
-    MissingExtraError
-        When it is not installed.
-    """
+    """Return the Pinocchio module."""
     try:
         import pinocchio as pin
     except ImportError as error:
@@ -34,24 +28,7 @@ def pinocchio() -> Any:
 
 
 class KinematicTree:
-    """Rigid-body tree of a robot with transmissions, reduced by the gears.
-
-    Parameters
-    ----------
-    robot
-        The arm; every joint has a transmission.
-    bearings
-        Give every joint the tilts q_y, q_x of its bearing. Coordinates are then [q, theta, q_x, q_y], else [q, theta].
-    base_tilt
-        Angles a, b (rad): the base is rotated by Rx(a) Ry(b) in the ground frame.
-
-    Attributes
-    ----------
-    model
-        Pinocchio's, every body a joint of its own.
-    gears
-        (bodies, dof): velocities of the joints for those of the generalized coordinates.
-    """
+    """Rigid-body tree of a robot with transmissions, reduced by the gears."""
 
     def __init__(self, robot: Robot, *, bearings: bool = False, base_tilt: tuple[float, float] = (0.0, 0.0)) -> None:
         self._pin = pin = pinocchio()
@@ -77,7 +54,8 @@ class KinematicTree:
             if bearings:
                 parent, placement = self._add(parent, pin.JointModelRY(), placement, 3 * n + i, 1.0), pin.SE3.Identity()
                 parent = self._add(parent, pin.JointModelRX(), placement, 2 * n + i, 1.0)
-            parent = self._add(parent, pin.JointModelRZ(), placement, i, 1.0)
+            axis = pin.JointModelPZ() if joint.prismatic else pin.JointModelRZ()
+            parent = self._add(parent, axis, placement, i, 1.0)
             placement = _se3(pin, joint.after)
             link = joint.link
             self.model.appendBodyToJoint(
@@ -109,14 +87,12 @@ class KinematicTree:
         bias = self._pin.nonLinearEffects(self.model, self._data, q, v)
         return self.gears.T @ full @ self.gears, self.gears.T @ bias
 
-    def torque(self, x: np.ndarray, dx: np.ndarray, ddx: np.ndarray) -> np.ndarray:
-        """Return M ddx + h (dof,), without stiffness and damping.
+    def gravity(self, x: np.ndarray) -> np.ndarray:
+        """Return what holds the bodies at rest (dof,)."""
+        return self.gears.T @ self._pin.computeGeneralizedGravity(self.model, self._data, self.gears @ x)
 
-        Parameters
-        ----------
-        x, dx, ddx
-            Generalized coordinates and derivatives (dof,).
-        """
+    def torque(self, x: np.ndarray, dx: np.ndarray, ddx: np.ndarray) -> np.ndarray:
+        """Return M ddx + h (dof,), without stiffness and damping."""
         G = self.gears
         return G.T @ self._pin.rnea(self.model, self._data, G @ x, G @ dx, G @ ddx)
 

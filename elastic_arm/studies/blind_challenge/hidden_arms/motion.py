@@ -1,36 +1,57 @@
-"""Random smooth motions for the hidden arms: sums of sines under a smooth start and stop."""
+"""What hidden arms are to do, and what they did: sums of sines, motion from point to point, and true channels."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
 HARMONICS = 8
 RAMP = 1.0  # s, from rest to full motion
+DWELL = (0.2, 1.0)  # s, at a point
+WAY = 0.8  # rad, from point to point at most
+# Largest rate and second rate of a step from 0 to 1 in unit time.
+STEP_RATE, STEP_SECOND_RATE = 2.1875, 7.5132
+
+
+@dataclass(frozen=True)
+class TrueChannels:
+    """What really happened, at the samples."""
+
+    t: np.ndarray  # (N,) s
+    # q, dq, theta, dtheta: (N, n) at the instant of the sample
+    q: np.ndarray
+    dq: np.ndarray
+    theta: np.ndarray
+    dtheta: np.ndarray
+    # tau_J, tau_m: (N, n) means over the sample interval centred on it
+    tau_J: np.ndarray
+    tau_m: np.ndarray
+    gravity: np.ndarray | None = None  # (N, n) what a controller that compensates gravity adds by itself
+
+
+class HiddenMotion(Protocol):
+    """A motion from rest to rest."""
+
+    @property
+    def duration(self) -> float:
+        """Seconds."""
+
+    def evaluate(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return angles, velocities and accelerations at t (N,), each (N, n)."""
 
 
 @dataclass(frozen=True)
 class MultiSine:
-    """q_d(t) = q0 + w(t) sum_k a_k sin(k omega t + p_k), w a smooth step up and down.
+    """q_d(t) = q0 + w(t) sum_k a_k sin(k omega t + p_k), w a smooth step up and down."""
 
-    Parameters
-    ----------
-    omega
-        Fundamental, rad/s.
-    amplitude, phase
-        (n, H) rad.
-    centre
-        (n,) rad.
-    duration
-        s.
-    """
-
-    omega: float
+    omega: float  # fundamental, rad/s
+    # amplitude, phase: (n, H) rad
     amplitude: np.ndarray
     phase: np.ndarray
-    centre: np.ndarray
-    duration: float
+    centre: np.ndarray  # (n,) rad
+    duration: float  # s
 
     def evaluate(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return q_d, its velocity and acceleration at t (N,), each (N, n)."""
@@ -44,16 +65,59 @@ class MultiSine:
 
 
 def _window(t: np.ndarray, duration: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Quintic-and-better step (zero velocity, acceleration and jerk at both ends) up from 0 and down to `duration`."""
-
-    def step(u: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        u = np.clip(u, 0.0, 1.0)
-        value = u**4 * (35 - 84 * u + 70 * u**2 - 20 * u**3)
-        return value, 140 * u**3 * (1 - u) ** 3, 420 * u**2 * (1 - u) ** 2 * (1 - 2 * u)
-
-    up, down = step(t / RAMP), step((duration - t) / RAMP)
+    """Smooth step up from 0 and down to `duration`."""
+    up, down = _step(t / RAMP), _step((duration - t) / RAMP)
     # The ramps do not overlap, so their product's derivatives have one term at a time.
     return up[0] * down[0], (up[1] - down[1]) / RAMP, (up[2] + down[2]) / RAMP**2
+
+
+def _step(u: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Step from 0 to 1 with zero velocity, acceleration and jerk at both ends, and its derivatives."""
+    u = np.clip(u, 0.0, 1.0)
+    value = u**4 * (35 - 84 * u + 70 * u**2 - 20 * u**3)
+    return value, 140 * u**3 * (1 - u) ** 3, 420 * u**2 * (1 - u) ** 2 * (1 - 2 * u)
+
+
+@dataclass(frozen=True)
+class PointToPoint:
+    """All joints from one point to the next at once, with a dwell at each."""
+
+    points: np.ndarray  # (P + 1, n) rad
+    begins: np.ndarray  # (P,) s, of each way
+    lasts: np.ndarray  # (P,) s, how long each way takes
+    duration: float  # s
+
+    def evaluate(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return q_d, its velocity and acceleration at t (N,), each (N, n)."""
+        way = np.clip(np.searchsorted(self.begins, t, side="right") - 1, 0, len(self.begins) - 1)
+        last = self.lasts[way][:, None]
+        value, rate, second = (v[:, None] for v in _step((t - self.begins[way]) / self.lasts[way]))
+        far = self.points[way + 1] - self.points[way]
+        return self.points[way] + value * far, rate * far / last, second * far / last**2
+
+
+def random_points(
+    rng: np.random.Generator,
+    n: int,
+    duration: float,
+    *,
+    speed: float = 1.0,
+    acceleration: float = 3.0,
+    reach: float = 1.2,
+) -> PointToPoint:
+    """Draw points within `reach` (rad) of zero, and ways between them at `speed` and `acceleration` or less."""
+    points, t = [rng.uniform(-reach, reach, n)], RAMP
+    begins: list[float] = []
+    lasts: list[float] = []
+    while True:
+        points.append(np.clip(points[-1] + rng.uniform(-WAY, WAY, n), -reach, reach))
+        far = np.abs(points[-1] - points[-2]).max()
+        last = max(STEP_RATE * far / speed, np.sqrt(STEP_SECOND_RATE * far / acceleration)) * rng.uniform(1.0, 1.5)
+        if t + last > duration and begins:
+            return PointToPoint(np.array(points[:-1]), np.array(begins), np.array(lasts), duration)
+        begins.append(t)
+        lasts.append(last)
+        t += last + rng.uniform(*DWELL)
 
 
 def random_motion(
@@ -68,17 +132,6 @@ def random_motion(
     """Draw a motion whose peaks stay within `speed` (rad/s), `acceleration` (rad/s²) and `reach` (rad) of zero.
 
     Harmonics reach up to about 1 Hz, and amplitudes fall with frequency so that speed, not position, is shared.
-
-    Parameters
-    ----------
-    rng
-        Draws the motion.
-    n
-        Number of joints.
-    duration
-        s.
-    speed, acceleration, reach
-        Bounds of the peaks, rad/s, rad/s², rad.
     """
     omega = 2 * np.pi / rng.uniform(7.0, 10.0)
     k = np.arange(1, HARMONICS + 1)

@@ -12,50 +12,33 @@ from scipy.signal import lfilter
 from elastic_arm.recording import Recording, Side
 from elastic_arm.studies.blind_challenge.hidden_arms.effect_laws import Fault
 from elastic_arm.studies.blind_challenge.hidden_arms.hidden_arm import RATE
+from elastic_arm.studies.blind_challenge.hidden_arms.motion import TrueChannels
 from elastic_arm.studies.blind_challenge.hidden_arms.sensor_models import SensorModel, measure
-from elastic_arm.studies.blind_challenge.hidden_arms.true_channels import TrueChannels
 
 BOTH, MOTOR, LINK = "both", "motor", "link"
 MISSING, DIFFERENCED, MEASURED = "missing", "differenced", "measured"
+LONGEST_GAP = 8  # samples that are lost in a row
 WHITE_SHARE = 0.3  # of the amplitude of a coloured noise that is white
 
 
 @dataclass(frozen=True)
 class RealisticSensors:
-    """Quality of the sensors of one arm.
+    """Quality of the sensors of one arm."""
 
-    Parameters
-    ----------
-    torque_noise
-        Standard deviation of each joint's torque channels (n,), Nm.
-    corner
-        Hz, of the first-order low-pass that colours the torque noise; None for white noise.
-    link_bits, motor_bits
-        Of the encoders; the motor's sits before the gear.
-    velocity
-        "missing", "differenced" (differences of the quantised angles) or "measured".
-    jitter
-        Standard deviation of the instants of sampling, s.
-    apart
-        Whether the two sides are sampled at instants of their own.
-    rate
-        Samples a second, a divisor of 1000.
-    sides
-        "both", "motor" (theta and tau_m alone) or "link" (q and tau_J alone).
-    drift
-        Standard deviation that a random walk reaches over the run, relative to the noise; about its mean, it is how a
-        torque channel's zero wanders.
-    """
-
-    torque_noise: tuple[float, ...]
-    corner: float | None = None
+    torque_noise: tuple[float, ...]  # standard deviation of each joint's torque channels (n,), Nm
+    corner: float | None = None  # Hz, of the first-order low-pass that colours the torque noise; None for white noise
+    # link_bits, motor_bits: of the encoders; the motor's sits before the gear
     link_bits: int = 19
     motor_bits: int = 13
-    velocity: str = MISSING
-    jitter: float = 2e-5
-    apart: bool = False
-    rate: float = 1000.0
-    sides: str = BOTH
+    encoder_noise: float = 0.0  # rad, white, of both encoders behind the gear
+    lost: float = 0.0  # share of the samples that never arrive, singly and several in a row
+    velocity: str = MISSING  # "missing", "differenced" (differences of the quantised angles) or "measured"
+    jitter: float = 2e-5  # standard deviation of the instants of sampling, s
+    apart: bool = False  # whether the two sides are sampled at instants of their own
+    rate: float = 1000.0  # samples a second, a divisor of 1000
+    sides: str = BOTH  # "both", "motor" (theta and tau_m alone) or "link" (q and tau_J alone)
+    # Standard deviation that a random walk reaches over the run, relative to the noise; about its mean, it is how a
+    # torque channel's zero wanders
     drift: float = 0.0
 
     @property
@@ -76,23 +59,7 @@ def measure_realistically(
     ratios: np.ndarray,
     rng: np.random.Generator,
 ) -> Recording:
-    """Return the recording that such sensors make of a course.
-
-    Parameters
-    ----------
-    course
-        The true motion and torques, at 1000 Hz.
-    joints
-        Names.
-    faults
-        Effects of the arm; those of its sensors act here.
-    sensors
-        Their quality.
-    ratios
-        (n,) total ratios of the drives.
-    rng
-        Of the noise.
-    """
+    """Return the recording that such sensors make of a course."""
     every = round(RATE / sensors.rate)
     ideal = SensorModel(torque_noise=0.0, velocity_noise=0.0, jitter=sensors.jitter, apart=sensors.apart)
     taken = _every(measure(course, joints, faults, ideal, rng), every)
@@ -103,14 +70,28 @@ def measure_realistically(
         ("motor", taken.motor, sensors.motor_steps(ratios)),
     ):
         assert side.position is not None and side.effort is not None
-        position = np.round(side.position / step) * step
+        position = side.position + sensors.encoder_noise * rng.standard_normal(side.position.shape)
+        position = np.round(position / step) * step
         velocity = _velocity(side, position, sensors, rng)
         sides[name] = replace(
             side, position=position, velocity=velocity, effort=side.effort + _noise(sensors, len(position), rng)
         )
+    if sensors.lost:
+        arrived = {name: _arrived(len(side), sensors.lost, rng) for name, side in sides.items()}
+        common = None if sensors.apart else arrived["link"]
+        sides = {name: side.at(arrived[name] if common is None else common) for name, side in sides.items()}
     link = None if sensors.sides == MOTOR else sides["link"]
     motor = None if sensors.sides == LINK else sides["motor"]
     return replace(taken, link=link, motor=motor)
+
+
+def _arrived(N: int, lost: float, rng: np.random.Generator) -> np.ndarray:
+    """Which of N samples arrive: gaps of one to :data:`LONGEST_GAP` samples begin anywhere but at the ends."""
+    kept = np.ones(N, dtype=bool)
+    for begin in np.flatnonzero(rng.random(N) < lost / (0.5 * (1 + LONGEST_GAP))):
+        kept[begin : begin + int(rng.integers(1, LONGEST_GAP + 1))] = False
+    kept[[0, -1]] = True
+    return kept
 
 
 def _every(recording: Recording, every: int) -> Recording:

@@ -11,35 +11,19 @@ from scipy.signal import bilinear, lfilter, lfilter_zi
 
 from elastic_arm.recording import Recording, Side
 from elastic_arm.studies.blind_challenge.hidden_arms.effect_laws import SENSOR_EFFECTS, Fault
-from elastic_arm.studies.blind_challenge.hidden_arms.true_channels import TrueChannels
+from elastic_arm.studies.blind_challenge.hidden_arms.motion import TrueChannels
 
 
 @dataclass(frozen=True)
 class SensorModel:
-    """Quality of the sensors.
+    """Quality of the sensors."""
 
-    Parameters
-    ----------
-    torque_noise
-        Standard deviation, Nm, white.
-    encoder_noise
-        rad, white, both encoders.
-    encoder_step
-        Resolution, rad; 0 for none.
-    velocity_noise
-        rad/s, white, both velocity channels.
-    jitter
-        Standard deviation of the instants at which samples are taken, s; stamps are these instants.
-    apart
-        Whether motor sides are sampled at instants of their own.
-    """
-
-    torque_noise: float = 0.26
-    encoder_noise: float = 0.0
-    encoder_step: float = 0.0
-    velocity_noise: float = 1e-4
-    jitter: float = 0.0
-    apart: bool = False
+    torque_noise: float = 0.26  # standard deviation, Nm, white
+    encoder_noise: float = 0.0  # rad, white, both encoders
+    encoder_step: float = 0.0  # resolution, rad; 0 for none
+    velocity_noise: float = 1e-4  # rad/s, white, both velocity channels
+    jitter: float = 0.0  # standard deviation of the instants at which samples are taken, s; stamps are these instants
+    apart: bool = False  # whether motor sides are sampled at instants of their own
 
 
 def measure(
@@ -49,21 +33,7 @@ def measure(
     instruments: SensorModel,
     rng: np.random.Generator,
 ) -> Recording:
-    """Return the recording that the sensors make of a course.
-
-    Parameters
-    ----------
-    course
-        The true motion and torques.
-    joints
-        Names.
-    faults
-        Effects of the arm; those of its sensors act here.
-    instruments
-        Quality of the sensors.
-    rng
-        Of the noise.
-    """
+    """Return the recording that the sensors make of a course."""
     t = course.t
     taken = _instants(t, instruments.jitter, rng)
     taken_of_motor = _instants(t, instruments.jitter, rng) if instruments.apart else taken
@@ -83,11 +53,17 @@ def measure(
     tau_J = sampled(course.tau_J, "joint_torque", taken)
     tau_m = sampled(course.tau_m, "motor_torque", taken_of_motor)
     torques = {"joint_torque": tau_J, "motor_torque": tau_m}
+    for fault in sensors:
+        if fault.effect == "gravity_compensation" and course.gravity is not None:
+            own = slice(None) if fault.joint is None else fault.joint
+            for channel in fault.channels:
+                torques[channel][:, own] -= fault.parameters["share"] * course.gravity[:, own]
     _distort(torques, sensors, t)
     for fault in sensors:
         j, p = fault.joint, fault.parameters
-        if fault.effect == "encoder_offset":
+        if fault.effect in ("encoder_offset", "joint_zero"):
             q[:, j] += p["offset"]
+            theta[:, j] += p["offset"] if fault.effect == "joint_zero" else 0.0
         elif fault.effect == "encoder_eccentricity":
             angle = q[:, j] + p["phase"]
             dq[:, j] *= 1.0 + p["amplitude"] * np.cos(angle)
@@ -120,15 +96,6 @@ def _distort(torques: dict[str, np.ndarray], sensors: Sequence[Fault], t: np.nda
     """Give torque sensors their gains, let them filter, read another load and wander, and give them zeros, in place.
 
     Recorded is gain * true + offset: a gain scales neither the zero of its sensor nor how that wanders.
-
-    Parameters
-    ----------
-    torques
-        (N, n) by channel.
-    sensors
-        Their faults; those of encoders change nothing.
-    t
-        (N,) s.
     """
     for fault in sensors:
         channel, _, what = fault.effect.rpartition("_")
@@ -143,17 +110,7 @@ def _distort(torques: dict[str, np.ndarray], sensors: Sequence[Fault], t: np.nda
 
 
 def _distort_in_time(torques: dict[str, np.ndarray], fault: Fault, t: np.ndarray) -> None:
-    """Let a torque channel pass a low-pass, read another joint's load, or wander, in place.
-
-    Parameters
-    ----------
-    torques
-        (N, n) by channel.
-    fault
-        Of a sensor; others than these change nothing.
-    t
-        (N,) s.
-    """
+    """Let a torque channel pass a low-pass, read another joint's load, or wander, in place."""
     p, joints = fault.parameters, slice(None) if fault.joint is None else slice(fault.joint, fault.joint + 1)
     if fault.effect == "torque_lowpass":
         # The bilinear transform of 1 / (s / w + 1), which is late by 1 / w without half a sample more or less.

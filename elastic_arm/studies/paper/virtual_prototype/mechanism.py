@@ -22,34 +22,22 @@ BUSHING = ("x", "y", "z", "about_y", "about_x", "about_z")
 
 
 def engine() -> ModuleType:
-    """Return MuJoCo, which only the virtual prototype needs.
-
-    Raises
-    ------
-    MissingExtraError
-        When it is not installed.
-    """
+    """Return MuJoCo, which only the virtual prototype needs."""
     return mujoco_engine("the virtual prototype needs", "paper")
 
 
 @dataclass(frozen=True)
 class Bushing:
-    """Numbers of the bushing between spline and link that the arm file does not hold.
+    """Numbers of the bushing between spline and link that the arm file does not hold."""
 
-    Parameters
-    ----------
-    translation_stiffness, translation_damping
-        The three stiff translations, N/m and N s/m; ours, as the paper states only "high".
-    bearing_scale
-        Multiplies the stiffness of bearings and translations, and their damping by its square root (the damping ratio
-        stays).
-    locked
-        The bushing's rotations about x and y and its translations do not move at all: the limit of a stiff bushing.
-    """
-
+    # translation_stiffness, translation_damping: The three stiff translations, N/m and N s/m; ours, as the paper states
+    # only "high"
     translation_stiffness: float = 2.0e8
     translation_damping: float = 2.0e4
+    # Multiplies the stiffness of bearings and translations, and their damping by its square root (the damping ratio
+    # stays)
     bearing_scale: float = 1.0
+    # The bushing's rotations about x and y and its translations do not move at all: the limit of a stiff bushing
     locked: bool = False
 
     def with_translation(self, stiffness: float) -> Bushing:
@@ -61,23 +49,11 @@ class Bushing:
 def build_spec(robot: Robot, bushing: Bushing) -> Any:
     """Make the engine's model specification of an elastic robot.
 
-    Parameters
-    ----------
-    robot
-        A robot whose joints all have transmissions with bearings.
-    bushing
-        The bushing's remaining numbers.
-
     Returns
     -------
     mujoco.MjSpec
         Bodies and joints named "<joint>.rotor", "<joint>.wave_generator", "<joint>.spline", "<joint>.link" and, for the
         bushing, "<joint>.x" and so on; a site "tool" at the last link's frame.
-
-    Raises
-    ------
-    RobotError
-        When a joint lacks a transmission or a bearing, or a spline is not carried by the joint's parent link.
     """
     drives = transmissions(robot)
     mj = engine()
@@ -109,13 +85,7 @@ def build_spec(robot: Robot, bushing: Bushing) -> Any:
 
 
 def transmissions(robot: Robot) -> list[Transmission]:
-    """Return every joint's transmission; refuse a robot from which no prototype can be built, naming the joint.
-
-    Raises
-    ------
-    RobotError
-        As :func:`build_spec`.
-    """
+    """Return every joint's transmission; refuse a robot from which no prototype can be built, naming the joint."""
     found = []
     for index, joint in enumerate(robot.joints):
         transmission = joint.transmission

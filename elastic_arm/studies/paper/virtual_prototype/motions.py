@@ -40,26 +40,13 @@ QUINTIC = (0.0, 0.0, 0.0, 10.0, -15.0, 6.0)
 
 @dataclass(frozen=True)
 class StepRamp:
-    """The paper's step ramp: all joints turn by `height` in `rise` seconds, then stand still.
+    """The paper's step ramp: all joints turn by `height` in `rise` seconds, then stand still."""
 
-    Parameters
-    ----------
-    start
-        theta before the ramp (n,), rad.
-    height
-        The step at the harmonic-drive output, rad.
-    rise
-        Duration of the ramp, s.
-    hold
-        How long the arm then stands still, s.
-    shape
-        Coefficients, rising, of the polynomial from 0 to 1 over the unit interval; the paper's step is the cubic.
-    """
-
-    start: np.ndarray
-    height: float = 0.1
-    rise: float = 1.0
-    hold: float = 0.5
+    start: np.ndarray  # theta before the ramp (n,), rad
+    height: float = 0.1  # the step at the harmonic-drive output, rad
+    rise: float = 1.0  # duration of the ramp, s
+    hold: float = 0.5  # how long the arm then stands still, s
+    # Coefficients, rising, of the polynomial from 0 to 1 over the unit interval; the paper's step is the cubic
     shape: tuple[float, ...] = CUBIC
 
     @property
@@ -90,15 +77,9 @@ class StepRamp:
 
 @dataclass(frozen=True)
 class PeriodicMotion:
-    """A Fourier trajectory: its smooth start is driven, its first period is recorded, from t = 0 on.
+    """A Fourier trajectory: its smooth start is driven, its first period is recorded, from t = 0 on."""
 
-    Parameters
-    ----------
-    trajectory
-        Fourier series between two smooth ramps.
-    """
-
-    trajectory: FourierTrajectory
+    trajectory: FourierTrajectory  # fourier series between two smooth ramps
 
     @property
     def pieces(self) -> list[SmoothPiece]:

@@ -16,16 +16,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg.lapack import dposv
 
 from elastic_arm.errors import SimulationError
 from elastic_arm.robot.description import Robot
-from elastic_arm.studies.paper.virtual_prototype.integration import (
-    RECORD_RATE,
-    RUNGE_KUTTA_REACH,
-    division,
-    runge_kutta,
-    solve,
-)
 from elastic_arm.studies.paper.virtual_prototype.mechanism import BUSHING, Bushing, build_spec, engine, transmissions
 from elastic_arm.studies.paper.virtual_prototype.motions import ImposedMotion, SmoothPiece
 from elastic_arm.studies.paper.virtual_prototype.rotations import link_coordinates
@@ -33,6 +27,8 @@ from elastic_arm.studies.paper.virtual_prototype.rotations import link_coordinat
 Torque = Callable[[int, np.ndarray, np.ndarray], np.ndarray]
 _Sample = tuple[float, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 DEFAULT_STEP = 1.0e-4
+RUNGE_KUTTA_REACH = 2.78  # of |eigenvalue| times step, on the real axis
+RECORD_RATE = 1000.0
 
 
 @dataclass(frozen=True)
@@ -79,22 +75,7 @@ class _Reduced:
 
 
 class Prototype:
-    """The virtual prototype of an elastic robot.
-
-    Parameters
-    ----------
-    robot
-        Every joint with a transmission and a bearing.
-    bushing
-        The bushing's numbers that the arm file does not hold.
-
-    Raises
-    ------
-    RobotError
-        When the robot lacks a transmission or a bearing.
-    MissingExtraError
-        When the engine is not installed.
-    """
+    """The virtual prototype of an elastic robot."""
 
     def __init__(self, robot: Robot, bushing: Bushing | None = None) -> None:
         self.bushing = bushing or Bushing()
@@ -135,15 +116,7 @@ class Prototype:
         return _Reduced(self._Tt.dot(self._full).dot(self.T), self._Tt.dot(force))
 
     def _evaluate(self, position: np.ndarray, velocity: np.ndarray, u: np.ndarray, du: np.ndarray) -> np.ndarray:
-        """Let the engine fill its full mass matrix; return its bias minus passive forces (nv,).
-
-        Parameters
-        ----------
-        position, velocity
-            Of the driven coordinates, G theta and G dtheta (nv,).
-        u, du
-            Deflections of the bushing and their rates.
-        """
+        """Let the engine fill its full mass matrix; return its bias minus passive forces (nv,)."""
         data, model, mj, qpos, qvel = self._data, self._model, self._mj, self._qpos, self._qvel
         qpos[:] = position
         qpos[self._free] = u
@@ -198,23 +171,7 @@ class Prototype:
         return places
 
     def follow(self, motion: ImposedMotion, *, step: float = DEFAULT_STEP, rate: float = RECORD_RATE) -> PrototypeRun:
-        """Impose a motion on the rotors (through the couplers) and record what the arm does.
-
-        Parameters
-        ----------
-        motion
-            theta, dtheta, ddtheta over time, in smooth pieces; recorded from t = 0 on. Where the acceleration jumps
-            between two pieces, the sample is the limit from before.
-        step
-            Largest step of the fourth-order Runge-Kutta integration of the bushings, s.
-        rate
-            Samples per second.
-
-        Raises
-        ------
-        SimulationError
-            When the bushing's motion leaves the finite numbers (a step too large for its stiffness).
-        """
+        """Impose a motion on the rotors (through the couplers) and record what the arm does."""
         first = motion.pieces[0]
         u = self.equilibrium(first.evaluate(np.array([first.start]))[0][0])
         state = np.array([u, np.zeros_like(u)])
@@ -236,19 +193,6 @@ class Prototype:
         samples: list[_Sample],
     ) -> np.ndarray:
         """Integrate the bushings over one smooth piece.
-
-        Parameters
-        ----------
-        piece
-            Of the motion imposed.
-        state
-            Deflections of the bushings and their rates (2, 6 n), at its start.
-        division
-            Number of steps and the step, s.
-        kept
-            The steps at whose beginning a sample is taken; the one after the last is the piece's end.
-        samples
-            To which the samples are added.
 
         Returns
         -------
@@ -286,16 +230,7 @@ class Prototype:
         step: float = DEFAULT_STEP,
         rate: float = RECORD_RATE,
     ) -> PrototypeRun:
-        """Apply torques at the harmonic-drive output (through the couplers) and record what the arm does.
-
-        Parameters
-        ----------
-        torque
-            Called with the number of half steps (of :func:`dividing_step`) since the start, theta and dtheta (n,);
-            returns tau_m (n,), Nm.
-        start
-            theta and dtheta at t = 0; the bushings begin in static equilibrium, turning along.
-        """
+        """Apply torques at the harmonic-drive output (through the couplers) and record what the arm does."""
         n = self.n
         state, samples = np.zeros((2, self.T.shape[1])), []
         state[:, :n], state[0, n:] = start, self.equilibrium(start[0])
@@ -322,13 +257,6 @@ class Prototype:
 
         The rows of the bushing alone are solved: its deflections are coordinates of the engine, so that their part of
         T' M T is a part of M.
-
-        Parameters
-        ----------
-        driven
-            Positions, velocities and accelerations of the driven coordinates, (nv,) each.
-        state
-            Deflections of the bushing and their rates (2, 6 n).
         """
         u, du = state
         force = self._evaluate(driven[0], driven[1], u, du)
@@ -358,3 +286,54 @@ class Prototype:
         tilt = np.concatenate([q_x, q_y], axis=2)
         tau_J = -y[:, self._delta] * self._drive[:, 0] - dy[:, self._delta] * self._drive[:, 1]
         return PrototypeRun(t, q[0], q[1], q[2], theta[0], theta[1], theta[2], tilt, tau_m, tau_J, tool)
+
+
+def runge_kutta(
+    acceleration: Callable[[int, np.ndarray], np.ndarray], half: int, state: np.ndarray, first: np.ndarray, h: float
+) -> np.ndarray:
+    """Take one classical fourth-order step of u'' = acceleration(number of the half step, (u, u')).
+
+    Returns
+    -------
+    state
+        u and u' at the end of the step (2, m).
+    """
+    # Position and velocity are advanced together: a step costs as much in calls of NumPy as in arithmetic.
+    rates = np.empty((4, *state.shape))
+    one, two, three, four = rates
+    one[0], one[1] = state[1], first
+    for k, (rate, known, reach) in enumerate(((two, one, 0.5 * h), (three, two, 0.5 * h), (four, three, h))):
+        at = reach * known
+        at += state
+        rate[0], rate[1] = at[1], acceleration(half + 1 + k // 2, at)
+    rates[1:3] *= 2.0
+    change = one + two
+    change += three
+    change += four
+    change *= h / 6.0
+    change += state
+    return change
+
+
+def solve(mass: np.ndarray, force: np.ndarray) -> np.ndarray:
+    """Solve with a symmetric positive definite matrix; LAPACK itself, as this is most of a small step's overhead."""
+    solution: np.ndarray = dposv(mass, force)[1]
+    return solution
+
+
+def dividing_step(step: float, rate: float = RECORD_RATE) -> float:
+    """Return the largest step, at most `step`, of which a whole number makes one sample, s."""
+    return 1.0 / (rate * max(1, int(np.ceil(1.0 / (rate * step) - 1e-9))))
+
+
+def division(duration: float, step: float, rate: float) -> tuple[int, int, float]:
+    """Divide a time into steps of which a whole number makes one sample.
+
+    Returns
+    -------
+    steps, stride, step
+        Number of steps, steps a sample, and the step, s.
+    """
+    stride = round(1.0 / (rate * dividing_step(step, rate)))
+    steps = stride * round(duration * rate)
+    return steps, stride, duration / steps

@@ -25,13 +25,6 @@ def chain(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Compose rotations about successive axes.
 
-    Parameters
-    ----------
-    axes
-        Unit axes (3,), outermost first, each fixed in the frame before it.
-    angles, rates, accelerations
-        Per axis (N, len(axes)); rad, rad/s, rad/s^2.
-
     Returns
     -------
     R, omega, alpha, jacobian
@@ -54,15 +47,7 @@ def chain(
 def link_coordinates(
     theta: Sequence[np.ndarray], bushing: Sequence[np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the paper's angles of one joint and their two derivatives, columns (q_y, q_x, q), each (N, 3).
-
-    Parameters
-    ----------
-    theta
-        Angle, rate and acceleration of the spline, each (N,).
-    bushing
-        Angles about y, x, z, their rates and accelerations, each (N, 3).
-    """
+    """Return the paper's angles of one joint and their two derivatives, columns (q_y, q_x, q), each (N, 3)."""
     stacked = [np.column_stack([turn, rest]) for turn, rest in zip(theta, bushing, strict=True)]
     whole, omega, alpha, _ = chain((Z, Y, X, Z), *stacked)
     q_x = np.arcsin(-whole[:, 1, 2])

@@ -22,13 +22,7 @@ Results = Callable[[], list[Result]]
 
 
 class ProcessPool:
-    """Processes that run tasks; a context.
-
-    Parameters
-    ----------
-    workers
-        Processes; 1 runs everything in this one.
-    """
+    """Processes that run tasks; a context."""
 
     def __init__(self, workers: int) -> None:
         self._pool: ProcessPoolExecutor | None = None
@@ -52,11 +46,6 @@ class ProcessPool:
 
     def start(self, tasks: Sequence[Task], advance: Advance) -> Results[Any]:
         """Begin tasks (functions of a module, bound to their arguments); what is begun first is done first.
-
-        Parameters
-        ----------
-        advance
-            Called after each task, by any thread.
 
         Returns
         -------

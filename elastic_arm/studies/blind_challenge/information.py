@@ -1,4 +1,4 @@
-"""How much a recording of an arm knows of an effect, everything ordinary marginalised.
+"""How much a recording of an arm knows of an effect, everything ordinary marginalised, and sizes from it.
 
 Nothing of the diagnosis is used: residuals are those of Pinocchio's tree along the true motion, their noise follows
 from the sensors as they were drawn. With r the whitened change of the residuals by an effect, and N the whitened
@@ -6,12 +6,13 @@ changes by one standard deviation of each ordinary number, the distance is the s
 
     r'r - r'N (1 + N'N)^-1 N'r,
 
-the size of the effect over its Cramér-Rao bound, all ordinary numbers estimated beside it from their priors.
+the size of the effect over its Cramér-Rao bound, all ordinary numbers estimated with it from their priors. An exact arm
+has none of them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,12 +20,16 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.signal import decimate
 
+from elastic_arm.errors import SimulationError
 from elastic_arm.robot import Joint, Robot, Transmission
 from elastic_arm.studies.blind_challenge.hidden_arms.base_arms import strained
+from elastic_arm.studies.blind_challenge.hidden_arms.effect_laws import SENSOR_EFFECTS, Fault
 from elastic_arm.studies.blind_challenge.hidden_arms.hidden_arm import RATE
 from elastic_arm.studies.blind_challenge.hidden_arms.kinematic_tree import KinematicTree
+from elastic_arm.studies.blind_challenge.hidden_arms.motion import HiddenMotion, TrueChannels
 from elastic_arm.studies.blind_challenge.hidden_arms.realistic_sensors import BOTH, LINK, RealisticSensors
-from elastic_arm.studies.blind_challenge.hidden_arms.true_channels import TrueChannels
+from elastic_arm.studies.blind_challenge.hidden_arms.sensor_models import SensorModel, measure
+from elastic_arm.studies.blind_challenge.levels import Level
 
 Array = NDArray[np.float64]
 Key = tuple[str, int]
@@ -34,6 +39,7 @@ EDGE = 40.0  # Hz, upper edge of what counts; with one encoder alone:
 EDGE_ONE_ENCODER = 5.0
 FREE = 100.0  # a prior so wide that it states nothing: friction known by name
 STEP = 1e-3  # of an ordinary number, for derivatives
+OWN = 1e-2  # of the torques' noise power that each equation has on its own, as equations are never exact
 ENDS = 50  # rows left out at either end, where derivatives are inexact
 # Standard deviations of what is ordinary, as :mod:`.base_arms` draws it.
 ORDINARY = {"mass": 0.05, "com": 0.006, "inertia": 0.03, "rotor": 0.03, "stiffness": 0.06, "damping": 0.12}
@@ -41,20 +47,28 @@ SHAPE = 0.012  # strain of a link's shape, each entry
 SHAPES = tuple(f"shape_{a}{b}" for a in range(3) for b in range(3))
 SENSOR_GAIN, SENSOR_OFFSET, ENCODER_OFFSET, WARMING = 0.006, 0.3, 1e-5, 0.06
 
+ROUNDS = 4  # corrections of a size
+NEAR = 0.05  # of the wanted distance
+IDEAL = SensorModel(torque_noise=0.0, velocity_noise=0.0)
+# Which ordinary numbers of its joint an effect is itself; their priors do not stand against it.
+ITSELF = {
+    "link_inertia_mismatch": ("mass", "inertia", *SHAPES),
+    "rotor_inertia_mismatch": ("rotor",),
+    "stiffness_mismatch": ("stiffness",),
+    "damping_mismatch": ("damping",),
+    "thermal_friction": ("thermal", "thermal_viscous"),
+    "torque_drift": ("drift_1", "drift_2", "drift_3"),
+    "encoder_offset": ("encoder_offset",),
+    **{e: (e,) for e in ("motor_torque_gain", "joint_torque_gain", "motor_torque_offset", "joint_torque_offset")},
+}
+
 
 @dataclass(frozen=True)
 class TrueMotion:
-    """A true motion with its accelerations.
+    """A true motion with its accelerations."""
 
-    Parameters
-    ----------
-    channels
-        The motion and torques, at 1000 Hz.
-    ddq, ddtheta
-        (N, n) rad/s².
-    """
-
-    channels: TrueChannels
+    channels: TrueChannels  # the motion and torques, at 1000 Hz
+    # ddq, ddtheta: (N, n) rad/s²
     ddq: Array
     ddtheta: Array
 
@@ -73,49 +87,23 @@ class TrueMotion:
 
 
 class MarginalInformation:
-    """What sensors tell of effects on one arm.
+    """What sensors tell of effects on one arm."""
 
-    Parameters
-    ----------
-    robot
-        The true arm without the effect.
-    sensors
-        Of known quality.
-    motion
-        True motion and torques of the arm, along which ordinary numbers act.
-    warming, torque_constant
-        What is ordinary besides: see :class:`.level.ChallengeLevel`.
-    """
-
-    def __init__(
-        self,
-        robot: Robot,
-        sensors: RealisticSensors,
-        motion: TrueChannels,
-        *,
-        warming: float = 0.0,
-        torque_constant: float = 0.0,
-    ) -> None:
+    def __init__(self, robot: Robot, sensors: RealisticSensors, motion: TrueChannels, level: Level) -> None:
         self._robot, self._sensors, self.n = robot, sensors, robot.n
-        self._warming = WARMING if warming else 0.0
-        self._motor_gain = max(SENSOR_GAIN, 0.6 * torque_constant)
+        self._warming = WARMING if level.warming else 0.0
+        self._motor_gain = max(SENSOR_GAIN, 0.6 * level.torque_constant)
         gears = [joint.transmission for joint in robot.joints if joint.transmission]
         self._K, self._D = np.array([g.stiffness for g in gears]), np.array([g.damping for g in gears])
         self._ratios = np.array([g.r_tot for g in gears])
         M = KinematicTree(robot).terms(np.zeros(2 * self.n), np.zeros(2 * self.n))[0]
         self._M, self._B = np.diag(M)[: self.n], np.diag(M)[self.n :]
-        columns = self._ordinary(TrueMotion.of(motion))
+        columns = {} if level.exact else self._ordinary(TrueMotion.of(motion))
         self._keys = tuple(columns)
-        self._white = self._whiten(np.stack(list(columns.values()), axis=-1))
+        self._white = self._whiten(np.stack(list(columns.values()), axis=-1)) if columns else np.zeros((0, 0))
 
     def residuals(self, read: TrueChannels) -> Array:
-        """Return what torques exceed the arm's own equations by, (N / 10, R, n).
-
-        Parameters
-        ----------
-        read
-            What ideal sensors read of a motion.
-        """
+        """Return what torques exceed the arm's own equations by, (N / 10, R, n)."""
         tree, now = KinematicTree(self._robot), TrueMotion.of(read)
         left = np.array([tree.torque(*row) for row in zip(*now.rows(), strict=True)])
         spring = self._K * (read.theta - read.q) + self._D * (read.dtheta - read.dq)
@@ -125,29 +113,17 @@ class MarginalInformation:
         return self.seen(link, slow["tau_J"] - spring, motor)
 
     def distance(self, change: Array, *, without: Collection[Key] = ()) -> float:
-        """Return the whitened size of a change of the residuals, everything ordinary marginalised.
-
-        Parameters
-        ----------
-        change
-            (N / 10, R, n) as of :meth:`residuals`.
-        without
-            Ordinary numbers, by name and joint, that the effect is itself.
-        """
+        """Return the whitened size of a change of the residuals, everything ordinary marginalised."""
         r = self._whiten(change[..., None])[:, 0]
+        if not self._keys:
+            return float(np.linalg.norm(r))
         N = self._white[:, [k for k, key in enumerate(self._keys) if key not in without]]
         explained = N.T @ r
         left = float(r @ r - explained @ np.linalg.solve(np.eye(N.shape[1]) + N.T @ N, explained))
         return float(np.sqrt(max(left, 0.0)))
 
     def seen(self, link: Array, drive: Array, motor: Array) -> Array:
-        """Stack the equations that the recorded sides leave, (N, R, n).
-
-        Parameters
-        ----------
-        link, drive, motor
-            Residuals (N, n), Nm.
-        """
+        """Stack the equations that the recorded sides leave, (N, R, n)."""
         if self._sensors.sides == BOTH:
             return np.stack([link, drive, motor], axis=1)
         return (link if self._sensors.sides == LINK else link + motor)[:, None]
@@ -219,6 +195,7 @@ class MarginalInformation:
         # |X(f)|² over the power density of a stretch of T seconds has mean 1 a real part where the noise is white.
         T = N * EVERY / RATE
         root = np.linalg.cholesky(S * T / 4.0)
+        root[0] *= np.sqrt(2.0)  # a mean has no imaginary part
         found = []
         for j in range(self.n):
             white = np.linalg.solve(root[:, j], spectrum[:, :, j])
@@ -232,8 +209,8 @@ class MarginalInformation:
         torque = np.full((len(f), self.n), 2.0 / rate) * variance
         if s.corner is not None:
             torque = 0.1 * torque + 0.9 * variance * (2 / (np.pi * s.corner) / (1 + (f / s.corner) ** 2))[:, None]
-        link = np.full(self.n, s.link_step**2 / 6 / rate)
-        motor = s.motor_steps(self._ratios) ** 2 / 6 / rate
+        link = np.full(self.n, (s.link_step**2 / 12 + s.encoder_noise**2) * 2 / rate)
+        motor = (s.motor_steps(self._ratios) ** 2 / 12 + s.encoder_noise**2) * 2 / rate
         w2 = ((2 * np.pi * f) ** 2)[:, None]
         # Rows: how tau_J, tau_m, q and theta enter link, drive and motor.
         H = np.zeros((len(f), self.n, 3, 4))
@@ -250,7 +227,7 @@ class MarginalInformation:
             [torque, torque, np.broadcast_to(link, torque.shape), np.broadcast_to(motor, torque.shape)], -1
         )
         S = np.einsum("fnrc,fnc,fnsc->fnrs", H, power, H)
-        return S + 1e-4 * variance[:, None, None] * np.eye(S.shape[-1]) * 2.0 / rate
+        return S + OWN * variance[:, None, None] * np.eye(S.shape[-1]) * 2.0 / rate
 
 
 def _alterations(robot: Robot, j: int) -> list[tuple[str, float, Robot]]:
@@ -282,3 +259,107 @@ def _with_rotors(gear: Transmission, factor: float) -> Transmission:
         name: replace(part, ixx=part.ixx * factor, izz=part.izz * factor) for name, (part, _) in gear.components.items()
     }
     return replace(gear, rotor=parts["rotor"], wave_generator=parts["wave_generator"], spline=parts["spline"])
+
+
+@dataclass(frozen=True)
+class EffectDraft:
+    """An effect without its size."""
+
+    make: Callable[[float], Fault]  # returns the effect with so much of it
+    low: float  # smallest amount
+    high: float  # largest amount
+    first: float  # amount that is tried first
+
+
+@dataclass(frozen=True)
+class SizedEffect:
+    """An effect of a size."""
+
+    fault: Fault
+    distance: float  # multiple of its bound that it is
+    bound: float
+    excess: float  # mean square of what it does to the residuals, Nm^2
+
+
+class Sizing:
+    """Sizes of effects on one arm: `run` moves the arm with some faults, without its ordinary friction."""
+
+    def __init__(
+        self,
+        robot: Robot,
+        sensors: RealisticSensors,
+        level: Level,
+        motion: HiddenMotion,
+        friction: Sequence[Fault],
+        run: Callable[[Sequence[Fault]], TrueChannels],
+    ) -> None:
+        self._robot, self._motion, self._run = robot, motion, run
+        self._friction: dict[tuple[str, int | None], float] = {}
+        self.add_friction(friction)
+        self._plain = run(())
+        self._information = MarginalInformation(robot, sensors, self._plain, level)
+        self._left = self._information.residuals(self._plain)
+
+    def add_friction(self, friction: Sequence[Fault]) -> None:
+        """Give the arm friction that other effects scale."""
+        self._friction |= {(f.effect, f.joint): next(iter(f.parameters.values())) for f in friction}
+
+    def peak(self) -> Array:
+        """Return the largest motor torques (n,) of the plain motion, Nm."""
+        return np.abs(self._plain.tau_m).max(axis=0)
+
+    def sized(self, draft: EffectDraft, wanted: float) -> SizedEffect:
+        """Return an effect of the wanted distance, within its limits."""
+        high = draft.high
+        tried = reached = draft.first
+        distance = excess = 0.0
+        for _ in range(ROUNDS):
+            try:
+                (distance, excess), reached = self.change(draft.make(tried)), tried
+            except SimulationError:
+                high = tried = 0.5 * tried
+                continue
+            better = float(np.clip(tried * wanted / max(distance, 1e-9), min(draft.low, high), high))
+            if abs(better / tried - 1.0) < NEAR:
+                break
+            tried = better
+        return SizedEffect(draft.make(reached), distance, reached / max(distance, 1e-9), excess)
+
+    def change(self, fault: Fault) -> tuple[float, float]:
+        """Return how far the residuals change by a fault, whitened and marginalised, and their mean square in Nm^2."""
+        if fault.effect in SCALING:
+            change = self._of_friction(fault)
+        else:
+            read = _read(self._run((fault,)), fault, self._robot.joint_names)
+            # What sampling leaves of the plain motion is no effect.
+            change = self._information.residuals(read) - self._left
+        without = {(name, fault.joint or 0) for name in ITSELF.get(fault.effect, ())}
+        return self._information.distance(change, without=without), float(np.mean(change[ENDS:-ENDS] ** 2))
+
+    def _of_friction(self, fault: Fault) -> Array:
+        """Change of the residuals by what scales friction, from its law: the arm is moved without its friction."""
+        j = fault.joint or 0
+        w = self._plain.dtheta[::EVERY, j]
+        torque = self._friction.get(("coulomb_friction", j), 0.0) * np.sign(w)
+        torque += self._friction.get(("viscous_friction", j), 0.0) * w
+        rows = np.zeros((3, len(w), self._robot.n))
+        rows[2, :, j] = torque * SCALING[fault.effect](fault, w)
+        return self._information.seen(*rows)
+
+
+# By what factor less 1 an effect scales friction, at velocities (N,) evenly over the run.
+SCALING: dict[str, Callable[[Fault, Array], Array]] = {
+    "thermal_friction": lambda fault, w: fault.parameters["change"] * np.linspace(-0.5, 0.5, len(w)),
+    "asymmetric_friction": lambda fault, w: fault.parameters["asymmetry"] * np.sign(w),
+}
+
+
+def _read(true: TrueChannels, fault: Fault, joints: Sequence[str]) -> TrueChannels:
+    """Return what ideal sensors with this fault read."""
+    if fault.effect not in SENSOR_EFFECTS:
+        return true
+    read = measure(true, joints, [fault], IDEAL, np.random.default_rng(0))
+    assert read.link is not None and read.motor is not None
+    sides = {"q": read.link.position, "dq": read.link.velocity, "tau_J": read.link.effort}
+    sides |= {"theta": read.motor.position, "dtheta": read.motor.velocity, "tau_m": read.motor.effort}
+    return TrueChannels(true.t, **{name: np.asarray(values) for name, values in sides.items()})

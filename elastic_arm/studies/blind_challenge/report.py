@@ -1,0 +1,95 @@
+"""The report of a challenge: shares, what was named for what, and what a confidence is worth."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure as MplFigure
+
+from elastic_arm.report.html import Figure, Section, Table, write_report
+from elastic_arm.report.style import BLUE, GREEN, GREY, VERMILION, new_figure, style
+from elastic_arm.studies.blind_challenge.score import (
+    AT_MOST,
+    EFFECT_HEADINGS,
+    HEADINGS,
+    challenge,
+    effect_rows,
+    table_rows,
+    target,
+)
+
+
+def write_challenge_report(path: str | Path, found: Mapping[str, Any]) -> Path:
+    """Write the report of a score as one HTML file."""
+    sections = []
+    for level, table in found["levels"].items():
+        caption = "Shares with their 95 % intervals; mark: to reach."
+        blocks: list[Any] = [Figure(shares(level, table), caption), Table(HEADINGS, table_rows(level, table))]
+        if table["calibration"]:
+            caption = "Every cause that was said. On the dashed line, of causes with 0.9 nine in ten are right."
+            blocks.append(Figure(reliability(table), caption))
+        sections.append(Section(f"Level {level}", blocks))
+    if found["confusion"]:
+        caption = "Single effects. Red numbers: an effect taken for another."
+        sections.append(Section("What was named for what", [Figure(confusion(found["confusion"]), caption)]))
+        sections.append(Section("Effect by effect", [Table(EFFECT_HEADINGS, effect_rows(found))]))
+    subtitle = "; ".join(challenge(c) for c in found["challenges"])
+    return write_report(path, "The challenge", sections, subtitle=subtitle)
+
+
+def shares(level: str, table: Mapping[str, Any]) -> MplFigure:
+    """Draw every share with its interval, and what is to be reached."""
+    named = [(name, s) for name, s in table["shares"].items() if s["trials"]]
+    with style():
+        figure, axes = new_figure(size=(8.6, 0.8 + 0.3 * len(named)))
+        ax = axes[0, 0]
+        for row, (name, s) in enumerate(named):
+            wanted = target(name, level)
+            good = wanted is not None and (s["share"] <= wanted if name in AT_MOST else s["share"] >= wanted)
+            colour = GREY if wanted is None else GREEN if good else VERMILION
+            ax.plot([100 * v for v in s["interval"]], [row, row], color=colour, linewidth=3, alpha=0.45)
+            ax.plot(100 * s["share"], row, "o", color=colour)
+            if wanted is not None:
+                ax.plot(100 * wanted, row, "|", color="black", markersize=12, markeredgewidth=1.8)
+        ax.set_yticks(range(len(named)), [f"{name}  ({s['hits']}/{s['trials']})" for name, s in named])
+        ax.invert_yaxis()
+        ax.set(xlim=(-1, 101), xlabel="%, with 95 % binomial interval; mark: to reach")
+    return figure
+
+
+def reliability(table: Mapping[str, Any]) -> MplFigure:
+    """Draw the share of causes that were right over the confidence that they were given."""
+    with style():
+        figure, axes = new_figure(size=(4.6, 3.9))
+        ax = axes[0, 0]
+        ax.plot([0, 1], [0, 1], color=GREY, linewidth=1.0, linestyle="--")
+        for row in table["calibration"]:
+            ax.plot([row["mean_confidence"]] * 2, row["interval"], color=BLUE, alpha=0.4, linewidth=3)
+            ax.plot(row["mean_confidence"], row["share"], "o", color=BLUE)
+        ax.set(xlim=(0, 1.03), ylim=(0, 1.03), xlabel="confidence", ylabel="share of causes that were right")
+    return figure
+
+
+def confusion(table: Mapping[str, Mapping[str, int]]) -> MplFigure:
+    """Draw what was named for what there was, in shares of each row."""
+    rows = list(table)
+    columns = [*rows, *sorted({said for row in table.values() for said in row} - set(rows))]
+    counts = np.array([[table[r].get(c, 0) for c in columns] for r in rows], dtype=float)
+    part = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1.0)
+    with style():
+        figure, axes = new_figure(size=(3.2 + 0.27 * len(columns), 2.6 + 0.25 * len(rows)))
+        ax = axes[0, 0]
+        ax.imshow(part, cmap="Blues", vmin=0.0, vmax=1.0, aspect="auto")
+        ax.grid(visible=False)
+        for (r, c), count in np.ndenumerate(counts):
+            if count:
+                colour = "white" if part[r, c] > 0.5 else "black" if rows[r] == columns[c] else VERMILION
+                ax.text(c, r, f"{count:.0f}", ha="center", va="center", fontsize=7, color=colour)
+        words = [name.replace("_", " ") for name in columns]
+        ax.set_xticks(range(len(columns)), words, rotation=60, ha="right", fontsize=7)
+        ax.set_yticks(range(len(rows)), words[: len(rows)], fontsize=7)
+        ax.set(xlabel="named, or declared as an alternative", ylabel="what the arm had")
+    return figure

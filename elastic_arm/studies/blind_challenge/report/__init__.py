@@ -1,1 +1,0 @@
-"""The challenge's report."""

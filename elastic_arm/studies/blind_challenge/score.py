@@ -1,0 +1,273 @@
+"""How well challenges were answered: every share with its binomial interval, in one table a level."""
+
+from __future__ import annotations
+
+import itertools
+import json
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.stats import binomtest, chisquare, norm
+
+from elastic_arm.effects import EFFECTS, Effect
+from elastic_arm.studies.blind_challenge.answers import KINDS, Line, expected_unknown, score_answer
+from elastic_arm.studies.blind_challenge.campaign import (
+    ANSWERS,
+    WITHHELD,
+    answer_path,
+    catalogue_of,
+    load_manifest,
+    open_sealed,
+)
+from elastic_arm.studies.blind_challenge.draw import LOWEST
+
+FAINT = 0.01  # of the gap: of several effects, one of less is tabled apart
+NEIGHBOURS = 0.9  # a withheld effect whose gap the rest explains to this share is no test
+BINS = (0.0, 0.5, 0.8, 0.9, 0.95, 0.99, 1.0)
+RANKS = 5  # bins of the ranks of true sizes
+LEAST = 1e-3  # probability that the logarithmic score takes for less
+NOMINAL = 0.95
+# To reach: laboratory, workshop, field; at most where the question counts what is wrong.
+TARGETS = {
+    "effect right": (0.99, 0.95, 0.93),
+    "nothing more than ordinary: no cause": (0.99, 0.99, 0.99),
+    "arms with a false cause at confidence 0.9": (0.005, 0.01, 0.01),
+    "withheld or foreign: unknown": (0.92, 0.95, 0.90),
+    "two at once, both right": (0.98, 0.90, 0.80),
+}
+AT_MOST = ("arms with a false cause at confidence 0.9",)
+COLUMNS = {"laboratory": 0, "workshop": 1, "field": 2}
+HEADINGS = ("question", "reached (95 % interval)", "to reach")
+EFFECT_HEADINGS = ("effect", "right", "joint", "side", "intervals cover", "median shrink", "largest multiple missed")
+SIMULATED = "moved by the suite's own simulator, which shares their laws with the diagnosis and so flatters it: {}"
+
+
+def proportion(outcomes: Sequence[Any]) -> dict[str, Any]:
+    """Return the share of outcomes that hold, with its 95 % interval (Clopper-Pearson)."""
+    hits, trials = sum(bool(o) for o in outcomes), len(outcomes)
+    if not trials:
+        return {"hits": 0, "trials": 0, "share": None, "interval": None}
+    interval = binomtest(hits, trials).proportion_ci(0.95, "exact")
+    return {"hits": hits, "trials": trials, "share": hits / trials, "interval": [interval.low, interval.high]}
+
+
+def calibration(told: Sequence[tuple[float, bool]]) -> list[dict[str, Any]]:
+    """Compare confidences with how often causes that had them were right, bin by bin."""
+    rows = []
+    for low, high in itertools.pairwise(BINS):
+        inside = [(c, r) for c, r in told if low <= c and (c < high or high == BINS[-1])]
+        if inside:
+            mean = float(np.mean([c for c, _ in inside]))
+            rows.append({"from": low, "to": high, "mean_confidence": mean, **proportion([r for _, r in inside])})
+    return rows
+
+
+def score(folders: Path | Sequence[Path]) -> dict[str, Any]:
+    """Open the sealed truth of one or several challenges and compare every answer with it.
+
+    Returns
+    -------
+    dict
+        A table a level, shares by effect, what was named for what, and one line an item.
+    """
+    lines: list[Line] = []
+    withheld: list[Line] = []
+    settings, total, simulated = [], 0, set()
+    effects: dict[str, Effect] = dict(EFFECTS)
+    for folder in [folders] if isinstance(folders, Path) else folders:
+        manifest = load_manifest(folder)
+        effects |= catalogue_of(folder)
+        simulated |= set(manifest["simulated"])
+        truth = open_sealed(folder, manifest["truth_sha256"])
+        settings.append(manifest["settings"] | {"truth_sha256": manifest["truth_sha256"]})
+        total += len(truth)
+        for kind, known in ((ANSWERS, lines), (WITHHELD, withheld)):
+            paths = ((entry, answer_path(folder, entry["name"], kind)) for entry in truth)
+            known += [_line(entry, json.loads(p.read_text()), effects) for entry, p in paths if p.is_file()]
+    own = [x for x in lines if not x["foreign"]]
+    single = [x for x in own if len(x["truth"]) == 1]
+    by_effect = {e: _effect([x for x in single if x["truth"] == [e]]) for e in effects}
+    return {
+        "challenges": settings,
+        "answered": len(lines),
+        "open": total - len(lines),
+        "simulated": sorted(simulated),
+        "code": dict(Counter(x["code"] for x in lines)),
+        "levels": {
+            level: level_table([x for x in lines if x["level"] == level], [x for x in withheld if x["level"] == level])
+            for level in dict.fromkeys(x["level"] for x in lines)
+        },
+        "by_effect": {e: row for e, row in by_effect.items() if row["right"]["trials"]},
+        "confusion": _confusion(single),
+        "items": lines,
+        "withheld_items": withheld,
+    }
+
+
+def _line(entry: Mapping[str, Any], answer: Mapping[str, Any], effects: Mapping[str, Effect]) -> Line:
+    faint = min(entry["share"], default=1.0) < FAINT or min(entry["multiple"], default=LOWEST) < LOWEST
+    return score_answer(entry, answer, effects) | {"faint": faint}
+
+
+def level_table(lines: Sequence[Line], withheld: Sequence[Line]) -> dict[str, Any]:
+    """Return the shares of one level's answers by question, with what its probabilities are worth."""
+    own = [x for x in lines if not x["foreign"]]
+    foreign = [x for x in lines if x["foreign"]]
+    single = [x for x in own if len(x["truth"]) == 1]
+    large = [x for x in single if not x["faint"]]
+    sets = {n: [x["effect_right"] for x in own if len(x["truth"]) == n and not x["faint"]] for n in (2, 3)}
+    faint = [x["effect_right"] for x in own if len(x["truth"]) > 1 and x["faint"]]
+    due = [x for x in withheld if not x["faint"] and (x["verdict"] == "unknown" or (x["shrink"] or 0.0) < NEIGHBOURS)]
+    shares = {
+        "effect right": proportion([x["effect_right"] for x in large]),
+        "joint right": proportion([x["joint_right"] for x in large]),
+        "side right": proportion([x["side_right"] for x in large]),
+        "nothing more than ordinary: no cause": proportion([x["no_cause"] for x in own if not x["truth"]]),
+        "arms with a false cause at confidence 0.9": proportion([x["accused"] for x in lines]),
+        "withheld or foreign: unknown": proportion([expected_unknown(x) for x in (*due, *foreign)]),
+        "two at once, both right": proportion(sets[2]),
+        "three at once, all right": proportion(sets[3]),
+        "several at once, one of them faint": proportion(faint),
+        "effect right, below ten bounds": proportion([x["effect_right"] for x in single if x["faint"]]),
+    }
+    for kind in KINDS:
+        held, asked = np.sum([x["coverage"][kind] for x in own] or [[0, 0]], axis=0)
+        shares[f"intervals of {kind} cover"] = proportion([True] * held + [False] * (asked - held))
+    told = [(c, r) for x in lines for c, r in x["told"]]
+    z = [v for x in own for v in x["z"]]
+    ranks = np.histogram(norm.cdf(np.negative(z)), RANKS, (0.0, 1.0))[0]
+    missed = [x for x in own if x["truth"] and not x["effect_right"]]
+    return {
+        "shares": shares,
+        "calibration": calibration([(c, r) for c, r in told if c > 0.0]),
+        "brier": float(np.mean([(c - r) ** 2 for c, r in told])) if told else None,
+        "log_score": float(-np.mean([np.log(max(c if r else 1 - c, LEAST)) for c, r in told])) if told else None,
+        "ranks": {"counts": ranks.tolist(), "p": float(chisquare(ranks).pvalue) if z else None},
+        "seconds": _seconds(lines),
+        "foreign": {x["name"]: [*x["foreign"], x["verdict"], *x["named"]] for x in foreign},
+        "missed": {x["name"]: [*x["truth"], x["verdict"], *x["named"]] for x in missed},
+    }
+
+
+def table_rows(level: str, table: Mapping[str, Any]) -> list[tuple[str, str, str]]:
+    """Return the rows of a level's table as text: question, what was reached, and to reach."""
+    rows = [(name, text(share), _target(name, level)) for name, share in table["shares"].items() if share["trials"]]
+    for row in table["calibration"]:
+        name = f"causes of confidence {row['from']:g} to {row['to']:g} (mean {row['mean_confidence']:.2f}) right"
+        rows.append((name, text(row), ""))
+    if table["brier"] is not None:
+        rows.append(("Brier score, logarithmic score", f"{table['brier']:.3f}, {table['log_score']:.3f}", ""))
+    if table["ranks"]["p"] is not None:
+        counts = " ".join(map(str, table["ranks"]["counts"]))
+        rows.append(("ranks of true sizes, in fifths", f"{counts} (even: p = {table['ranks']['p']:.2g})", ""))
+    for n, seconds in table["seconds"].items():
+        spent = f"{seconds['median']:.0f} s, longest {seconds['longest']:.0f} s"
+        rows.append((f"a diagnosis of {n} joints, one core", spent, ""))
+    return rows
+
+
+def effect_rows(found: Mapping[str, Any]) -> list[tuple[str, ...]]:
+    """Return a row an effect, as text."""
+    return [
+        (
+            effect,
+            *(f"{row[k]['hits']}/{row[k]['trials']}" for k in ("right", "joint", "side", "intervals")),
+            "–" if row["shrink"] is None else f"{row['shrink']:.3f}",
+            "–" if row["missed"] is None else f"{row['missed']:.0f}",
+        )
+        for effect, row in found["by_effect"].items()
+    ]
+
+
+def markdown(found: Mapping[str, Any]) -> str:
+    """Return the tables as a document."""
+    states = ", ".join(map(str, found["code"]))
+    parts = [
+        "# Results of the challenge",
+        "Written by `elastic-arm challenge score`; how: [challenge.md](challenge.md).",
+    ]
+    parts.append("\n".join([*(f"- {challenge(c)}" for c in found["challenges"]), f"- state of the code: {states}"]))
+    if found["simulated"]:
+        parts.append(SIMULATED.format(", ".join(found["simulated"])))
+    for level, table in found["levels"].items():
+        parts += [f"## Level {level}", _table(HEADINGS, table_rows(level, table))]
+        for what in ("foreign", "missed"):
+            if table[what]:
+                said = "; ".join(f"{name}: {', '.join(words)}" for name, words in table[what].items())
+                parts.append(f"{what.capitalize()}: {said}.")
+    parts += ["## Single effects", _table(EFFECT_HEADINGS, effect_rows(found))]
+    return "\n\n".join(parts) + "\n"
+
+
+def challenge(settings: Mapping[str, Any]) -> str:
+    """Return what a challenge consists of, in a line."""
+    kinds = ("per_effect", "clean", "pairs", "triples", "foreign")
+    counts = ", ".join(f"{settings[k]} {k.replace('_', ' ')}" for k in kinds if settings[k])
+    low, high = settings["ratio"]
+    only = f", only {', '.join(settings['effects'])}" if settings["effects"] else ""
+    return (
+        f"{settings['level']}, seed {settings['seed']}: {counts}; sizes {low:g} to {high:g} bounds{only}; truth "
+        f"{settings['truth_sha256'][:12]}"
+    )
+
+
+def text(share: Mapping[str, Any]) -> str:
+    """Return a share with its interval as text."""
+    if not share["trials"]:
+        return "–"
+    low, high = (f"{100 * v:.0f}" for v in share["interval"])
+    return f"{share['hits']}/{share['trials']} = {100 * share['share']:.0f} % ({low} to {high})"
+
+
+def target(name: str, level: str) -> float | None:
+    """Return the share that is to be reached; None where none is stated."""
+    if name in TARGETS:
+        return TARGETS[name][COLUMNS[level]]
+    return NOMINAL if name == "intervals of causes cover" else None
+
+
+def _target(name: str, level: str) -> str:
+    value = target(name, level)
+    bound = "≤ " if name in AT_MOST else "≥ " if name in TARGETS else ""
+    return "" if value is None else f"{bound}{100 * value:g} %"
+
+
+def _effect(lines: Sequence[Line]) -> dict[str, Any]:
+    large = [x for x in lines if not x["faint"]]
+    shrinks = [x["shrink"] for x in large if x["shrink"] is not None]
+    missed = [x["multiple"] for x in lines if not x["effect_right"]]
+    held, asked = np.sum([x["coverage"]["causes"] for x in large] or [[0, 0]], axis=0)
+    return {
+        "right": proportion([x["effect_right"] for x in large]),
+        "joint": proportion([x["joint_right"] for x in large]),
+        "side": proportion([x["side_right"] for x in large]),
+        "intervals": proportion([True] * held + [False] * (asked - held)),
+        "shrink": float(np.median(shrinks)) if shrinks else None,
+        "missed": max(missed, default=None),
+    }
+
+
+def _confusion(single: Sequence[Line]) -> dict[str, dict[str, int]]:
+    """Count what was named for each effect: itself where it is right, else the first cause or the verdict."""
+    table: dict[str, Counter[str]] = {}
+    for x in single:
+        (effect,) = x["truth"]
+        wrong = [name for name, right in zip(x["named"], x["cause_right"], strict=True) if not right]
+        said = effect if x["effect_right"] else (wrong or [x["verdict"]])[0]
+        table.setdefault(effect, Counter())[said if said != effect or x["effect_right"] else "wrong joint"] += 1
+    return {effect: dict(row) for effect, row in table.items()}
+
+
+def _seconds(lines: Sequence[Line]) -> dict[str, dict[str, float]]:
+    spent: dict[int, list[float]] = {}
+    for x in lines:
+        spent.setdefault(x["joints_of_arm"], []).append(x["cpu_seconds"] or 0.0)
+    return {str(n): {"median": float(np.median(s)), "longest": max(s)} for n, s in sorted(spent.items())}
+
+
+def _table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    lines = [headings, ["---"] * len(headings), *rows]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)

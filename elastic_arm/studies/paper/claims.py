@@ -1,0 +1,480 @@
+"""The paper's claims, in its order: each holds, holds in part, does not hold, or is undecided with our numbers.
+
+Each function states its rule in code. Where the paper speaks of joints 1, 2 and 3 the rule speaks of the joints before
+the last and of the last one.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from elastic_arm.studies.paper.identification_study import ErrorShares, mean_shares, shares, smallness
+from elastic_arm.studies.paper.study import StudyResult
+from elastic_arm.studies.paper.torques import (
+    MODELS,
+    PROTOTYPE,
+    LinearTrend,
+    LinkErrors,
+    Metric,
+    line_over_ratio,
+)
+
+SECTIONS = ("IV-A", "IV-C", "V", "VI-A", "VI-B", "VII")
+HOLDS, IN_PART, FAILS, UNDECIDED = "holds", "holds in part", "does not hold", "undecided"
+# A difference counts from this number of its standard deviations on.
+DECIDED = 2.0
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A statement of the paper, and the verdict of the study on it.
+
+    `by_choice` states which number of the arm file was chosen so that the claim holds; empty where none was.
+    """
+
+    key: str
+    section: str
+    claim: str
+    finding: str
+    verdict: str
+    by_choice: str = ""
+
+
+def verdict(parts: Sequence[bool | None]) -> str:
+    """Holds if all parts do, in part if some do and others do not; undecided where that hangs on undecided ones."""
+    known = {bool(part) for part in parts if part is not None}
+    if len(known) == 2:
+        return IN_PART
+    if any(part is None for part in parts):
+        return UNDECIDED
+    return HOLDS if known == {True} else FAILS
+
+
+def beyond_noise(difference: float, noise: float) -> bool | None:
+    """Return whether a difference is above zero, or None where its noise (standard deviation) leaves that open."""
+    return None if abs(difference) <= DECIDED * noise else difference > 0.0
+
+
+def listed(values: np.ndarray | Sequence[float], digits: int = 2) -> str:
+    """Write numbers, one a joint, in a row."""
+    return ", ".join(f"{value:.{digits}g}" for value in np.atleast_1d(values))
+
+
+Judged = tuple[str, Sequence[bool | None]]
+RULES: list[Callable[[StudyResult], Claim]] = []
+
+
+def _rule(key: str, section: str, claim: str, by_choice: str = "") -> Callable[[Any], None]:
+    def add(decide: Callable[[StudyResult], Judged]) -> None:
+        def judged(result: StudyResult) -> Claim:
+            finding, parts = decide(result)
+            return Claim(key, section, claim, finding, verdict(parts), by_choice)
+
+        RULES.append(judged)
+
+    return add
+
+
+def judge(result: StudyResult) -> list[Claim]:
+    """Decide every claim, in the order of the paper's sections."""
+    return sorted((rule(result) for rule in RULES), key=lambda claim: SECTIONS.index(claim.section))
+
+
+SENSOR_NOISE = 0.26  # Nm, VII-1
+LINEAR = 0.99  # share of the variation over r_tot that a line must explain
+LEAST = 0.01 * SENSOR_NOISE  # Nm; what is smaller at every ratio is no error that grows, whatever its shape
+EQUAL = 1e-9  # relative difference of errors that are the same but for rounding
+
+
+def _rms(values: np.ndarray) -> np.ndarray:
+    return np.sqrt((values**2).mean(axis=0))
+
+
+def _of(rows: list[Metric], model: str, side: str, joint: int) -> list[Metric]:
+    return [row for row in rows if (row.model, row.side, row.joint) == (model, side, joint)]
+
+
+@_rule("motor_mod3_close", "IV-A", "tau^m of mod3 correlates well with that of mod_ad")
+def _mod3_follows(result: StudyResult) -> Judged:
+    top = result.at_highest()
+    error = np.abs(top.error("mod3", "mod_ad", "motor")).max(axis=0)
+    span = np.ptp(top.run.tau_m, axis=0)
+    finding = (
+        f"largest difference {listed(error)} Nm per joint, {100 * (error / span).max():.2g} % of the torque's span "
+        "at most"
+    )
+    return finding, list(error < 0.01 * span)
+
+
+@_rule("link_mod3_not_zero", "IV-A", "tau^l of mod3 is not exactly zero, because of the 6-DoF bushing of mod_ad")
+def _link_not_zero(result: StudyResult) -> Judged:
+    top = result.at_highest()
+    left = np.abs(top.torques["mod3"].link).max(axis=0)
+    locked = result.locked_link
+    finding = (
+        f"largest residual {listed(left)} Nm per joint; {locked:.1g} Nm with the bushing locked, so the bushing is "
+        "the cause"
+    )
+    return finding, [bool((left > 1e-3).all()), locked < 1e-6]
+
+
+@_rule(
+    "motor_mod1_mod2_close",
+    "IV-C",
+    "mod1 and mod2 differ very little in tau^m, most for joint 1, whose spline is the heavy one",
+    "the spline of joint 1 was given ten times the inertia of joint 2's, as the paper states",
+)
+def _simple_drive_in_motor_torque(result: StudyResult) -> Judged:
+    top = result.at_highest()
+    difference = _rms(top.error("mod1", "mod2", "motor"))
+    share = difference / _rms(top.run.tau_m)
+    most = int(np.argmax(difference)) + 1
+    finding = (
+        f"rms difference {listed(difference)} Nm, {100 * share.max():.2g} % of tau^m at most; largest for joint {most}"
+    )
+    return finding, [bool((share < 0.01).all()), most == 1]
+
+
+@_rule("link_mod2_better", "IV-C", "in tau^l, mod2 reports less error than mod1")
+def _detailed_drive_in_link_torque(result: StudyResult) -> Judged:
+    wins = []
+    for joint in range(1, result.robot.n + 1):
+        pairs = zip(
+            _of(result.against_mod3, "mod1", "link", joint),
+            _of(result.against_mod3, "mod2", "link", joint),
+            strict=True,
+        )
+        wins.append([two.e_rmse < one.e_rmse for one, two in pairs])
+    counts = ", ".join(f"{sum(w)} of {len(w)}" for w in wins)
+    finding = (
+        f"mod2's e_rmse with respect to mod3 is the smaller at {counts} ratios (joint 1, 2, …). Where S dominates, "
+        "mod1's spline, counted with the link, cancels a part of the missing S"
+    )
+    return finding, [flag for w in wins for flag in w]
+
+
+def _grows_linearly(line: LinearTrend, share: float) -> bool:
+    """Return whether an error grows along a line over r_tot and is large enough to be spoken of (:data:`LEAST`)."""
+    return line.r_squared > share and line.slope > 0.0 and line.highest > LEAST
+
+
+@_rule("link_linear", "IV-C", "the tau^l errors of mod1 and mod2 grow linearly with r_tot for joints 1 and 2")
+def _linear_in_ratio(result: StudyResult) -> Judged:
+    lines = [
+        line_over_ratio(result.against_mod3, model, "link", joint)
+        for model in ("mod1", "mod2")
+        for joint in range(1, result.robot.n)
+    ]
+    finding = (
+        f"a line explains at least {100 * min(line.r_squared for line in lines):.2f} % of the variation of e_max over "
+        f"r_tot, which reaches {listed([line.highest for line in lines], 3)} Nm (mod1 joint by joint, then mod2; at "
+        f"least {LEAST:.2g} Nm wanted)"
+    )
+    return finding, [_grows_linearly(line, LINEAR) for line in lines]
+
+
+@_rule(
+    "link_difference_grows", "IV-C", "the difference between mod1 and mod2 in tau^l grows with r_tot for joints 1 and 2"
+)
+def _difference_linear(result: StudyResult) -> Judged:
+    gaps = []
+    for joint in range(result.robot.n - 1):
+        rms = [_rms(c.error("mod1", "mod2", "link"))[joint] for c in result.comparisons]
+        gaps.append(max(rms) / min(rms))
+    finding = (
+        f"its rms changes by a factor of {listed(np.array(gaps), 3)} from the lowest to the highest ratio: the "
+        "difference is the spline's inertia alone, which no ratio multiplies"
+    )
+    return finding, [gap > 1.5 for gap in gaps]
+
+
+@_rule("link_last_constant", "IV-C", "for joint 3 the tau^l error is constant over r_tot in mod1 and zero in mod2")
+def _last_joint(result: StudyResult) -> Judged:
+    n = result.robot.n
+    one = np.array([row.e_max for row in _of(result.against_mod3, "mod1", "link", n)])
+    two = np.array([row.e_max for row in _of(result.against_mod3, "mod2", "link", n)])
+    finding = f"mod1: {one.min():.3g} to {one.max():.3g} Nm; mod2: at most {two.max():.1g} Nm"
+    return finding, [bool(np.ptp(one) < 0.05 * one.mean()), bool(two.max() < 1e-9)]
+
+
+@_rule(
+    "coupling_shape",
+    "V",
+    "S has the shape of (8): S_11, S_12, S_13, S_23 and zeros elsewhere, with sigma a function of q",
+)
+def _shape_of_coupling(result: StudyResult) -> Judged:
+    n = result.robot.n
+    S, tilted = result.coupling.matrix, result.tilted_coupling.matrix
+    zero = all(S[i, j] == 0 for i in range(n) for j in range(n) if (j < i) or (j == i and i > 0))
+    expected = [(i, j) for i in range(n) for j in range(n) if (i, j) == (0, 0) or j > i]
+    there = [(i, j) for i, j in expected if S[i, j] != 0]
+    tilting = [(i, j) for i, j in expected if S[i, j] == 0 and tilted[i, j] != 0]
+
+    def names(entries: list[tuple[int, int]]) -> str:
+        return ", ".join(f"S_{i + 1}{j + 1}" for i, j in entries) or "none"
+
+    never = [entry for entry in expected if entry not in there and entry not in tilting]
+    finding = (
+        f"the zeros of (8) are zero: {'yes' if zero else 'no'}. Not zero and constant: {names(there)}; only under "
+        f"bearing tilt: {names(tilting)}; zero for every pose and tilt: {names(never)}"
+    )
+    return finding, [zero, len(there) + len(tilting) == len(expected)]
+
+
+@_rule("motor_mod3_half", "V", "e_max and e_rmse of tau^m are about 50 % less in mod3 than in the other models")
+def _coupling_halves_motor_error(result: StudyResult) -> Judged:
+    n = result.robot.n
+    gains = []
+    for joint in range(1, n + 1):
+        two, three = (_of(result.against_prototype, m, "motor", joint)[-1].e_rmse for m in ("mod2", "mod3"))
+        gains.append(1.0 - three / two)
+    better = [gain > 0.5 for gain in gains]
+    finding = (
+        f"at r_tot = {result.highest:g}, mod3's e_rmse is {listed(100 * np.array(gains), 3)} % less than mod2's "
+        "(joint 1, 2, …); where S does not enter a joint's tau^m, there is nothing to gain"
+    )
+    return finding, better
+
+
+@_rule("motor_mod3_linear", "V", "tau^m errors of mod3 grow linearly with r_tot")
+def _mod3_linear(result: StudyResult) -> Judged:
+    lines = [
+        line_over_ratio(result.against_prototype, "mod3", "motor", joint) for joint in range(1, result.robot.n + 1)
+    ]
+    finding = (
+        f"a line explains {listed([100 * line.r_squared for line in lines], 4)} % of e_max; slopes "
+        f"{listed([line.slope for line in lines])} Nm per unit of r_tot; e_max reaches "
+        f"{listed([line.highest for line in lines])} Nm (joint 1, 2, …). Below {LEAST:.2g} Nm, a hundredth of the "
+        "sensor's noise, an error counts as none"
+    )
+    return finding, [_grows_linearly(line, 0.95) for line in lines]
+
+
+def _smallest(errors: LinkErrors) -> list[bool]:
+    """Return for e_rmse of each joint, then for e_max, whether mod3's tau_l is the smallest."""
+    return [
+        bool(column[-1] <= column.min() * (1 + EQUAL)) for table in (errors.e_rmse, errors.e_max) for column in table.T
+    ]
+
+
+def _in_columns(table: np.ndarray) -> str:
+    """Write (models, n) joint by joint, the models of each apart by strokes."""
+    return "; ".join(" / ".join(f"{value:.3g}" for value in column) for column in table.T)
+
+
+@_rule("link_mod3_minimal", "V", "tau^l errors of mod3 are very minimal, the smallest of the three models")
+def _link_minimal(result: StudyResult) -> Judged:
+    n, top = result.robot.n, result.at_highest()
+    errors = np.array([top.error(m, PROTOTYPE, "link") for m in MODELS])
+    step = LinkErrors(0.0, np.abs(errors).max(axis=1), np.sqrt((errors**2).mean(axis=1)))
+    smooth = np.array([_rms(result.smooth.error(m, PROTOTYPE, "link")) for m in MODELS])
+    counts = []
+    for varied in result.translations:
+        wins = _smallest(varied)
+        counts.append(f"{varied.stiffness:.0e} N/m: {sum(wins[:n])} and {sum(wins[n:])}")
+    finding = (
+        f"mod1 / mod2 / mod3 with respect to mod_ad at r_tot = {result.highest:g}, joint by joint: e_rmse "
+        f"{_in_columns(step.e_rmse)} Nm, e_max {_in_columns(step.e_max)} Nm, most of it the bearings' ringing; e_rmse "
+        f"{_in_columns(smooth)} Nm on a ramp without jumps. It depends on the bushing's translation stiffness, which "
+        f"the paper does not state: joints of {n} where mod3 is smallest by e_rmse and by e_max at {'; '.join(counts)}"
+    )
+    return finding, [*_smallest(step), *(bool(row[-1] <= row.min() * (1 + EQUAL)) for row in smooth.T)]
+
+
+@_rule("link_last_identical", "V", "tau_3^l is identical in mod2 and mod3")
+def _last_link_identical(result: StudyResult) -> Judged:
+    gap = max(float(np.abs(c.error("mod2", "mod3", "link")[:, -1]).max()) for c in result.comparisons)
+    finding = f"largest difference over all ratios {gap:.1g} Nm"
+    return finding, [gap < 1e-9]
+
+
+@_rule("B_dominates", "V", "the torque of rotor and harmonic drive in B dominates tau^m, as r_b and r_hd multiply it")
+def _motor_inertia_dominates(result: StudyResult) -> Judged:
+    B, S, drive = (result.inertial[k] for k in ("B ddtheta", "S' ddq", "K (theta - q) + D (dtheta - dq)"))
+    finding = (
+        f"rms of B ddtheta {listed(B, 3)} Nm against {listed(S)} Nm of S' ddq and {listed(drive, 3)} Nm of the "
+        "drive (gravity included)"
+    )
+    return finding, [*(B > 10 * S), *(drive < B)]
+
+
+def _largest_motor_errors(result: StudyResult) -> np.ndarray:
+    """Largest e_max over models and ratios of each joint's tau^m, (n,), mod1 and mod2 with respect to mod3."""
+    return np.array(
+        [
+            max(row.e_max for m in ("mod1", "mod2") for row in _of(result.against_mod3, m, "motor", joint))
+            for joint in range(1, result.robot.n + 1)
+        ]
+    )
+
+
+@_rule(
+    "motor_first_below_half",
+    "VII",
+    "the largest error of tau_1^m is below 0.5 Nm at every r_tot",
+    "the inertias of the arm file were chosen so that it stays below",
+)
+def _first_joint_bound(result: StudyResult) -> Judged:
+    largest = _largest_motor_errors(result)
+    finding = f"{largest[0]:.3f} Nm"
+    return finding, [bool(largest[0] < 0.5)]
+
+
+@_rule(
+    "motor_only_first_noise",
+    "VII",
+    f"of the torque errors only those of tau_1^m are of the size of the sensor noise ({SENSOR_NOISE} Nm) and "
+    "drown in it",
+)
+def _only_first_below_noise(result: StudyResult) -> Judged:
+    largest = _largest_motor_errors(result)
+    below = largest < 0.5
+    finding = (
+        f"largest errors of tau^m: {listed(largest, 3)} Nm (joint 1, 2, …): "
+        f"{'all are' if below.all() else 'not all are'} of that size or below, not those of joint 1 alone"
+    )
+    return finding, [bool(below[0]), bool(not below[1:].any())]
+
+
+# What another search's trajectory changes, as standard deviations over four searches (seeds 1 to 3 of the quick study,
+# seed 1 of the full one): the difference of two models' shares, in coefficients, and the change of a share by noise.
+SEARCH_COEFFICIENTS = 1.8
+SEARCH_POINTS = 4.0
+# Errors of the tool under feed-forward differ by as much from motion to motion and search to search.
+ALIKE = 0.1
+
+
+@_rule(
+    "counts",
+    "VI-A",
+    "75 parameters can be estimated with mod2 and mod3, 65 with mod1 (percentages: of 38 and 64 coefficients)",
+)
+def _counts(result: StudyResult) -> Judged:
+    found = {m: result.estimate(m) for m in MODELS}
+    ours = [found[m].estimable for m in ("mod2", "mod3", "mod1")]
+    text = "; ".join(f"{m}: {found[m].estimable} parameters in {len(found[m].names)} coefficients" for m in MODELS)
+    finding = (
+        f"{text}. mod2 and mod3 alike, mod1 fewer: {'yes' if ours[0] == ours[1] > ours[2] else 'no'}; the numbers "
+        "differ, as the paper counts parameters it does not name"
+    )
+    return finding, [ours[0] == ours[1], ours[1] > ours[2], ours == [75, 75, 65]]
+
+
+def _orders(many: list[ErrorShares], coefficient: float) -> list[bool | None]:
+    """Return whether low errors grow and high ones shrink from each model to the next.
+
+    `coefficient` is what one coefficient makes of a share, percent.
+    """
+    pairs = list(itertools.pairwise(many))
+    gains = [two.low - one.low for one, two in pairs] + [one.high - two.high for one, two in pairs]
+    return [beyond_noise(gain, SEARCH_COEFFICIENTS * coefficient) for gain in gains]
+
+
+def _listed_shares(split: ErrorShares) -> str:
+    return f"{split.low:.1f} / {split.mid:.1f} / {split.high:.1f} %"
+
+
+@_rule(
+    "shares_order",
+    "VI-B",
+    "shares of low and high errors improve from mod1 to mod2 to mod3 (low 29.7, 60.5, 68.4 %; high 62.5, 26.3, 21 %)",
+)
+def _shares(result: StudyResult) -> Judged:
+    found = [result.estimate(m) for m in MODELS]
+    plain, merged = [e.shares for e in found], [shares(e.merged_error) for e in found]
+    texts = [
+        "; ".join(f"{m}: {_listed_shares(s)}" for m, s in zip(MODELS, many, strict=True)) for many in (plain, merged)
+    ]
+    sizes = min(len(e.names) for e in found), min(len(e.merged_error) for e in found)
+    finding = (
+        f"low / mid / high at r_tot = {result.highest:g}, no noise: {texts[0]}. With what the motion cannot tell apart "
+        f"merged: {texts[1]}"
+    )
+    return finding, _orders(plain, 100.0 / sizes[0]) + _orders(merged, 100.0 / sizes[1])
+
+
+@_rule("mod1_mostly_high", "VI-B", "most coefficients of mod1 (62.5 %) are estimated with high error")
+def _mod1_mostly_high(result: StudyResult) -> Judged:
+    found = result.estimate("mod1")
+    assert found.unfolded_error is not None
+    other = shares(found.unfolded_error)
+    readings = found.shares.high, other.high
+    finding = (
+        f"{readings[0]:.1f} % at r_tot = {result.highest:g}, where the spline, folded into the link, is a part of the "
+        f"true combinations. Without it there, the other reading of mod1's true Psi: {readings[1]:.1f} % (low / mid / "
+        f"high {_listed_shares(other)})"
+    )
+    return finding, [beyond_noise(high - 50.0, 50.0 / len(found.names)) for high in readings]
+
+
+@_rule("high_errors_small", "VII", "high relative errors come from coefficients of small true value")
+def _small_coefficients(result: StudyResult) -> Judged:
+    found = {m: result.estimate(m) for m in MODELS}
+    numbers = {m: smallness(e) for m, e in found.items()}
+    text = "; ".join(
+        f"{m}: {size:.2f} with the value, {torque:.2f} with its torque" for m, (size, torque) in numbers.items()
+    )
+    # A rank correlation of B pairs that have nothing to do with each other scatters by 1 / sqrt(B - 1).
+    parts = [
+        beyond_noise(-value, 1.0 / (len(found[m].names) - 1) ** 0.5) for m, pair in numbers.items() for value in pair
+    ]
+    finding = f"rank correlation of the error: {text}"
+    return finding, parts
+
+
+MINOR = 5.0  # points
+
+
+@_rule("noise_minor", "VII", "torque noise has only a minor effect on the estimation")
+def _noise_is_minor(result: StudyResult) -> Judged:
+    found = {m: result.estimate(m) for m in MODELS}
+    texts, parts = [], []
+    for merged in (False, True):
+        changes = {}
+        for m, e in found.items():
+            many = e.merged_noisy_shares if merged else e.noisy_shares
+            quiet = shares(e.merged_error) if merged else e.shares
+            mean, spread = mean_shares(many)
+            changes[m] = mean.low - quiet.low
+            noise = math.hypot(spread.low / len(many) ** 0.5, SEARCH_POINTS)
+            parts.append(beyond_noise(MINOR - abs(changes[m]), noise))
+        texts.append("; ".join(f"{m}: {value:+.1f} points" for m, value in changes.items()))
+    finding = (
+        f"mean change of the share of low errors with {result.robot.torque_noise_std} Nm at 10 Hz: {texts[0]}; "
+        f"merged, as above: {texts[1]} (minor: below {MINOR:g} points)"
+    )
+    return finding, parts
+
+
+def _always(errors: list[list[float]]) -> bool | None:
+    """Return whether the last model's error is the smallest on every motion, or on none.
+
+    None where motions disagree or a difference is within :data:`ALIKE`.
+    """
+    wins = {beyond_noise(min(run[:-1]) - run[-1], ALIKE / DECIDED * min(run)) for run in zip(*errors, strict=True)}
+    return wins.pop() if len(wins) == 1 else None
+
+
+@_rule("accuracy", "VII", "the more detailed mod3 improves the manipulator's accuracy")
+def _accuracy(result: StudyResult) -> Judged:
+    named = {(t.feedforward, t.r_tot): t for t in result.tracking}
+    known = sorted({t.r_tot for t in result.tracking})
+    parts: list[bool | None] = []
+    text = []
+    for r_tot in known:
+        rows = [named[f"identified {m}", r_tot] for m in MODELS]
+        measures = (("tool", [r.tool_rms for r in rows]), ("joints' part", [r.joints_rms for r in rows]))
+        for part, (what, errors) in enumerate(measures):
+            parts.append(_always([[run[part] for run in row.each] for row in rows]))
+            text.append(f"r_tot {r_tot:g}, {what}: " + " / ".join(f"{value:.2g}" for value in errors))
+    finding = (
+        f"rms error under feed-forward of the identified mod1 / mod2 / mod3, mm: {'; '.join(text)}. The rest of the "
+        "tool's error is the bearings' tilt, which no model with locked bearings sees"
+    )
+    return finding, parts

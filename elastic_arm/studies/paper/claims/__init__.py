@@ -1,1 +1,0 @@
-"""The paper's claims, each with its verdict on our numbers."""
