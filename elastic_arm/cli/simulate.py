@@ -16,7 +16,7 @@ from rich.table import Table
 from elastic_arm.cli.console import out, print_json, progress_bar, reports_errors
 from elastic_arm.cli.options import AtOption, ChainOption, EffectsFiles, load_arm
 from elastic_arm.cli.outputs import claim_bag
-from elastic_arm.diagnosis.texts.values import instance_text
+from elastic_arm.diagnosis.words import instance_text
 from elastic_arm.dynamics import build_model
 from elastic_arm.effects import Catalogue, EffectInstance, parse
 from elastic_arm.errors import SensorError, SimulationError

@@ -13,7 +13,7 @@ from rich.table import Table
 from elastic_arm.cli.console import out, print_json, reports_errors
 from elastic_arm.cli.options import AtOption, ChainOption, EffectsFiles, load_arm
 from elastic_arm.cli.outputs import Force, claim_file
-from elastic_arm.diagnosis.texts.values import instance_text
+from elastic_arm.diagnosis.words import instance_text
 from elastic_arm.effects import Catalogue
 from elastic_arm.formatting import rounded
 from elastic_arm.mujoco import Exported, export_mjcf, export_new_mjcf, export_urdf
