@@ -8,7 +8,7 @@ import pytest
 
 from elastic_arm.diagnosis import Diagnosis, Question, diagnose, follow_up
 from elastic_arm.diagnosis.corrected_robot import repaired_robot
-from elastic_arm.diagnosis.texts.findings import prediction_sentence
+from elastic_arm.diagnosis.words import prediction_sentence
 from elastic_arm.robot import load_robot
 from tests.helpers.hidden_arms import recordings
 
