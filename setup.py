@@ -19,6 +19,7 @@ LIBRARIES = (
     "clarabel>=0.9",
     "cvxpy>=1.6",
     "jinja2>=3.1.2",
+    "lxml>=5.0",
     "lz4>=4.0.2",
     "matplotlib>=3.6",
     "mcap>=1.2",
@@ -51,7 +52,7 @@ setup(
     extras_require={
         "test": ["pytest", "pytest-xdist", "hypothesis"],
         "learning": ["h5py", "pyarrow"],
-        "mujoco": ["mujoco", "lxml", "pillow"],
+        "mujoco": ["mujoco"],
         "paper": ["mujoco", "sympy"],
         "challenge": ["dask", "distributed", "pin"],
     },

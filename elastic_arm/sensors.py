@@ -72,48 +72,27 @@ def _row(settings: _Settings, name: str, n: int) -> Array:
 
 @dataclass(frozen=True)
 class TorqueSensor(_Settings):
-    """A torque channel: recorded = gain * true(t - delay) + offset + drift * t + noise, rounded to the resolution.
+    """A torque channel: recorded = gain * true(t - delay) + offset + drift * t + noise, rounded to the resolution."""
 
-    Parameters
-    ----------
-    noise
-        Standard deviation, Nm. The default is the paper's (section VII).
-    resolution
-        Step of the quantisation, Nm; zero for none.
-    gain, offset, delay
-        Recorded / true; Nm; s.
-    drift
-        Nm/s, at which the zero moves from the first sample on.
-    cutoff
-        Hz, of a first-order low pass that the true torque goes through; zero for none.
-    """
-
-    noise: PerJoint = 0.26
-    resolution: PerJoint = 0.0
+    noise: PerJoint = 0.26  # standard deviation, Nm. The default is the paper's (section VII)
+    resolution: PerJoint = 0.0  # step of the quantisation, Nm; zero for none
+    # gain, offset, delay: recorded / true; Nm; s
     gain: PerJoint = 1.0
     offset: PerJoint = 0.0
     delay: PerJoint = 0.0
-    drift: PerJoint = 0.0
-    cutoff: PerJoint = 0.0
+    drift: PerJoint = 0.0  # Nm/s, at which the zero moves from the first sample on
+    cutoff: PerJoint = 0.0  # Hz, of a first-order low pass that the true torque goes through; zero for none
 
 
 @dataclass(frozen=True)
 class Encoder(_Settings):
-    """An encoder: recorded = true(t - delay) + offset + eccentricity sin(true + phase) + noise, rounded.
+    """An encoder: recorded = true(t - delay) + offset + eccentricity sin(true + phase) + noise, rounded."""
 
-    Parameters
-    ----------
-    noise, velocity_noise
-        Standard deviations, rad and rad/s. The velocity channel has noise of its own.
-    resolution
-        Step of the quantised angle, rad; zero for none.
-    offset, eccentricity, phase, delay
-        rad, rad, rad, s.
-    """
-
+    # noise, velocity_noise: standard deviations, rad and rad/s. The velocity channel has noise of its own
     noise: PerJoint = 0.0
     velocity_noise: PerJoint = 0.0
-    resolution: PerJoint = 0.0
+    resolution: PerJoint = 0.0  # step of the quantised angle, rad; zero for none
+    # offset, eccentricity, phase, delay: rad, rad, rad, s
     offset: PerJoint = 0.0
     eccentricity: PerJoint = 0.0
     phase: PerJoint = 0.0
@@ -122,23 +101,16 @@ class Encoder(_Settings):
 
 @dataclass(frozen=True)
 class Sensors:
-    """The sensors of an arm; by default exact encoders and torques with noise of 0.26 Nm.
+    """The sensors of an arm; by default exact encoders and torques with noise of 0.26 Nm."""
 
-    Parameters
-    ----------
-    link_encoder, motor_encoder
-        The two encoders of a joint.
-    joint_torque, motor_torque
-        The torque sensor at the harmonic-drive output, and the motor's torque as its drive reports it.
-    stamp_jitter
-        Standard deviation of the stamps against the true sampling times, s.
-    """
-
+    # link_encoder, motor_encoder: the two encoders of a joint
     link_encoder: Encoder = field(default_factory=Encoder)
     motor_encoder: Encoder = field(default_factory=Encoder)
+    # joint_torque, motor_torque: the torque sensor at the harmonic-drive output, and the motor's torque as its drive
+    # reports it
     joint_torque: TorqueSensor = field(default_factory=TorqueSensor)
     motor_torque: TorqueSensor = field(default_factory=TorqueSensor)
-    stamp_jitter: float = 0.0
+    stamp_jitter: float = 0.0  # standard deviation of the stamps against the true sampling times, s
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.stamp_jitter) and self.stamp_jitter >= 0):
@@ -158,34 +130,12 @@ class Sensors:
         return cls(link_encoder=encoder, motor_encoder=encoder, stamp_jitter=2e-5)
 
     def changed(self, channel: str, joint: int, n: int, **settings: float) -> Sensors:
-        """Return these sensors with settings of one channel (`joint_torque`, …) and joint (index) of `n` changed.
-
-        Parameters
-        ----------
-        channel
-            Such as `joint_torque`.
-        joint, n
-            Index of the joint, and number of joints.
-        **settings
-            New values by name.
-        """
+        """Return these sensors with settings of one channel (`joint_torque`, …) and joint (index) of `n` changed."""
         return replace(self, **{channel: getattr(self, channel).changed(joint, n, **settings)})
 
 
 class SensorBank:
-    """Sensors at work: true samples in, measured samples out, in blocks of any length.
-
-    Parameters
-    ----------
-    sensors
-        The settings.
-    n
-        Number of joints.
-    rate
-        Sample rate, Hz.
-    rng
-        Source of the noise; every channel draws from a child of its own.
-    """
+    """Sensors at work: true samples in, measured samples out, in blocks of any length."""
 
     def __init__(self, sensors: Sensors, n: int, rate: float, rng: np.random.Generator) -> None:
         self.sensors, self._rate = sensors, rate
@@ -196,13 +146,7 @@ class SensorBank:
         self._motor_torque = _torque(sensors.motor_torque, n, rate, own[5])
 
     def read(self, true: Mapping[str, Array]) -> dict[str, Array]:
-        """Return measured channels for true ones.
-
-        Parameters
-        ----------
-        true
-            `q, dq, tau_J, theta, dtheta, tau_m`, each (N, n).
-        """
+        """Return measured channels for true ones."""
         q, dq = self._link(true["q"], true["dq"])
         theta, dtheta = self._motor(true["theta"], true["dtheta"])
         tau_J, tau_m = self._joint_torque(true["tau_J"]), self._motor_torque(true["tau_m"])
@@ -271,15 +215,7 @@ def _encoder(
 
 
 class Drift:
-    """Moves the zero of each joint's channel at a rate of its own, from the first sample on.
-
-    Parameters
-    ----------
-    drift
-        (n,) per second.
-    rate
-        Sample rate, Hz.
-    """
+    """Moves the zero of each joint's channel at a rate of its own, from the first sample on."""
 
     def __init__(self, drift: Array, rate: float) -> None:
         self._step, self._seen = drift / rate, 0
@@ -292,15 +228,7 @@ class Drift:
 
 
 class FirstOrderFilter:
-    """A first-order low pass for each joint's channel by the bilinear rule, at rest before the first sample.
-
-    Parameters
-    ----------
-    cutoff
-        (n,) Hz; zero leaves a channel as it is.
-    rate
-        Sample rate, Hz.
-    """
+    """A first-order low pass for each joint's channel by the bilinear rule, at rest before the first sample."""
 
     def __init__(self, cutoff: Array, rate: float) -> None:
         self._on = cutoff > 0
@@ -322,15 +250,7 @@ class FirstOrderFilter:
 
 
 class DelayLine:
-    """Delays each joint's channel by its own time; the arm is taken to have been at rest before the first sample.
-
-    Parameters
-    ----------
-    delay
-        (n,) s, not negative.
-    rate
-        Sample rate, Hz.
-    """
+    """Delays each joint's channel by its own time; the arm is taken to have been at rest before the first sample."""
 
     def __init__(self, delay: Array, rate: float) -> None:
         weights = [delay_filter(d * rate) for d in delay]

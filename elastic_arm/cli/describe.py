@@ -20,6 +20,7 @@ from elastic_arm.identification.base_parameters import BaseParameters
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.robot import Robot, robot_to_dict, to_urdf
 
+GAINS = {"kp": "Nm/rad", "kd": "Nm s/rad", "ki": "Nm/(rad s)"}
 _QUICK = 12  # joints whose base parameters are found before anybody wonders
 
 
@@ -101,7 +102,7 @@ def _print_robot(robot: Robot) -> None:
     if slide:
         those = f" ({', '.join(robot.units.prismatic)})" if mixed else ""
         out.print(f"prismatic joints{escape(those)} have m and N for rad and Nm", soft_wrap=True)
-    for line in _stated(robot):
+    for line in (*_stated(robot), *_controllers(robot)):
         out.print(escape(line), soft_wrap=True)
     for note in robot.notes:
         out.print(f"[cyan]note:[/] {escape(note)}", soft_wrap=True)
@@ -114,6 +115,19 @@ def _stated(robot: Robot) -> list[str]:
         values = ", ".join(f"{value:.4g}" for value in entry["parameters"].values() if isinstance(value, float | int))
         found.setdefault(entry["effect"], []).append(f"{entry.get('joint') or 'whole arm'} {values}".strip())
     return [f"{effect}: {'; '.join(places)}" for effect, places in found.items()]
+
+
+def _controllers(robot: Robot) -> list[str]:
+    """Return the drives' controllers, a line for each."""
+    found = []
+    for joint in robot.joints:
+        if (drive := joint.controller) is not None:
+            gains = [f"{k} {getattr(drive, k):.4g} {joint.unit(u)}" for k, u in GAINS.items() if getattr(drive, k)]
+            limit = [] if drive.torque is None else [f"at most {drive.torque:.4g} {joint.unit('Nm')}"]
+            late = [f"{1e3 * drive.delay:.4g} ms late"] if drive.delay else []
+            fed = [] if drive.feedforward == "none" else [f"{drive.feedforward} fed forward"]
+            found.append(f"controller of {joint.name}: {drive.mode}, {', '.join([*gains, *limit, *late, *fed])}")
+    return found
 
 
 def _content(robot: Robot, model: str, parameters: int, base: BaseParameters) -> dict[str, Any]:

@@ -73,7 +73,7 @@ def simulate(
     bearings: Annotated[bool, typer.Option("--bearings", help="Let the bearings tilt.")] = False,
     duration: Annotated[float | None, typer.Option(help="s; that of the trajectory by default.")] = None,
     rate: Annotated[float | None, typer.Option(help="Samples a second; the arm file's by default.")] = None,
-    substeps: Annotated[int, typer.Option(help="Integration steps a sample; even.")] = 10,
+    substeps: Annotated[int, typer.Option(help="Integration steps a sample at least; even.")] = 10,
     sensors: Annotated[str, typer.Option(help="nominal, exact, or real (encoder noise, jitter).")] = "nominal",
     noise: Annotated[float | None, typer.Option(help="Standard deviation of the torque noise, Nm.")] = None,
     encoder_noise: Annotated[float | None, typer.Option(help="Standard deviation of the encoders, rad.")] = None,
@@ -125,13 +125,7 @@ def _simulated(
     duration: float | None,
     rng: np.random.Generator,
 ) -> Recording:
-    """Simulate, with a bar of what is done.
-
-    Parameters
-    ----------
-    robot, motion, settings, duration, rng
-        See :func:`elastic_arm.simulation.simulate`.
-    """
+    """Simulate, with a bar of what is done."""
     with progress_bar(TextColumn("simulating"), BarColumn(), TimeRemainingColumn()) as bar:
         task = bar.add_task("", total=None)
 

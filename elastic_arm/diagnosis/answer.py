@@ -135,15 +135,16 @@ class Answer:
     def _coefficients(self, term: Term) -> Array:
         return np.ones(1) if term.offset is not None else self.best.beta(term)[: term.linear]
 
-    def _added(self, term: Term) -> list[Array]:
-        """Return what a term adds to the residuals (N', R) of each stretch that judges, Nm."""
+    def _added(self, term: Term, *, stated: bool = False) -> list[Array]:
+        """Return what a term adds to the residuals (N', R) of each stretch that judges, Nm; or what is stated of it."""
         if term.kind == "number":
             moves = term.what @ self.best.beta(term)
             return [N @ moves for N in self._plain_numbers]
         if term.kind == "law":
             return [X @ self.best.beta(term) for X in term.what.plain(self.judging.data)]
         columns = self.judging.data.plain(term.feature, theta_of(term, self.best))
-        return [X @ self._coefficients(term) for X in columns]
+        beta = term.mean if stated and term.trusted else self._coefficients(term)
+        return [X @ beta for X in columns]
 
     @cached_property
     def _plain_numbers(self) -> list[Array]:
@@ -161,7 +162,11 @@ class Answer:
         at = ordinary if self.question.refit else np.where([p.recording is not None for p in self.prepared.problem.numbers], ordinary, 0.0)
         step = at - self.explanation.linear.values
         left = [y - N @ step for y, N in zip(self.judging.data.y, self._plain_numbers, strict=True)]
-        return _less(left, [self.added[t.ident] for t in self.best.terms[: len(self.best.model.always)]])
+        return _less(left, [self._added(t, stated=True) for t in self._always])
+
+    @property
+    def _always(self) -> tuple[Term, ...]:
+        return self.best.terms[: len(self.best.model.always)]
 
     @cached_property
     def numbers_added(self) -> list[Array]:
@@ -175,7 +180,8 @@ class Answer:
     def after(self) -> list[Array]:
         """Residuals of each stretch with the causes and what is ordinary."""
         causes = [self.added[t.ident] for t in self.best.optional if t.kind != "law"]
-        return _less(self.before, [self.numbers_added, *causes])
+        known = [[b - a for a, b in zip(self._added(t, stated=True), self.added[t.ident], strict=True)] for t in self._always]
+        return _less(self.before, [self.numbers_added, *known, *causes])
 
     @cached_property
     def gaps(self) -> tuple[Gap, Gap]:
@@ -276,9 +282,35 @@ class Answer:
             own = (bands.place == row) & slow
             n = float(bands.n[own].sum())
             left, first = (float(np.sum(bands.n[own] * (f.found.v[own] - 1.0))) for f in (fit, empty))
-            if n and left > NOISY * n and left > LEFT * first:
+            if n and left > NOISY * n and left > LEFT * first and self._is_structured(own):
                 found.append(row)
         return found
+
+    def _is_structured(self, bands: NDArray[np.bool_]) -> bool:
+        """Whether what is left in some bands is likelier of a motion than noise.
+
+        Noise spreads its power p over the harmonics of an octave exponentially, p(p) = exp(-p/m)/m; what follows a
+        motion has much of it in few, p(p) = s/(s + p)². Each is taken at its most probable m and s.
+        """
+        model = self.explanation.search.model
+        left = self.white_left.reshape(-1, 2)
+        power = np.sum(left**2, axis=1)
+        of_pairs, odds = model.bands.of_rows[::2], 0.0
+        for band in model.bands.used[bands]:
+            p = power[of_pairs == band] + 1e-12
+            m, s = float(np.mean(p)), float(np.median(p))
+            odds += float(np.sum(np.log(s) - 2.0 * np.log(s + p) + np.log(m) + p / m))
+        return odds > 0.0
+
+    @cached_property
+    def white_left(self) -> Array:
+        """What is left of the recordings that were fitted, whitened (rows,)."""
+        model, fit = self.explanation.search.model, self.best
+        V, _ = model.basis
+        left = model.y - model.N @ (fit.numbers - fit.far_off)
+        for t in fit.terms:
+            left = left - (0.0 if t.offset is None else t.offset) - t.columns @ fit.beta(t)
+        return left
 
     def imperfections(self) -> tuple[Imperfection, ...]:
         """Return what the recordings say of each number."""
@@ -304,9 +336,8 @@ class Answer:
 
     def known(self) -> list[tuple[EffectInstance, dict[str, ParameterEstimate]]]:
         """Return the known effects as they came out."""
-        always = self.best.terms[: len(self.best.model.always)]
         values = self.explanation.linear.values
-        return [estimated(self.best, t, self.prepared.problem.numbers, values)[::-1] for t in always]
+        return [estimated(self.best, t, self.prepared.problem.numbers, values)[::-1] for t in self._always]
 
     def result(self) -> Diagnosis:
         """Return the diagnosis."""

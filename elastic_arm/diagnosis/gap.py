@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import periodogram
+from scipy.stats import chi2
 
 from elastic_arm.estimation.band import LowPass
 from elastic_arm.estimation.whitening import WhitenedData
@@ -21,7 +22,7 @@ from elastic_arm.evidence.grams import OCTAVES
 
 Array = NDArray[np.float64]
 
-CHANCE = 4.0  # standard errors of a power by which it is more than noise; one in 30,000 octaves
+CHANCE = 1e-5  # probability of an octave of noise that counts as more
 KNOWN = 0.2  # of the noise's power: how well it is known; spectra of quantised encoders are off by a seventh
 
 
@@ -71,7 +72,7 @@ class Gap:
     @property
     def significant(self) -> NDArray[np.bool_]:
         """Where (R, O) there is more than noise."""
-        return self.power > self.noise * (1.0 + KNOWN + CHANCE * np.sqrt(2.0 / self.count))
+        return self.power > self.noise * (KNOWN + chi2.isf(CHANCE, self.count) / self.count)
 
     @property
     def excess(self) -> Array:

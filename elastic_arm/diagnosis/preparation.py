@@ -20,6 +20,7 @@ from elastic_arm.dynamics import build_model
 from elastic_arm.effects import EffectInstance, robot_effects
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.effects.library.base_tilt import TILT
+from elastic_arm.effects.model import Scope
 from elastic_arm.equations.places import feature_of, features, recorded_features
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.equations import EquationSet
@@ -218,6 +219,8 @@ def _candidates(question, equations, still, layout, numbers, observed, seen) -> 
     wholly = {effect for effect, _ in held}
     known = {feature_of(i, equations).key for part in seen for i in part}
     shown = recorded_features(features(equations, question.candidates), observed.pieces[0])
+    if question.robot.n == 1:  # its one joint is the whole arm
+        shown = [f for f in shown if f.joint is not None or f.effect.scope is not Scope.EACH_OR_ARM]
     free = [f for f in shown if (f.effect.id, f.joint) not in held and not (f.joint is None and f.effect.id in wholly)]
     visible = (f for f in free if _is_seen(f, layout) and f.key not in known)
     return [f for f in visible if f.joint not in still or not needs_motion(f)]

@@ -15,7 +15,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from elastic_arm.effects import library, stated
+from elastic_arm.effects import library
 from elastic_arm.effects.law_check import check_law
 from elastic_arm.effects.model import Effect, EffectInstance
 from elastic_arm.errors import EffectError
@@ -62,24 +62,13 @@ class Catalogue(Mapping[str, Effect]):
 
     @staticmethod
     def default() -> Catalogue:
-        """Return the effects of the library, those only stated, and of packages (entry points of :data:`GROUP`).
-
-        Raises
-        ------
-        EffectError
-            If an installed package's effect cannot be loaded; the message names it.
-        """
+        """Return the effects of the library and of packages (entry points of :data:`GROUP`)."""
         return _default()
 
     def with_files(self, paths: Sequence[str | Path]) -> Catalogue:
         """Return the catalogue with the effects of Python files added.
 
         A file holds one effect as `EFFECT`, or several as a list `EFFECTS`.
-
-        Raises
-        ------
-        EffectError
-            If a file does not exist, cannot be executed, holds no effect, or an id is taken; the message names it.
         """
         found = self
         for path in paths:
@@ -109,16 +98,19 @@ class Catalogue(Mapping[str, Effect]):
 
 
 def discover(folder: ModuleType = library) -> Catalogue:
-    """Return the `EFFECT` of every module of a package, the library, that has one."""
+    """Return the `EFFECT`, or the `EFFECTS`, of every module of a package, the library, that has one."""
     modules = sorted(m.name for m in pkgutil.iter_modules(folder.__path__))
-    held = (getattr(importlib.import_module(f"{folder.__name__}.{m}"), "EFFECT", None) for m in modules)
-    return Catalogue([effect for effect in held if isinstance(effect, Effect)])
+    return Catalogue([e for m in modules for e in _held(importlib.import_module(f"{folder.__name__}.{m}"))])
+
+
+def _held(module: ModuleType) -> list[Any]:
+    return [*getattr(module, "EFFECTS", ()), *([module.EFFECT] if hasattr(module, "EFFECT") else [])]
 
 
 @lru_cache(maxsize=1)
 def _default() -> Catalogue:
     points = sorted(entry_points(group=GROUP), key=lambda point: point.name)
-    return Catalogue([*EFFECTS.values(), *STATED.values(), *(_of_entry_point(point) for point in points)])
+    return Catalogue([*EFFECTS.values(), *(_of_entry_point(point) for point in points)])
 
 
 def _of_entry_point(point: EntryPoint) -> Effect:
@@ -145,7 +137,7 @@ def _of_file(path: Path) -> list[Effect]:
         raise EffectError(f"{path}: line {error.lineno}: {error.msg}", "Mend the Python of the file.") from error
     except _RAISED as error:
         raise _located(path, error, f"Mend the file; {_EXAMPLE}") from error
-    held = [*getattr(module, "EFFECTS", ()), *([module.EFFECT] if hasattr(module, "EFFECT") else [])]
+    held = _held(module)
     if not held or not all(isinstance(effect, Effect) for effect in held):
         what = "EFFECT is no Effect" if held else "holds no EFFECT"
         raise EffectError(f"{path}: {what}", f"Write EFFECT = Effect(id=…, …); {_EXAMPLE}")
@@ -168,7 +160,6 @@ def _located(path: Path, error: Exception, remedy: str) -> EffectError:
 
 
 EFFECTS = discover()
-STATED = discover(stated)
 
 
 def from_dict(

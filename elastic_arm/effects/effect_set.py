@@ -16,30 +16,7 @@ from elastic_arm.robot import Robot
 
 
 class EffectSet:
-    """Laws of several effects on one arm, over symbols.
-
-    Parameters
-    ----------
-    instances
-        The effects.
-    robot
-        The arm they sit on.
-    duration
-        s that the run lasts, for effects that change over it; None where it has no end.
-
-    Attributes
-    ----------
-    p, z
-        Symbols of all parameters and of all internal states, in the order of the effects; the duration and the time
-        come last where an effect changes over the run.
-    state_names
-        Of `z`: effect, joint and name.
-
-    Raises
-    ------
-    EffectError
-        If an effect cannot act where it is placed, or in a run without an end.
-    """
+    """Laws of several effects on one arm, over symbols."""
 
     def __init__(self, instances: Sequence[EffectInstance], robot: Robot, duration: float | None = None) -> None:
         self.instances = tuple(instances)
@@ -99,11 +76,6 @@ class EffectSet:
 
         Transmission errors come first: the other laws of the joint find them in the deflection. Friction comes before
         what scales it.
-
-        Raises
-        ------
-        EffectError
-            If a law gives no contribution, or no rate of an internal state.
         """
         twist, twist_rate = ca.SX(motion.n, 1), ca.SX(motion.n, 1)
         for instance, i, values in self._placed:

@@ -23,17 +23,7 @@ ARRAYS = recursion.Trig(np.sin, np.cos)
 
 
 class ArmEquations:
-    """Equation (1) of one arm in one model variant.
-
-    Parameters
-    ----------
-    robot
-        The arm.
-    model
-        mod1, mod2 or mod3.
-    bearings
-        Whether the bearing tilts are coordinates.
-    """
+    """Equation (1) of one arm in one model variant."""
 
     def __init__(self, robot: Robot, model: str = "mod3", *, bearings: bool = False) -> None:
         self.robot, self.model_name, self._bearings = robot, model, bearings
@@ -72,30 +62,14 @@ class ArmEquations:
         return ca.vertcat(*inertias)
 
     def left_side(self, x: SX, dx: SX, ddx: SX, *, model: str | None = None) -> SX:
-        """Return the left side of (1) with K and D (dof, 1); of another variant with its nominal numbers.
-
-        Parameters
-        ----------
-        x, dx, ddx
-            (dof, 1) rad, rad/s and rad/s².
-        model
-            Another variant, mod1, mod2 or mod3; this one when None.
-        """
+        """Return the left side of (1) with K and D (dof, 1); of another variant with its nominal numbers."""
         if model is None:
             return _left_side(self.bodies, x, dx, ddx, _entries(self.Psi))
         bodies = compose(self.robot, model, bearings=self._bearings)
         return _left_side(bodies, x, dx, ddx, [float(value) for value in nominal(bodies)])
 
     def carried_body(self, link: int, mass: SX, moment: SX, inertia: SX, x: SX, dx: SX, ddx: SX) -> SX:
-        """Return what a body fixed to a link adds to the left side of (1).
-
-        Parameters
-        ----------
-        link
-            Index of the link; the body is described in its frame.
-        mass, moment, inertia
-            Mass, first moment (3, 1) and inertia about the frame's origin (3, 3); may be negative: a difference.
-        """
+        """Return what a body fixed to a link adds to the left side of (1)."""
         frame = next(i for i, f in enumerate(self.bodies.frames) if f.coordinate == link)
         # The frames behind it do not move it.
         alone = replace(
@@ -122,22 +96,7 @@ class ArmEquations:
         return ca.horzcat(*columns) @ ca.DM(self.robot.base_placement[:3, :3].T)
 
     def moved_and_pulled(self, x: Array, dx: Array, ddx: Array, *, motors: bool) -> tuple[Array, Array]:
-        """Return what the motion and what gravity take of each joint of the nominal arm, for arrays of samples.
-
-        Parameters
-        ----------
-        x, dx, ddx : (N, dof)
-            rad, rad/s and rad/s².
-        motors
-            Whether of the motors instead of the links, where the arm has transmissions.
-
-        Returns
-        -------
-        moved : (N, n)
-            The left side of (1) without gravity, K and D, Nm.
-        pull : (N, n, 3)
-            Its derivative by the gravity vector in the ground frame, Nm per m/s².
-        """
+        """Return what the motion and what gravity take of each joint of the nominal arm, for arrays of samples."""
         # A few thousand samples once: the recursion runs over them, and nothing is derived for them.
         still: list[Any] = [0.0] * self.dof
         motions = [([*dx.T], [*ddx.T], [0.0, 0.0, 0.0]), *((still, still, axis.tolist()) for axis in np.eye(3))]

@@ -12,13 +12,7 @@ from elastic_arm.robot import Robot, load_robot
 
 
 def check_law(effect: Effect, robot: Robot | None = None) -> None:
-    """Write the law of an effect over the symbols of an arm, of the nominal one when None.
-
-    Raises
-    ------
-    EffectError
-        If it gives no contribution, or no rate of an internal state. What the law itself raises is passed on.
-    """
+    """Write the law of an effect over the symbols of an arm, of the nominal one when None."""
     robot = robot or load_robot(None)
     equations = ArmEquations(robot, effect.lacked_by[-1])
     EffectSet([next(effect.candidates(robot))], robot, duration=1.0).contribution(_symbols(equations))

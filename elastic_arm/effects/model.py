@@ -11,6 +11,7 @@ equations of motion. What differs between kinds of effects is only how they ente
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum
@@ -41,6 +42,7 @@ class Scope(Enum):
 
     EACH = "each joint"
     LAST = "the last joint"
+    BUT_LAST = "each joint but the last"
     ARM = "the whole arm"
     EACH_OR_ARM = "each joint, or all alike"
 
@@ -56,98 +58,28 @@ class Confusion:
 
 @dataclass(frozen=True)
 class Ordinary:
-    """Up to which size an effect is ordinary: every real arm has as much, so it is counted as part of the model.
+    """Up to which size an effect is ordinary: every real arm has as much, so it is counted as part of the model."""
 
-    Parameters
-    ----------
-    parameter
-        Its size: how much there is.
-    most
-        (sample rate in Hz) -> largest ordinary distance from no effect, in the parameter's unit.
-    note
-        (parameters and choices, place) -> what the diagnosis notes of it.
-    """
-
-    parameter: str
+    parameter: str  # its size: how much there is
+    # (sample rate in Hz) -> largest ordinary distance from no effect, in the parameter's unit
     most: Callable[[float], float]
-    note: Callable[[Mapping[str, Any], str], str]
+    note: Callable[[Mapping[str, Any], str], str]  # (parameters and choices, place) -> what the diagnosis notes of it
 
 
 @dataclass(frozen=True)
 class Plant:
-    """An arm about to be simulated, as effects find and change it.
+    """An arm about to be simulated, as effects find and change it."""
 
-    Parameters
-    ----------
-    robot, sensors
-        The true arm and its sensors.
-    bearings
-        Whether its bearings tilt.
-    laws
-        Effects whose laws enter the equations.
-    """
-
+    # robot, sensors: the true arm and its sensors
     robot: Robot
     sensors: Sensors
-    bearings: bool = False
-    laws: tuple[EffectInstance, ...] = ()
+    bearings: bool = False  # whether its bearings tilt
+    laws: tuple[EffectInstance, ...] = ()  # effects whose laws enter the equations
 
 
 @dataclass(frozen=True)
 class Effect:
     """An effect that acts through its law.
-
-    Parameters
-    ----------
-    id
-        As in the contract.
-    formula
-        The law as text.
-    description
-        What it is.
-    signature
-        What an engineer sees of it in a recording.
-    law
-        (motion, joint index, parameters and internal states by name) -> contribution.
-    parameters, choices
-        Its numbers, and what else has to be chosen.
-    scope, sides, regime
-        Where it shows.
-    states
-        Names of internal states, which stay within -1 and 1; they start at zero in a simulation.
-    twist
-        For a transmission error: (motion, joint index, parameters) -> e(theta) and its rate, which all laws of the
-        joint then find in the deflection.
-    confusions
-        What it may be mistaken for.
-    magnitude
-        Names of the parameters that are its size: one, or several that are the components of one; the first parameter
-        where none is named.
-    needs_motion
-        Whether it shows by the motion of its own joint alone. A drive is wound where its joint stands still, too.
-    model_parameter
-        Whether it is an error of the model's own parameters: where these are identified first, nothing of it is left.
-    number
-        Name of the number of an arm's description that it is an error of, where it is one alone: "stiffness".
-    lacked_by
-        Model variants that lack it.
-    ordinary
-        Up to which size it is no cause; None where any size is one.
-    regressor
-        (equations of an arm) -> its regressor, where the law is not enough. Parameters that act linearly keep columns
-        that are derivatives of the law; the regressor then is the effect at given values of all parameters.
-    prior
-        (sample rate in Hz) -> standard deviation of its first parameter over ordinary arms of a refit; None where an
-        ordinary arm has none of it.
-    set_at_start
-        Whether it may be another one in each recording: a zero that is set anew at each start.
-    friction
-        Whether it is friction: what laws find as the friction of its side.
-    scales_friction, in_time
-        Whether the law takes the friction of the side (`motion.friction`), and how much of the recording has passed
-        (`motion.progress`, or `motion.elapsed` in s).
-    searched
-        Whether a diagnosis looks for it; False for what acts only where a description or a user states it.
 
     Raises
     ------
@@ -155,32 +87,49 @@ class Effect:
         If the entries contradict each other.
     """
 
-    id: str
-    formula: str
-    description: str
-    signature: str
-    law: Law
+    id: str  # as in the contract
+    formula: str  # the law as text
+    description: str  # what it is
+    signature: str  # what an engineer sees of it in a recording
+    law: Law  # (motion, joint index, parameters and internal states by name) -> contribution
+    # parameters, choices: its numbers, and what else has to be chosen
     parameters: tuple[Parameter, ...] = ()
     choices: tuple[Choice, ...] = ()
+    # scope, sides, regime: where it shows
     scope: Scope = Scope.EACH
     sides: tuple[str, ...] = ()
     regime: str = "always"
+    # names of internal states, which stay within -1 and 1; they start at zero in a simulation
     states: tuple[str, ...] = ()
+    # for a transmission error: (motion, joint index, parameters) -> e(theta) and its rate, which all laws of the joint
+    # then find in the deflection
     twist: Callable[[SymbolicMotion, int, Mapping[str, Any]], tuple[ca.SX, ca.SX]] | None = None
     sides_of: Callable[[Mapping[str, Any]], tuple[str, ...]] | None = None
-    confusions: tuple[Confusion, ...] = ()
+    confusions: tuple[Confusion, ...] = ()  # what it may be mistaken for
+    # names of the parameters that are its size: one, or several that are the components of one; the first parameter
+    # where none is named
     magnitude: tuple[str, ...] = ()
+    # whether it shows by the motion of its own joint alone. A drive is wound where its joint stands still, too
     needs_motion: bool = False
+    # whether it is an error of the model's own parameters: where these are identified first, nothing of it is left
     model_parameter: bool = False
+    # name of the number of an arm's description that it is an error of, where it is one alone: "stiffness"
     number: str = ""
-    lacked_by: tuple[str, ...] = MODELS
-    ordinary: Ordinary | None = None
+    lacked_by: tuple[str, ...] = MODELS  # model variants that lack it
+    ordinary: Ordinary | None = None  # up to which size it is no cause; None where any size is one
+    # (equations of an arm) -> its regressor, where the law is not enough. Parameters that act linearly keep columns
+    # that are derivatives of the law; the regressor then is the effect at given values of all parameters
     regressor: RegressorOf | None = None
+    # (sample rate in Hz) -> standard deviation of its first parameter over ordinary arms of a refit; None where an
+    # ordinary arm has none of it
     prior: Callable[[float], float] | None = None
-    set_at_start: bool = False
-    friction: bool = False
+    set_at_start: bool = False  # whether it may be another one in each recording: a zero that is set anew at each start
+    friction: bool = False  # whether it is friction: what laws find as the friction of its side
+    # scales_friction, in_time: whether the law takes the friction of the side (`motion.friction`), and how much of the
+    # recording has passed (`motion.progress`, or `motion.elapsed` in s)
     scales_friction: bool = False
     in_time: bool = False
+    # whether a diagnosis looks for it; False for what acts only where a description or a user states it
     searched: bool = True
 
     def __post_init__(self) -> None:
@@ -246,6 +195,7 @@ class Effect:
         return {
             Scope.EACH: joints,
             Scope.LAST: joints[-1:],
+            Scope.BUT_LAST: joints[:-1],
             Scope.ARM: (None,),
             Scope.EACH_OR_ARM: (None, *joints),
         }[self.scope]
@@ -263,14 +213,9 @@ class Effect:
 
 @dataclass(frozen=True)
 class SensorEffect(Effect):
-    """An effect of what the sensors record; its law is written in recorded channels.
+    """An effect of what the sensors record; its law is written in recorded channels."""
 
-    Parameters
-    ----------
-    change
-        (sensors, joint index, n, parameters) -> sensors.
-    """
-
+    # (sensors, joint index, n, parameters) -> sensors
     change: Callable[[Sensors, int, int, Mapping[str, Any]], Sensors] = field(kw_only=True)
 
     def added_to(self, plant: Plant, instance: EffectInstance) -> Plant:
@@ -283,15 +228,9 @@ class SensorEffect(Effect):
 
 @dataclass(frozen=True)
 class StructuralEffect(Effect):
-    """An effect of what the arm is made of.
+    """An effect of what the arm is made of."""
 
-    Parameters
-    ----------
-    change
-        (plant, parameters) -> plant.
-    """
-
-    change: Callable[[Plant, Mapping[str, Any]], Plant] = field(kw_only=True)
+    change: Callable[[Plant, Mapping[str, Any]], Plant] = field(kw_only=True)  # (plant, parameters) -> plant
 
     def added_to(self, plant: Plant, instance: EffectInstance) -> Plant:
         """Return the arm with its parts changed."""
@@ -302,23 +241,15 @@ class StructuralEffect(Effect):
 class EffectInstance:
     """An effect on an arm.
 
-    Parameters
-    ----------
-    effect
-        What acts.
-    joint
-        Name of the joint; None for the whole arm.
-    parameters
-        Every parameter and choice by name; those with a default may be left out.
-
     Raises
     ------
     EffectError
         If a parameter is unknown, missing, or makes no sense.
     """
 
-    effect: Effect
-    joint: str | None
+    effect: Effect  # what acts
+    joint: str | None  # name of the joint; None for the whole arm
+    # every parameter and choice by name; those with a default may be left out
     parameters: Mapping[str, Value] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -349,13 +280,7 @@ class EffectInstance:
         return {p.name: self.parameters[p.name] for p in self.effect.parameters}
 
     def joint_indices(self, robot: Robot) -> tuple[int, ...]:
-        """Return the joints it sits on: one, or all for an effect of the whole arm.
-
-        Raises
-        ------
-        EffectError
-            If the robot has no such joint, or the effect cannot sit there.
-        """
+        """Return the joints it sits on: one, or all for an effect of the whole arm."""
         scope, names = self.effect.scope, robot.joint_names
         if self.joint is None:
             if scope in (Scope.ARM, Scope.EACH_OR_ARM):
@@ -365,12 +290,32 @@ class EffectInstance:
             raise EffectError(f"{self.effect.id} needs a joint", f"Name one of {', '.join(names)}.")
         if self.joint not in names:
             raise EffectError(f"{self.effect.id}: there is no joint {self.joint!r}", f"Use one of {', '.join(names)}.")
-        if scope is Scope.ARM or (scope is Scope.LAST and self.joint != names[-1]):
+        if self.joint not in (places := self.effect.places(robot)):
+            sits = ", ".join(place for place in places if place) or "no joint of this arm"
             raise EffectError(
                 f"{self.effect.id} cannot sit on {self.joint}",
-                "Name no joint: it acts on the whole arm." if scope is Scope.ARM else f"It sits on {names[-1]}.",
+                "Name no joint: it acts on the whole arm." if scope is Scope.ARM else f"It sits on {sits}.",
             )
         return (names.index(self.joint),)
+
+    def implausible(self, robot: Robot) -> str | None:
+        """Return why no arm has the effect at this size, in words; None where one may.
+
+        A size is beyond what is plausible of any arm, or it is a torque that is larger than the joint's own limit:
+        a unit, a sign or a mapping is wrong then, and there is no property of an arm to be written down.
+        """
+        torques = [robot.joints[i].limits.torque for i in self.joint_indices(robot)]
+        limit = math.inf if None in torques else max(t for t in torques if t is not None)
+        for p in self.effect.parameters:
+            value: Any = self.parameters[p.name]
+            size = max(map(abs, value)) if isinstance(value, tuple) else abs(value)
+            if p.role is not Role.PHASE and size > max(abs(p.low), abs(p.high)):
+                return (
+                    f"{p.name} of {size:.4g} {p.unit} is beyond {max(abs(p.low), abs(p.high)):g}, the most of any arm"
+                )
+            if p.unit == "Nm" and size > limit:
+                return f"{p.name} of {size:.4g} Nm is more than the {limit:g} Nm that the joint gives"
+        return None
 
     def with_parameters(self, **parameters: Value) -> EffectInstance:
         """Return the effect with these parameters changed."""

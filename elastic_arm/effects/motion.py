@@ -8,10 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any
 
 import casadi as ca
 
+from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.errors import EffectError
 from elastic_arm.robot import Robot, Transmission
 
@@ -22,72 +23,17 @@ LEAST = 0.1
 SX = ca.SX
 
 
-class Equations(Protocol):
-    """The equations of an arm over symbols, as :class:`elastic_arm.effects.equations.ArmEquations` gives them."""
-
-    robot: Robot
-    model_name: str
-
-    @property
-    def K(self) -> SX:
-        """Stiffnesses of the drives (n, 1)."""
-
-    @property
-    def D(self) -> SX:
-        """Dampings of the drives (n, 1)."""
-
-    @property
-    def B(self) -> SX:
-        """Diagonal of B (n, 1)."""
-
-    def left_side(self, x: SX, dx: SX, ddx: SX, *, model: str | None = None) -> SX:
-        """Return the left side of (1), of this model or another variant of the same arm.
-
-        Parameters
-        ----------
-        x, dx, ddx
-            (dof, 1) rad, rad/s and rad/s².
-        model
-            Another variant, mod1, mod2 or mod3; this one when None.
-        """
-
-    def carried_body(self, link: int, mass: SX, moment: SX, inertia: SX, x: SX, dx: SX, ddx: SX) -> SX:
-        """Return what a body fixed to a link adds to the left side of (1).
-
-        Parameters
-        ----------
-        link
-            Index of the link.
-        mass, moment, inertia
-            m (kg), m c (kg m) and the inertia about the link's frame (kg m²) of the body.
-        x, dx, ddx
-            (dof, 1) rad, rad/s and rad/s².
-        """
-
-    def gravity_columns(self, x: SX) -> SX:
-        """Return the derivative of the left side of (1) by the gravity vector, (dof, 3)."""
-
-
 @dataclass(frozen=True)
 class Contribution:
-    """What an effect adds to the three residuals of each joint, and how its internal states move.
+    """What an effect adds to the three residuals of each joint, and how its internal states move."""
 
-    Parameters
-    ----------
-    link, drive, motor : (n, 1)
-        Nm, added to `tau_J - (model's link torque)`, `tau_J - K (theta - q) - D (dtheta - dq)` and
-        `tau_m - (model's motor torque) - tau_J`: positive where the arm resists more than the model.
-    tilts
-        (2n, 1) Nm, the same for the bearing tilts; None where bearings are rigid.
-    rates
-        Name of an internal state -> its time derivative.
-    """
-
+    # link, drive, motor: (n, 1) Nm, added to `tau_J - (model's link torque)`, `tau_J - K (theta - q) - D (dtheta - dq)`
+    # and `tau_m - (model's motor torque) - tau_J`: positive where the arm resists more than the model
     link: SX
     drive: SX
     motor: SX
-    tilts: SX | None = None
-    rates: Mapping[str, SX] = field(default_factory=dict)
+    tilts: SX | None = None  # (2n, 1) Nm, the same for the bearing tilts; None where bearings are rigid
+    rates: Mapping[str, SX] = field(default_factory=dict)  # name of an internal state -> its time derivative
 
     def __add__(self, other: Contribution) -> Contribution:
         tilts = [c.tilts for c in (self, other) if c.tilts is not None]
@@ -102,54 +48,37 @@ class Contribution:
 
 @dataclass(frozen=True)
 class SymbolicMotion:
-    """The motion of an arm over symbols.
+    """The motion of an arm over symbols."""
 
-    Parameters
-    ----------
-    equations
-        The arm's own equations, for laws that change them.
-    x, dx, ddx : (dof, 1)
-        Generalized coordinates `[q, theta]`, `[q, theta, q_x, q_y]`, or `[q]` for an arm without transmissions.
-    tau_J, tau_m, dtau_J, dtau_m : (n, 1)
-        Joint torque and motor torque, and their rates.
-    sign
-        (side, joint index) -> sign of that side's velocity: exact in a diagnosis, regularised in a simulator.
-    twist, twist_rate : (n, 1)
-        What transmission errors add to the deflection, and its rate.
-    dddx, ddddx : (dof, 1)
-        Third and fourth derivative of x, where somebody knows them.
-    progress
-        (t - t_mid) / T over a recording of length T, from -1/2 to 1/2; None where no law takes it.
-    elapsed
-        t - t_begin over a recording, s; None where no law takes it.
-    friction_link, friction_motor : (n, 1)
-        What friction effects add to both sides, Nm.
-    wound : (n, 1)
-        The deflection of springs that carry the load a model predicts, less what laws carry that do not follow it;
-        None where it is not known.
-    loaded : (1, 1)
-        Whether `wound` is that, 1 or 0.
-    """
-
-    equations: Equations
+    equations: ArmEquations  # the arm's own equations, for laws that change them
+    # x, dx, ddx: (dof, 1) Generalized coordinates `[q, theta]`, `[q, theta, q_x, q_y]`, or `[q]` for an arm without
+    # transmissions
     x: SX
     dx: SX
     ddx: SX
+    # tau_J, tau_m, dtau_J, dtau_m: (n, 1) Joint torque and motor torque, and their rates
     tau_J: SX
     tau_m: SX
     dtau_J: SX
     dtau_m: SX
+    # (side, joint index) -> sign of that side's velocity: exact in a diagnosis, regularised in a simulator
     sign: Callable[[str, int], SX]
+    # twist, twist_rate: (n, 1) What transmission errors add to the deflection, and its rate
     twist: SX | float = 0.0
     twist_rate: SX | float = 0.0
+    # dddx, ddddx: (dof, 1) Third and fourth derivative of x, where somebody knows them
     dddx: SX | float = 0.0
     ddddx: SX | float = 0.0
+    # (t - t_mid) / T over a recording of length T, from -1/2 to 1/2; None where no law takes it
     progress: SX | None = None
-    elapsed: SX | None = None
+    elapsed: SX | None = None  # t - t_begin over a recording, s; None where no law takes it
+    # friction_link, friction_motor: (n, 1) What friction effects add to both sides, Nm
     friction_link: SX | None = None
     friction_motor: SX | None = None
+    # (n, 1) The deflection of springs that carry the load a model predicts, less what laws carry that do not follow it;
+    # None where it is not known
     wound: SX | None = None
-    loaded: SX | float = 1.0
+    loaded: SX | float = 1.0  # (1, 1) Whether `wound` is that, 1 or 0
 
     @property
     def robot(self) -> Robot:
@@ -206,13 +135,6 @@ class SymbolicMotion:
         The stiffness itself is regressed on the predicted load. Beside it a column of the encoders' deflection would
         fit their noise, which the residual holds, too (errors in variables; Fuller, Measurement Error Models, 1987).
         Where the load is not known it is the deflection.
-
-        Parameters
-        ----------
-        i
-            Index of the joint.
-        law
-            Deflection, rad -> the torque that it carries, Nm.
         """
         read = self.deflection[i]
         if self.wound is None:
@@ -247,15 +169,7 @@ class SymbolicMotion:
         return self.equations.left_side(self.x, self.dx, self.ddx, model=model)
 
     def carried_body(self, link: int, mass: SX, moment: SX, inertia: SX) -> SX:
-        """Return what a body fixed to link `link` (index) adds to the left side of (1), (dof, 1).
-
-        Parameters
-        ----------
-        link
-            Index of the link.
-        mass, moment, inertia
-            m (kg), m c (kg m) and the inertia about the link's frame (kg m²) of the body.
-        """
+        """Return what a body fixed to link `link` (index) adds to the left side of (1), (dof, 1)."""
         return self.equations.carried_body(link, mass, moment, inertia, self.x, self.dx, self.ddx)
 
     def velocity(self, side: str) -> SX:
@@ -268,13 +182,7 @@ class SymbolicMotion:
         return SX(self.n, 1) if torque is None else torque
 
     def gear(self, i: int) -> Transmission:
-        """Return the transmission of joint i.
-
-        Raises
-        ------
-        EffectError
-            If the arm has none.
-        """
+        """Return the transmission of joint i."""
         transmission = self.robot.joints[i].transmission
         if transmission is None:
             raise EffectError(
@@ -284,13 +192,7 @@ class SymbolicMotion:
         return transmission
 
     def motor_inertia(self, i: int) -> SX:
-        """Return the inertia on the motor side of joint i, kg m².
-
-        Raises
-        ------
-        EffectError
-            If the arm's description holds none.
-        """
+        """Return the inertia on the motor side of joint i, kg m²."""
         joint = self.robot.joints[i]
         if joint.transmission is None and not joint.armature:
             raise EffectError(
@@ -300,13 +202,7 @@ class SymbolicMotion:
         return self.equations.B[i]
 
     def at(self, i: int, *, rates: Mapping[str, SX] | None = None, **torques: Any) -> Contribution:
-        """Return a contribution to joint i alone; `torques` are `link`, `drive`, `motor` in Nm.
-
-        Raises
-        ------
-        EffectError
-            If a torque has another name.
-        """
+        """Return a contribution to joint i alone; `torques` are `link`, `drive`, `motor` in Nm."""
         sides = {name: SX(self.n, 1) for name in ("link", "drive", "motor")}
         for name, torque in torques.items():
             if name not in sides:

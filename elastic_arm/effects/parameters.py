@@ -35,63 +35,38 @@ class Scale(Enum):
 class Parameter:
     """A number in a law.
 
-    Parameters
-    ----------
-    name, unit, meaning
-        As in `diagnosis.json` ("1" for a ratio); what it is, in a few words.
-    low, high
-        Plausible range: what an engineer would believe of an industrial arm.
-    role
-        How it is found.
-    neutral
-        Its value for no effect; None where the effect vanishes through another parameter alone.
-    default
-        Taken when it is not given; None where it must be.
-    size
-        Number of components: 3 for a vector.
-    above
-        Physical bound: values must be larger.
-    least
-        What a real arm has at least: who states the effect may not go below it. A fit may, and so shows that the
-        nominal arm has too much of it.
-    from_coefficient
-        Exact value for the coefficient of its column; None for `neutral + coefficient`.
-    integer
-        Whether it is a whole number, such as a number of waves a turn: whole values are tried, and none between.
-    scale
-        Of the values tried; None for LOG where the whole range is positive, else LINEAR.
-    inverse
-        Whether the effect grows as the value falls, as the stiffness of what gives way.
-    draw
-        Range from which the blind challenge draws it; None for the default, or the plausible range without one.
-    example
-        Range that is clearly seen on an industrial arm, for demonstrations.
-    exceeded_by
-        What of the joint's motion is beyond it for the most part, whatever the arm does: "deflection", or nothing.
-
     Raises
     ------
     EffectError
         If the entries contradict each other.
     """
 
+    # name, unit, meaning: as in `diagnosis.json` ("1" for a ratio); what it is, in a few words
     name: str
     unit: str
+    # low, high: plausible range: what an engineer would believe of an industrial arm
     low: float
     high: float
-    role: Role = Role.LINEAR
+    role: Role = Role.LINEAR  # how it is found
+    # its value for no effect; None where the effect vanishes through another parameter alone
     neutral: float | None = None
-    default: float | tuple[float, ...] | None = None
+    default: float | tuple[float, ...] | None = None  # taken when it is not given; None where it must be
     meaning: str = ""
-    size: int = 1
-    above: float = -math.inf
+    size: int = 1  # number of components: 3 for a vector
+    above: float = -math.inf  # physical bound: values must be larger
+    # what a real arm has at least: who states the effect may not go below it. A fit may, and so shows that the nominal
+    # arm has too much of it
     least: float = -math.inf
+    # exact value for the coefficient of its column; None for `neutral + coefficient`
     from_coefficient: Callable[[float], float] | None = None
+    # whether it is a whole number, such as a number of waves a turn: whole values are tried, and none between
     integer: bool = False
-    scale: Scale | None = None
-    inverse: bool = False
+    scale: Scale | None = None  # of the values tried; None for LOG where the whole range is positive, else LINEAR
+    inverse: bool = False  # whether the effect grows as the value falls, as the stiffness of what gives way
+    # range from which the blind challenge draws it; None for the default, or the plausible range without one
     draw: tuple[float, float] | None = None
-    example: tuple[float, float] | None = None
+    example: tuple[float, float] | None = None  # range that is clearly seen on an industrial arm, for demonstrations
+    # what of the joint's motion is beyond it for the most part, whatever the arm does: "deflection", or nothing
     exceeded_by: Literal["", "deflection"] = ""
 
     def __post_init__(self) -> None:
@@ -162,29 +137,13 @@ class Parameter:
         return self.low - margin * abs(self.low) <= value <= self.high + margin * abs(self.high)
 
     def believable(self, value: float, ratio_factor: float, std: float = 0.0) -> bool:
-        """Return whether an arm may have a value: a ratio near its range, a size of the right sign.
-
-        Parameters
-        ----------
-        value
-            Of a linear parameter.
-        ratio_factor
-            How far outside its range a ratio may be.
-        std
-            Standard deviation of the value: of its 95 % interval an arm has to have some.
-        """
+        """Return whether an arm may have a value: a ratio near its range, a size of the right sign."""
         low, high = self.believable_range(ratio_factor)
         uncertain = 2.0 * std if self.neutral else 0.0
         return low < value + uncertain and value - uncertain < high
 
     def believable_range(self, ratio_factor: float) -> tuple[float, float]:
-        """Return between which values an arm may have it: a ratio near its range, a size of the right sign.
-
-        Parameters
-        ----------
-        ratio_factor
-            How far outside its range a ratio may be.
-        """
+        """Return between which values an arm may have it: a ratio near its range, a size of the right sign."""
         if self.neutral == 0.0 and self.low > 0.0:
             return 0.0, math.inf
         if self.neutral:

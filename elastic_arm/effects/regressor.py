@@ -25,15 +25,7 @@ class Once:
         self._made: dict[str, Any] = {}
 
     def __call__(self, what: str, make: Callable[[], Made]) -> Made:
-        """Return what goes by a name, made when it is first asked for.
-
-        Parameters
-        ----------
-        what
-            The name.
-        make
-            Makes it.
-        """
+        """Return what goes by a name, made when it is first asked for."""
         if what not in self._made:
             self._made[what] = make()
         found: Made = self._made[what]
@@ -87,15 +79,7 @@ class Regressor(Protocol):
         """Whether the arm has what the effect acts in."""
 
     def residuals(self, signals: MotionSignals, values: Mapping[str, Any]) -> Array:
-        """Return the torques (N, 3 n) added to link, drive and motor residuals.
-
-        Parameters
-        ----------
-        signals
-            Of the motion.
-        values
-            Parameters and choices by name, and `joints`, the indices of the joints on which the effect sits.
-        """
+        """Return the torques (N, 3 n) added to link, drive and motor residuals."""
 
 
 RegressorOf = Callable[[ArmEquations], Regressor]

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from elastic_arm.effects.catalogue import Catalogue
-from elastic_arm.effects.model import Effect, EffectInstance, Scope, SensorEffect
+from elastic_arm.effects.model import Effect, EffectInstance, SensorEffect
 from elastic_arm.effects.parameters import Choice, Role
 from elastic_arm.errors import EffectError, ElasticArmError, IdentificationError
 from elastic_arm.robot import Robot
@@ -63,22 +63,7 @@ def parse(text: str, robot: Robot | None = None, catalogue: Catalogue | None = N
 
 
 def known_effects(texts: Sequence[str], robot: Robot, catalogue: Catalogue | None = None) -> tuple[EffectInstance, ...]:
-    """Return the effects that the user knows, on every joint where none is named.
-
-    Parameters
-    ----------
-    texts
-        The effects. Numbers that are given are where the fit starts; what is not given starts from no effect.
-    robot
-        The arm they sit on.
-    catalogue
-        Where their ids are looked up; the default catalogue when None.
-
-    Raises
-    ------
-    EffectError
-        If there is no such effect, joint or parameter.
-    """
+    """Return the effects that the user knows, on every joint where none is named."""
     found = []
     for text in texts:
         written = _read(text, catalogue)
@@ -144,7 +129,8 @@ def _joints(written: _ParsedInstance, robot: Robot) -> Sequence[str | None]:
     """Return the joint that was named; without one, every joint, or the whole arm where all are alike."""
     if written.joint is not None:
         return [written.joint]
-    return robot.joint_names if written.effect.scope is Scope.EACH else written.effect.places(robot)[:1]
+    places = written.effect.places(robot)
+    return places[:1] if None in places else places
 
 
 def _read(

@@ -13,12 +13,12 @@ from scipy.special import logsumexp
 from elastic_arm.evidence.grams import Bands, Grams
 from elastic_arm.evidence.pool import sized
 from elastic_arm.evidence.posterior import Posterior, Prior, mass, posterior
-from elastic_arm.evidence.priors import SIZES, TRUST
+from elastic_arm.evidence.priors import FORMLESS, SCALES, SIZES, TRUST
 from elastic_arm.evidence.term import Ident, Key, Term
 
 Array = NDArray[np.float64]
 
-WIDEST = max(factor for factor, _ in TRUST.values())
+WIDEST = max(one.factor for one in TRUST.values())
 UNTOLD = 1e-3  # of a prior's precision: what data tell no more of, they tell nothing of; numerical
 
 
@@ -41,7 +41,7 @@ class Fit:
     @property
     def score(self) -> float:
         """ln p(y, set) up to a constant of the data."""
-        return self.found.evidence - sum(t.price for t in self.terms)
+        return self.found.evidence - sum(t.price + self.model.doubt(t) for t in self.optional)
 
     @cached_property
     def slices(self) -> dict[Ident, slice]:
@@ -159,47 +159,60 @@ class Screen:
         if len(self.single):
             columns = self.at[self.single]
             G = w @ self.squares - np.einsum("ij,ij->j", C[:, columns], SC[:, columns])
-            found[self.single] = self._single(np.maximum(G, 0.0), b[columns])
+            found[self.single] = self._single(fit.model, np.maximum(G, 0.0), b[columns])
         for t in np.setdiff1d(np.arange(len(self.terms)), self.single):
             own = slice(self.at[t], self.at[t + 1])
             G = np.tensordot(w, self.own[t], 1) - C[:, own].T @ SC[:, own]
-            found[t] = self._several(t, G, b[own])
+            found[t] = self._several(fit.model, int(t), G, b[own])
         return found
 
-    def _single(self, G: Array, b: Array) -> Array:
+    def _single(self, model: LinearModel, G: Array, b: Array) -> Array:
         terms = [self.terms[k] for k in self.single]
-        price = np.array([t.price for t in terms])
+        price = np.array([t.price + model.doubt(t) for t in terms])
         fixed = np.array([t.offset is not None for t in terms])
         std = np.array([1.0 if t.offset is not None else t.std[0] for t in terms])
         low = np.array([-np.inf if t.offset is not None else t.low[0] for t in terms])
         high = np.array([np.inf if t.offset is not None else t.high[0] for t in terms])
-        variance = 1.0 / (G + std**-2.0)
-        mean = variance * b
-        gain = 0.5 * mean * b + 0.5 * np.log(variance / std**2)
         bounded = np.isfinite(low) | np.isfinite(high)
-        zero = np.zeros(1)
-        gain[bounded] += mass(mean[bounded], np.sqrt(variance[bounded]), low[bounded], high[bounded]) - mass(
-            zero, std[bounded], low[bounded], high[bounded]
-        )
-        return np.where(fixed, b - 0.5 * G, gain) - price
+        each = []
+        for scale in SCALES:
+            prior = scale * std
+            variance = 1.0 / (G + prior**-2.0)
+            mean = variance * b
+            gain = 0.5 * mean * b + 0.5 * np.log(variance / prior**2)
+            gain[bounded] += mass(mean[bounded], np.sqrt(variance[bounded]), low[bounded], high[bounded]) - mass(
+                np.zeros(1), prior[bounded], low[bounded], high[bounded]
+            )
+            each.append(gain)
+        best = np.argmax(each, axis=0)
+        for k, scale, free in zip(self.single, SCALES[best], ~fixed, strict=True):
+            if free:
+                self.chosen[int(k)] = float(scale)
+        return np.where(fixed, b - 0.5 * G, np.max(each, axis=0) - np.log(len(SCALES))) - price
 
-    def _several(self, t: int, G: Array, b: Array) -> float:
+    def _several(self, model: LinearModel, t: int, G: Array, b: Array) -> float:
         term = self.terms[t]
         if term.kind == "law":
             e, U = np.linalg.eigh(G)
             e, z = np.maximum(e, 0.0), U.T @ b
             each = np.array([0.5 * np.sum(z**2 / (e + a**-2.0) - np.log1p(e * a * a)) for a in SIZES])
             self.chosen[t] = float(SIZES[int(np.argmax(each))])
-            return float(logsumexp(each) - np.log(len(SIZES))) - term.price
-        D = term.std
-        Gs = G * np.outer(D, D)
-        Gs[np.diag_indices_from(Gs)] += 1.0
-        bs = b * D
-        return float(0.5 * bs @ np.linalg.solve(Gs, bs) - 0.5 * np.linalg.slogdet(Gs)[1]) - term.price
+            return float(logsumexp(each) - np.log(len(SIZES))) - term.price - model.doubt(term)
+        each = []
+        for scale in SCALES:
+            D = scale * term.std
+            Gs = G * np.outer(D, D)
+            Gs[np.diag_indices_from(Gs)] += 1.0
+            each.append(float(0.5 * (b * D) @ np.linalg.solve(Gs, b * D) - 0.5 * np.linalg.slogdet(Gs)[1]))
+        self.chosen[t] = float(SCALES[int(np.argmax(each))])
+        return max(each) - float(np.log(len(SCALES))) - term.price - model.doubt(term)
 
     def term(self, t: int) -> Term:
         """Return a term as :meth:`gains` found it best."""
-        return sized(self.terms[t], self.chosen[t]) if t in self.chosen else self.terms[t]
+        term = self.terms[t]
+        if t not in self.chosen:
+            return term
+        return sized(term, self.chosen[t]) if term.kind == "law" else term.scaled(self.chosen[t])
 
 
 @dataclass(eq=False)
@@ -218,8 +231,8 @@ class LinearModel:
         (K,) which of them the trust in the description scales; the others have 1.
     always
         Terms that are known to be there.
-    name, trust
-        The trust in the description, and its factor on the standard deviations.
+    name
+        The trust in the description.
     """
 
     y: Array
@@ -229,7 +242,6 @@ class LinearModel:
     trusted: NDArray[np.bool_]
     always: tuple[Term, ...] = ()
     name: str = ""
-    trust: float = 1.0
     _fits: dict[object, Fit] = field(default_factory=dict, init=False)
 
     @cached_property
@@ -255,9 +267,24 @@ class LinearModel:
         untold = self.mean - self.basis[0] @ (self.basis[0].T @ self.mean)
         return Grams(self.y - self.N @ untold, self.N @ self.basis[0], self.bands)
 
-    def trusting(self, name: str, trust: float) -> LinearModel:
+    @property
+    def trust(self) -> float:
+        """Factor on the standard deviations of the numbers."""
+        return TRUST[self.name].factor
+
+    def doubt(self, term: Term) -> float:
+        """Return -ln of the prior odds that one of the terms of a kind is there, nats."""
+        if term.kind == "change":
+            return 0.0
+        return -float(np.log(TRUST[self.name].effect * (FORMLESS if term.kind == "law" else 1.0)))
+
+    def _posterior(self, terms: Sequence[Term], prior: Prior, start: Array | None) -> Posterior:
+        coloured = float(np.log(TRUST[self.name].coloured))
+        return posterior(self.grams.of(terms), self.bands.n, prior, self.bands.place, coloured, start)
+
+    def trusting(self, name: str) -> LinearModel:
         """Return the same data with another trust in the description."""
-        other = replace(self, name=name, trust=trust)
+        other = replace(self, name=name)
         other.basis, other.grams = self.basis, self.grams
         return other
 
@@ -278,10 +305,10 @@ class LinearModel:
             free = np.full(V.shape[1], np.inf)
             prior = Prior(
                 np.concatenate([V.T @ self.mean, *(t.mean for t in whole)]),
-                np.concatenate([np.where(scaled, self.trust, 1.0), *(t.std for t in whole)]),
+                np.concatenate([np.where(scaled, self.trust, 1.0), *(t.std * (self.trust if t.trusted else 1.0) for t in whole)]),
                 np.concatenate([-free, *(t.low for t in whole)]),
                 np.concatenate([free, *(t.high for t in whole)]),
             )
             start = None if near is None else near.found.v
-            self._fits[key] = Fit(self, whole, posterior(self.grams.of(whole), self.bands.n, prior, start))
+            self._fits[key] = Fit(self, whole, self._posterior(whole, prior, start))
         return self._fits[key]

@@ -17,6 +17,7 @@ from elastic_arm.effects.parameters import Parameter
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.evidence.model import Fit, LinearModel
 from elastic_arm.evidence.pool import linear_prior
+from elastic_arm.evidence.priors import SCALES
 from elastic_arm.evidence.term import Term
 
 Array = NDArray[np.float64]
@@ -91,6 +92,7 @@ def tangent_term(columns: Columns, term: Term, theta: Sequence[float], size: flo
     else:
         offset, linear = None, X
         own_std, own_low, own_high = linear_prior(feature, largest)
+        own_std = own_std * term.scale
     least, most = np.array(bounds).reshape(-1, 2).T
     return Term(
         term.key,
@@ -98,6 +100,7 @@ def tangent_term(columns: Columns, term: Term, theta: Sequence[float], size: flo
         np.hstack([linear, tangents]),
         np.concatenate([own_std, std]),
         odds=term.odds,
+        grid=0.0 if feature.fixed else float(np.log(len(SCALES))),
         mean=np.concatenate([np.zeros(len(own_std)), mean]),
         low=np.concatenate([own_low, least]),
         high=np.concatenate([own_high, most]),
@@ -106,6 +109,7 @@ def tangent_term(columns: Columns, term: Term, theta: Sequence[float], size: flo
         theta=tuple(float(v) for v in theta),
         tangents=tuple(numbers),
         size=size,
+        scale=term.scale,
     )
 
 

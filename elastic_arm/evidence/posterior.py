@@ -6,7 +6,8 @@ With H_b, b_b, c_b the products of band b, prior N(m, P^-1) and noise powers v_b
     ln p = -1/2 sum_b (n_b ln v_b + rss_b / v_b) - 1/2 |x - m|²_P + 1/2 ln |P| - 1/2 ln |A| - 1/2 sum_{v_b > 1} ln n_b
     v_b  = max(1, rss_b / (n_b - tr(A^-1 H_b) / v_b))                                   (MacKay 1992)
 
-so that what nobody explains is noise and bends nothing. Truncated priors multiply by the mass of the posterior within
+at the places whose noise is worth a spectrum of its own, and 1 elsewhere, so that what nobody explains is noise and
+bends nothing. Truncated priors multiply by the mass of the posterior within
 the bounds over that of the prior.
 """
 
@@ -60,7 +61,9 @@ class Posterior:
     evidence: float
 
 
-def posterior(products: Products, n: Array, prior: Prior, start: Array | None = None) -> Posterior:
+def posterior(
+    products: Products, n: Array, prior: Prior, place: NDArray[np.intp], coloured: float, start: Array | None = None
+) -> Posterior:
     """Return the posterior of a set of terms.
 
     Parameters
@@ -71,6 +74,8 @@ def posterior(products: Products, n: Array, prior: Prior, start: Array | None = 
         (B,) rows of each band.
     prior
         Of the coefficients.
+    place, coloured
+        (B,) place of each band, and ln of the prior odds that the noise of a place has a spectrum of its own.
     start
         (B,) noise powers to start from.
     """
@@ -86,13 +91,17 @@ def posterior(products: Products, n: Array, prior: Prior, start: Array | None = 
         squares, used = (half @ np.stack([x[row] * x[column] * twice, S[row, column] * twice], axis=1)).T
         left = np.maximum(yy - 2.0 * (b @ x) + squares, 0.0)
         new = np.maximum(left / np.maximum(n - w * used, 1.0), 1.0)
+        # Where a spectrum of its own is worth its prior, a place has one.
+        worth = 0.5 * (left - n * np.log(new) - left / new - np.where(new > 1.0, np.log(n), 0.0))
+        own = np.bincount(place, worth)[place] + coloured > 0.0
+        new = np.where(own, new, 1.0)
         change = float(np.max(np.abs(np.log(new / v))))
         if change < SETTLED:
             break
         v = new
     deviation = x - prior.mean
     evidence = -0.5 * float(np.sum(n * np.log(v) + left / v) + np.sum(P * deviation**2) + logdet - np.sum(np.log(P)))
-    evidence -= 0.5 * float(np.sum(np.log(np.maximum(n[v > 1.0], 1.0))))
+    evidence += coloured * len(np.unique(place[v > 1.0])) - 0.5 * float(np.sum(np.log(n[v > 1.0])))
     std = np.sqrt(np.diag(S))
     bounded = np.isfinite(prior.low) | np.isfinite(prior.high)
     if bounded.any():

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
@@ -16,15 +16,40 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.input_files import Number, explain, read_fields
 
-# Trust in the description, common to its numbers and its sensors: factor on their standard deviations, and prior
-# probability. A description is as measured in a simulation, as calibrated after an identification, as built from
-# drawings and catalogues, or rough. Convention.
-TRUST = {"as measured": (0.02, 0.3), "as calibrated": (0.2, 0.3), "as built": (1.0, 0.3), "rough": (4.0, 0.1)}
-# Prior odds that one of the effects that could be there is: about one arm in two has one that matters, and what is
-# only nearly a law of the catalogue counts against all of them.
-EFFECT = 1e-6
-FAULT = 1e-6  # prior odds that one of the numbers of the arm and its sensors is far off
-FORMLESS = 1e-7  # prior odds of a law without a form
+
+
+class Trust(NamedTuple):
+    """What kind of description and sensors an arm may have.
+
+    Parameters
+    ----------
+    factor
+        On the standard deviations of the numbers.
+    prior
+        Probability of the kind.
+    effect
+        Prior odds that one of the effects that could be there is, and that one of the numbers is far off: where
+        numbers, sensors and noise are exact, all that is left is an effect; elsewhere, most of what is left is what no
+        model has.
+    coloured
+        Prior odds that the noise of a place has a spectrum of its own.
+    """
+
+    factor: float
+    prior: float
+    effect: float
+    coloured: float
+
+
+# A simulation is as measured, an identified arm as calibrated, drawings and catalogues are as built; convention.
+TRUST = {
+    "as measured": Trust(1e-3, 0.3, 0.1, 1e-3),
+    "as calibrated": Trust(0.2, 0.3, 1e-6, 0.1),
+    "as built": Trust(1.0, 0.3, 1e-6, 0.1),
+    "rough": Trust(4.0, 0.1, 1e-6, 0.1),
+}
+FORMLESS = 0.1  # odds of a law without a form over those of an effect: the catalogue has what arms mostly have
+SCALES = np.array([1.0, 0.1, 0.01, 1e-3, 1e-4])  # of a size's range: effects are of all sizes
 WIDE = 30.0  # standard deviation of a number that is far off, in ordinary ones: hardly any prior; convention
 STATED = 0.3  # relative standard deviation of a stated effect: friction changes so with temperature and wear
 SIZES = np.array([0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0])  # Nm; of laws without a form, joints of every kind

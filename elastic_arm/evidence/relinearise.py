@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,10 +17,10 @@ from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.model import Fit, LinearModel, Screen
 from elastic_arm.evidence.nonlinear import components, moved, tangent_term
 from elastic_arm.evidence.pool import effect_terms, law_terms, linear_prior, number_terms
-from elastic_arm.evidence.priors import EFFECT, ELSEWHERE, FAULT, FORMLESS, NEAR, ROUNDS, STATED, TRUST
+from elastic_arm.evidence.priors import ELSEWHERE, NEAR, ROUNDS, STATED, TRUST
 from elastic_arm.evidence.problem import Problem
 from elastic_arm.evidence.search import Search
-from elastic_arm.evidence.term import Term
+from elastic_arm.evidence.term import Key, Term
 
 Array = NDArray[np.float64]
 
@@ -62,11 +62,13 @@ def explain(problem: Problem, *, refit: bool) -> Explanation:
     """
     linear = Linearisation(problem, np.zeros(len(problem.numbers)), ())
     found = _descended(linear, None, refit)
+    tried: set[frozenset[Key]] = set()
     for _ in range(ELSEWHERE):
         # Exchanged at this linearisation, a set whose numbers lie elsewhere is judged by columns that are not its own.
-        other = _elsewhere(found)
+        other = _elsewhere(found, tried)
         if other is None:
             break
+        tried.add(other.keys)
         again = _descended(found.linear, other, refit)
         better, worse = (again, found) if again.best.score > found.best.score else (found, again)
         better.search.take(worse.search.met.values())
@@ -74,10 +76,16 @@ def explain(problem: Problem, *, refit: bool) -> Explanation:
     return found
 
 
-def _elsewhere(found: Explanation) -> Fit | None:
-    """Return the likeliest set without one of the most probable set's numbers that are far off; None where all keep them."""
-    off = {t.key for t in found.best.optional if t.kind == "number"}
-    sets = (fit for fit in found.search.met.values() if off - fit.keys and fit.score > found.best.score - NEAR)
+def _elsewhere(found: Explanation, tried: Set[frozenset[Key]]) -> Fit | None:
+    """Return the likeliest set with a number more than an ordinary deviation from where the most probable one has it."""
+    moving = np.array([p.moves_model for p in found.linear.problem.numbers], dtype=bool)
+    sets = (
+        fit
+        for keys, fit in found.search.met.items()
+        if fit.score > found.best.score - NEAR
+        and keys not in tried
+        and np.max(np.abs(fit.numbers - found.best.numbers)[moving], initial=0.0) > 1.0
+    )
     return max(sets, key=lambda fit: fit.score, default=None)
 
 
@@ -112,8 +120,10 @@ def _moved(linear: Linearisation, fit: Fit, moving: NDArray[np.bool_], limits: A
 
 def _explained(linear: Linearisation, before: Fit | None, refit: bool, *, whole: bool) -> Explanation:
     """Return the most probable set at a linearisation, from the one found at another."""
+    trusts = {name: one for name, one in TRUST.items() if not (refit and name == "as measured")}
+    trust = next(iter(trusts)) if before is None else before.model.name
     always, off = known_terms(linear)
-    pool = [*pool_of(linear, laws=whole), *(t.with_odds(float(np.log(len(off)) - np.log(FAULT))) for t in off)]
+    pool = [*pool_of(linear, laws=whole), *(t.with_odds(float(np.log(len(off)))) for t in off)]
     model = LinearModel(
         linear.data.white,
         linear.numbers,
@@ -121,21 +131,19 @@ def _explained(linear: Linearisation, before: Fit | None, refit: bool, *, whole:
         -linear.values,
         np.array([p.is_number for p in linear.problem.numbers], dtype=bool),
         tuple(always),
+        trust,
     )
     screen, log = Screen(model.grams, pool), []
     terms = [] if before is None else _again(before, linear, pool)
     # The trust in the description that is most probable beside the set, and the set beside it, until both stay.
-    trusts = {name: one for name, one in TRUST.items() if not (refit and name == "as measured")}
     tried: dict[str, Search] = {}
-    trust = next(iter(trusts)) if before is None else before.model.name
     while trust not in tried:
-        search = Search(model.trusting(trust, trusts[trust][0]), screen, linear.columns, linear.problem.largest_at)
+        search = Search(model.trusting(trust), screen, linear.columns, linear.problem.largest_at)
         tried[trust], best = search, search.run(terms, whole=whole)
         log += [f"{trust}: {line}" for line in search.log]
         terms = best.optional
         scores = {
-            name: model.trusting(name, factor).fit(terms, best).score + float(np.log(p))
-            for name, (factor, p) in trusts.items()
+            name: model.trusting(name).fit(terms, best).score + float(np.log(one.prior)) for name, one in trusts.items()
         }
         trust = max(scores, key=lambda name: scores[name])
     search = tried[trust]
@@ -149,13 +157,13 @@ def pool_of(linear: Linearisation, *, laws: bool) -> list[Term]:
     """Return all that may be there, with its prior odds: small for each kind, shared by those that could be."""
     problem = linear.problem
     kinds = (
-        (effect_terms(linear, linear.placed(problem.candidates)), EFFECT),
-        (number_terms(problem.numbers, linear.values, linear.numbers), FAULT),
-        (law_terms(linear.data) if laws else [], FORMLESS),
+        effect_terms(linear, linear.placed(problem.candidates)),
+        number_terms(problem.numbers, linear.values, linear.numbers),
+        law_terms(linear.data) if laws else [],
     )
     found = []
-    for terms, odds in kinds:
-        each = float(np.log(max(len({t.key for t in terms}), 1)) - np.log(odds))
+    for terms in kinds:
+        each = float(np.log(max(len({t.key for t in terms}), 1)))
         found += [t.with_odds(each) for t in terms]
     return found
 
@@ -177,7 +185,7 @@ def known_terms(linear: Linearisation) -> tuple[list[Term], list[Term]]:
             continue
         mean = _coefficients(feature, instance.parameters)
         width = STATED * np.maximum(np.abs(mean), 1e-3 * std)
-        always.append(Term(feature.key, "effect", X, width, mean=mean, feature=feature, theta=theta))
+        always.append(Term(feature.key, "effect", X, width, mean=mean, feature=feature, theta=theta, trusted=True))
         off.append(Term(feature.key, "stated", X, std, feature=feature, theta=theta))
     return always, off
 
@@ -222,5 +230,5 @@ def _again(fit: Fit, linear: Linearisation, pool: Sequence[Term]) -> list[Term]:
             largest = linear.problem.largest_at(feature.joint)
             found.append(tangent_term(linear.columns, replace(t, feature=feature), theta_of(t, fit), size, largest))
         elif same := alike.get((t.kind, t.key, t.count, t.theta)):
-            found.append(replace(same, std=t.std, grid=t.grid, ident=t.ident) if t.kind == "law" else same)
+            found.append(replace(same, std=t.std, grid=t.grid, scale=t.scale, ident=t.ident))
     return found

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.estimation.effect_columns import Feature
+from elastic_arm.evidence.priors import SCALES
 
 Array = NDArray[np.float64]
 Key = tuple[str, str | None, tuple[Any, ...]]  # effect, joint, choices
@@ -34,7 +35,7 @@ class Term:
     std, mean, low, high
         (k,) of the prior of the coefficients: Gaussian, truncated.
     odds
-        -ln of the prior odds that it is there, nats.
+        ln of the number of terms among which it is chosen, nats.
     grid
         -ln of the prior probability of these nonlinear numbers among those tried.
     offset
@@ -45,6 +46,10 @@ class Term:
         Which components of `theta` the last columns are derivatives by.
     size
         Coefficient of the law at which its tangents were taken.
+    scale
+        Factor on the range of the size, whose prior it is.
+    trusted
+        Whether the trust in the description scales its prior: of what the description states.
     what
         Of a law without a form: the law. Of numbers: (K, k) how nu moves with the coefficients.
     """
@@ -63,6 +68,8 @@ class Term:
     theta: tuple[float, ...] = ()
     tangents: tuple[int, ...] = ()
     size: float = 1.0
+    scale: float = 1.0
+    trusted: bool = False
     what: Any = None
     ident: Ident = ()
 
@@ -87,8 +94,13 @@ class Term:
 
     @property
     def price(self) -> float:
-        """-ln prior probability, nats."""
+        """-ln of the prior probability that it is this one of those that could be, nats."""
         return self.odds + self.grid
+
+    def scaled(self, scale: float) -> Term:
+        """Return an effect or number of another scale."""
+        std = self.std * np.where(np.arange(self.count) < self.linear, scale, 1.0)
+        return replace(self, std=std, scale=scale, grid=self.grid + float(np.log(len(SCALES))), ident=(*self.ident, scale))
 
     def with_odds(self, odds: float) -> Term:
         """Return it with other prior odds."""

@@ -69,26 +69,15 @@ def find_criterion(name: str) -> Criterion:
 
 @dataclass(frozen=True, eq=False)
 class BaseRegressor:
-    """The base columns of a model's regressor (10) over one period of a motion.
+    """The base columns of a model's regressor (10) over one period of a motion."""
 
-    Parameters
-    ----------
-    model
-        Whose regressor.
-    columns
-        Of the base parameters (``BaseParameters.columns`` of the identification).
-    noise : (dof,)
-        Standard deviation of each equation's error, by which its rows are divided, Nm; None: all alike.
-    samples
-        Of the period.
-    picked
-        Indices into `columns` of those that count; None: all. (One compiled regressor serves every choice.)
-    """
-
-    model: Model
+    model: Model  # whose regressor
+    # of the base parameters (``BaseParameters.columns`` of the identification)
     columns: Sequence[int] | NDArray[np.intp]
+    # (dof,) standard deviation of each equation's error, by which its rows are divided, Nm; None: all alike
     noise: Array | None = None
-    samples: int = 150
+    samples: int = 150  # of the period
+    # indices into `columns` of those that count; None: all. (One compiled regressor serves every choice.)
     picked: NDArray[np.intp] | None = None
 
     def __call__(self, trajectory: FourierTrajectory) -> Array:
@@ -117,15 +106,6 @@ def elastic_motion(model: Model, trajectory: FourierTrajectory, samples: int) ->
 
     The motors lead by the drives' deflection under the link side's torque. That torque is periodic and smooth, so its
     derivatives are those of its Fourier series.
-
-    Parameters
-    ----------
-    model
-        The arm.
-    trajectory
-        Of the links.
-    samples
-        Equally spaced over the period.
     """
     motion = trajectory.evaluate(trajectory.samples(samples))
     x, dx, ddx = (generalized(model, values) for values in motion)

@@ -33,34 +33,21 @@ _SPEED, _CURVATURE = _STEP.deriv(), _STEP.deriv(2)
 class FourierTrajectory:
     """A periodic motion of n joints that starts and stops smoothly.
 
-    Parameters
-    ----------
-    omega
-        Base frequency, rad/s.
-    a, b : (n, H)
-        Velocity amplitudes of the sines' and cosines' harmonics 1 to H, rad/s.
-    q0 : (n,)
-        Where the motion starts, stops and swings about, rad.
-    duration
-        From rest to rest, s.
-    ramp
-        Length of the smooth start and of the smooth stop, s; 0 for a series that begins and ends in full motion.
-    joints
-        Names of the joints; empty where nobody has named them.
-
     Raises
     ------
     ExcitationError
         If the numbers make no motion.
     """
 
-    omega: float
+    omega: float  # base frequency, rad/s
+    # a, b: (n, H) Velocity amplitudes of the sines' and cosines' harmonics 1 to H, rad/s
     a: Array
     b: Array
-    q0: Array
-    duration: float
+    q0: Array  # (n,) where the motion starts, stops and swings about, rad
+    duration: float  # from rest to rest, s
+    # length of the smooth start and of the smooth stop, s; 0 for a series that begins and ends in full motion
     ramp: float = 0.0
-    joints: tuple[str, ...] = ()
+    joints: tuple[str, ...] = ()  # names of the joints; empty where nobody has named them
 
     def __post_init__(self) -> None:
         for name, dimensions in (("a", 2), ("b", 2), ("q0", 1)):
@@ -91,23 +78,7 @@ class FourierTrajectory:
     def of_periods(
         cls, period: float, a: Array, b: Array, q0: Array, *, periods: float = 1.0, ramp: float, joints: Any = ()
     ) -> FourierTrajectory:
-        """Make a trajectory that holds `periods` whole periods of `period` seconds between its ramps.
-
-        Parameters
-        ----------
-        period
-            s.
-        a, b
-            (n, H) velocity amplitudes of sines and cosines, rad/s.
-        q0
-            (n,) rad.
-        periods
-            How many between the ramps.
-        ramp
-            s of each ramp.
-        joints
-            Their names.
-        """
+        """Make a trajectory that holds `periods` whole periods of `period` seconds between its ramps."""
         require(period > 0.0, f"period is {period:g} s", "Give a time above zero")
         require(periods > 0.0, f"{periods:g} periods are asked for", "Ask for at least one")
         return cls(2.0 * np.pi / period, a, b, q0, periods * period + 2.0 * ramp, ramp, tuple(joints))
@@ -156,13 +127,7 @@ class FourierTrajectory:
         return self._with(duration=periods * self.period + 2.0 * self.ramp)
 
     def save(self, path: str | Path) -> None:
-        """Write the trajectory as YAML that :func:`load_trajectory` reads back exactly.
-
-        Raises
-        ------
-        ExcitationError
-            If the file cannot be written.
-        """
+        """Write the trajectory as YAML that :func:`load_trajectory` reads back exactly."""
         content = {
             "schema": SCHEMA,
             "joints": list(self.joints),
@@ -236,15 +201,7 @@ def _holds_truth(value: Any) -> bool:
 
 
 def require(condition: bool, problem: str, remedy: str) -> None:
-    """Raise an ExcitationError unless the condition holds.
-
-    Parameters
-    ----------
-    condition
-        What must hold.
-    problem, remedy
-        Of the error.
-    """
+    """Raise an ExcitationError unless the condition holds."""
     if not condition:
         raise ExcitationError(problem, remedy)
 

@@ -43,35 +43,20 @@ FEWEST_SAMPLES = 200
 
 @dataclass(frozen=True, eq=False)
 class MotionLimits:
-    """Limits of all joints, (n,) each, and of the workspace; see :data:`DEFAULTS` and :data:`LINEAR_DEFAULTS`.
+    """Limits of all joints, (n,) each, and of the workspace; see :data:`DEFAULTS` and :data:`LINEAR_DEFAULTS`."""
 
-    Parameters
-    ----------
-    joints
-        Their names.
-    position_min, position_max, velocity, acceleration, torque
-        rad, rad/s, rad/s^2, Nm, of prismatic joints m, m/s, m/s^2, N; torque at the harmonic-drive output, infinite
-        where unlimited.
-    workspace
-        None where the arm may go everywhere.
-    margin
-        Smallest gap to the floor and between links, m; :data:`MARGIN` by default.
-    assumed
-        Sentences on limits that the description does not state.
-    units
-        Of the joints.
-    """
-
-    joints: tuple[str, ...]
+    joints: tuple[str, ...]  # their names
+    # position_min, position_max, velocity, acceleration, torque: rad, rad/s, rad/s^2, Nm, of prismatic joints m, m/s,
+    # m/s^2, N; torque at the harmonic-drive output, infinite where unlimited
     position_min: Array
     position_max: Array
     velocity: Array
     acceleration: Array
     torque: Array
-    workspace: Workspace | None = None
-    margin: float = MARGIN
-    assumed: tuple[str, ...] = ()
-    units: JointUnits = field(default_factory=lambda: JointUnits(()))
+    workspace: Workspace | None = None  # None where the arm may go everywhere
+    margin: float = MARGIN  # smallest gap to the floor and between links, m; :data:`MARGIN` by default
+    assumed: tuple[str, ...] = ()  # sentences on limits that the description does not state
+    units: JointUnits = field(default_factory=lambda: JointUnits(()))  # of the joints
 
     def __post_init__(self) -> None:
         sane = bool(np.isfinite(self.margin)) and self.margin >= 0.0
@@ -91,19 +76,7 @@ class MotionLimits:
         workspace: Workspace | None = None,
         margin: float = MARGIN,
     ) -> MotionLimits:
-        """Take the limits of `robot`, defaults where it states none, lowered to the given ones (all joints alike).
-
-        Parameters
-        ----------
-        robot
-            The arm.
-        velocity, acceleration, torque
-            rad/s, rad/s², Nm; m/s, m/s², N for prismatic joints.
-        workspace
-            Where the links may be; anywhere when None.
-        margin
-            Least distance of links from one another and from the floor, m.
-        """
+        """Take the limits of `robot`, defaults where it states none, lowered to the given ones (all joints alike)."""
         values: dict[str, Array] = {}
         assumed: list[str] = []
         for name in DEFAULTS:
@@ -125,12 +98,7 @@ class MotionLimits:
                 values[name] = np.minimum(values[name], given)
         workspace = workspace or Workspace.of(robot)
         return cls(
-            robot.joint_names,
-            **values,
-            workspace=workspace,
-            margin=margin,
-            assumed=tuple(assumed),
-            units=robot.units,
+            robot.joint_names, **values, workspace=workspace, margin=margin, assumed=tuple(assumed), units=robot.units
         )
 
     @property
@@ -161,15 +129,6 @@ class MotionLimits:
         """Return how much of every limit a motion uses, start and stop included.
 
         Torque is the rigid arm's, theta = q: the deflections of a stiff drive change it little.
-
-        Parameters
-        ----------
-        trajectory
-            The motion.
-        model
-            Of the arm.
-        t
-            (N,) s at which it is looked at; dense over its duration when None.
         """
         q, dq, ddq = trajectory.evaluate(limit_times(trajectory) if t is None else t)
         tau = rigid_torque(model, q, dq, ddq)
@@ -269,15 +228,7 @@ def generalized(model: Model, values: Array) -> Array:
 
 
 def rigid_torque(model: Model, q: Array, dq: Array, ddq: Array) -> Array:
-    """Return the torque (N, n) that moves the arm with stiff drives: both rows of (1) together, Nm.
-
-    Parameters
-    ----------
-    model
-        Of the arm.
-    q, dq, ddq
-        (N, n) rad, rad/s and rad/s².
-    """
+    """Return the torque (N, n) that moves the arm with stiff drives: both rows of (1) together, Nm."""
     rows = model.inverse_dynamics(*(generalized(model, values) for values in (q, dq, ddq)))
     return rows[:, : model.n] + (rows[:, model.n : 2 * model.n] if model.robot.elastic else 0.0)
 

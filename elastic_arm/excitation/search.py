@@ -44,40 +44,25 @@ INTERRUPTED = "Ctrl-C"
 
 @dataclass(frozen=True, eq=False)
 class ExcitationResult:
-    """A search's outcome.
+    """A search's outcome."""
 
-    Parameters
-    ----------
-    trajectory, start
-        The best motion within the limits, and the one the search began with: the best of the random ones.
-    criterion, value_before, value_after
-        What was made small.
-    condition_before, condition_after
-        Condition numbers of the base regressor in the scale of ordinary motions, whatever the criterion.
-    random : (R,)
-        Condition numbers of the random motions within the same limits.
-    columns
-        Base columns that were judged.
-    indistinct
-        Base columns left out, because no ordinary motion separates them from the others.
-    history
-        (evaluation, best value so far) wherever it improved, and at the end.
-    use
-        Shares of the limits that `trajectory` uses.
-    """
-
+    # trajectory, start: the best motion within the limits, and the one the search began with: the best of the random
+    # ones
     trajectory: FourierTrajectory
     start: FourierTrajectory
+    # criterion, value_before, value_after: what was made small
     criterion: str
     value_before: float
     value_after: float
+    # condition_before, condition_after: condition numbers of the base regressor in the scale of ordinary motions,
+    # whatever the criterion
     condition_before: float
     condition_after: float
-    random: Array
-    columns: tuple[int, ...]
-    indistinct: tuple[int, ...]
-    history: tuple[tuple[int, float], ...]
-    use: LimitUse
+    random: Array  # (R,) condition numbers of the random motions within the same limits
+    columns: tuple[int, ...]  # base columns that were judged
+    indistinct: tuple[int, ...]  # base columns left out, because no ordinary motion separates them from the others
+    history: tuple[tuple[int, float], ...]  # (evaluation, best value so far) wherever it improved, and at the end
+    use: LimitUse  # shares of the limits that `trajectory` uses
     evaluations: int
 
     def to_dict(self) -> dict[str, Any]:

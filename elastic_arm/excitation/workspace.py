@@ -19,27 +19,14 @@ PROBES = 256
 
 @dataclass(frozen=True)
 class Workspace:
-    """What the links of an arm must stay clear of.
+    """What the links of an arm must stay clear of."""
 
-    Parameters
-    ----------
-    robot
-        Its kinematics.
-    radius
-        Of the capsules, m.
-    floor
-        Height of the floor above the ground frame's origin, against gravity, m; None without a floor.
-    heights
-        Indices of the link ends (:func:`elastic_arm.robot.kinematics.link_points`) that must stay above the floor.
-    pairs : (P, 2)
-        Links that must stay clear of each other.
-    """
-
-    robot: Robot
-    radius: float
-    floor: float | None
+    robot: Robot  # its kinematics
+    radius: float  # of the capsules, m
+    floor: float | None  # height of the floor above the ground frame's origin, against gravity, m; None without a floor
+    # indices of the link ends (:func:`elastic_arm.robot.kinematics.link_points`) that must stay above the floor
     heights: NDArray[np.intp]
-    pairs: NDArray[np.intp]
+    pairs: NDArray[np.intp]  # (P, 2) links that must stay clear of each other
 
     @classmethod
     def of(cls, robot: Robot, *, radius: float | None = None, floor: float | None = 0.0) -> Workspace:
@@ -47,20 +34,6 @@ class Workspace:
 
         Neighbours are left out, and so are links that touch in every pose (a wrist whose axes meet) and link ends
         whose height no joint changes.
-
-        Parameters
-        ----------
-        robot
-            The arm.
-        radius
-            Of the links, m; as the description has it when None.
-        floor
-            Height that no link may go below, m; None for no floor.
-
-        Raises
-        ------
-        ExcitationError
-            If radius or floor is no number.
         """
         for name, value in (("radius of the links", radius), ("height of the floor", floor)):
             require(value is None or bool(np.isfinite(value)), f"the {name} is {value} m", "Give a finite number.")

@@ -24,6 +24,9 @@ JOINT_NUMBERS = {
     "armature": ("armature", "kg m²"),
     "damping": ("damping", "Nm s/rad"),
     "friction_loss": ("frictionloss", "Nm"),
+    "stiffness": ("stiffness", "Nm/rad"),
+    "rest": ("springref", "rad"),
+    "zero": ("ref", "rad"),
     "delay": ("delay of its torque sensor", "s"),
 }
 # Deviations of estimates, by effect, joint and parameter.
@@ -32,32 +35,25 @@ _FROM = {
     "armature": ("rotor_inertia_mismatch", "inertia"),
     "damping": ("viscous_friction", "coefficient"),
     "friction_loss": ("coulomb_friction", "torque"),
+    "stiffness": ("joint_spring", "stiffness"),
+    "rest": ("joint_spring", "rest"),
+    "zero": ("joint_zero", "offset"),
     "delay": ("time_delay", "delay"),
 }
 
 
 @dataclass(frozen=True)
 class Change:
-    """A number of a file that changes.
+    """A number of a file that changes."""
 
-    Parameters
-    ----------
-    element
-        Joint or body, by name.
-    number, unit
-        What it is.
-    before, after
-        Its values.
-    std
-        Standard deviation of the new value, where it was estimated.
-    """
-
-    element: str
+    element: str  # joint or body, by name
+    # number, unit: what it is
     number: str
     unit: str
+    # before, after: its values
     before: tuple[float, ...]
     after: tuple[float, ...]
-    std: float | None = None
+    std: float | None = None  # standard deviation of the new value, where it was estimated
 
     def to_dict(self) -> dict[str, object]:
         """Return it as plain data."""
@@ -74,17 +70,7 @@ class Change:
 def joint_changes(
     robot: Robot, before: StatedArm, after: StatedArm, deviations: Deviations | None = None
 ) -> dict[tuple[int, str], Change]:
-    """Return the numbers of joints that change, by joint index and field of :class:`.StatedJoint`.
-
-    Parameters
-    ----------
-    robot
-        The base's arm, for names.
-    before, after
-        What the base states, and what it shall state.
-    deviations
-        Of estimates; none when None.
-    """
+    """Return the numbers of joints that change, by joint index and field of :class:`.StatedJoint`."""
     found = {}
     for i, (joint, old, new) in enumerate(zip(robot.joints, before.joints, after.joints, strict=True)):
         for field, (number, unit) in JOINT_NUMBERS.items():
@@ -96,7 +82,7 @@ def joint_changes(
                 if std is not None and field == "armature":
                     std *= values[0]
                 found[i, field] = Change(joint.name, number, unit, (values[0],), (values[1],), std)
-                if values[1] < 0.0:
+                if values[1] < 0.0 and field not in ("rest", "zero"):
                     raise RobotError(
                         f"{number} of {joint.name} would be {values[1]:.4g} {unit}",
                         "No simulator takes it: record a richer motion, or state what is known (--with)",
@@ -111,22 +97,7 @@ def differs(old: Inertia, new: Inertia) -> bool:
 
 
 def body_after(own: Inertia, old_link: Inertia, new_link: Inertia, name: str) -> Inertia:
-    """Return the body that makes a link of several bodies the new one, the others unchanged.
-
-    Parameters
-    ----------
-    own
-        The link's main body, in the link's frame.
-    old_link, new_link
-        The whole link.
-    name
-        Of the body, for errors.
-
-    Raises
-    ------
-    RobotError
-        If no body of positive density has such inertia.
-    """
+    """Return the body that makes a link of several bodies the new one, the others unchanged."""
     ten = [inertial_parameters(body.mass, body.com, body.inertia) for body in (own, new_link, old_link)]
     try:
         return inertia_from(ten[0] + ten[1] - ten[2])
@@ -138,15 +109,7 @@ def body_after(own: Inertia, old_link: Inertia, new_link: Inertia, name: str) ->
 
 
 def inertial_change(name: str, before: Inertia, after: Inertia) -> list[Change]:
-    """Return the changes of a body's inertial.
-
-    Parameters
-    ----------
-    name
-        Of the body.
-    before, after
-        In the body's frame.
-    """
+    """Return the changes of a body's inertial."""
     found = [
         ("mass", "kg", (before.mass,), (after.mass,)),
         ("centre of mass", "m", tuple(before.com), tuple(after.com)),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -23,13 +24,14 @@ from elastic_arm.mujoco.changes import (
     six,
     text_of,
 )
+from elastic_arm.mujoco.left_out import Left, left_effects, left_numbers
 from elastic_arm.mujoco.mjcf_file import ShapedMjcf
 from elastic_arm.mujoco.stated_arm import StatedArm, stated_arm
 from elastic_arm.robot import Inertia, Robot
 from elastic_arm.robot.kinematics import moved
 from elastic_arm.robot.mjcf import MjcfArm, engine, open_mjcf
+from elastic_arm.robot.mjcf.drives import motor_friction, motor_inertia_and_damping
 from elastic_arm.robot.mjcf.engine import saved
-from elastic_arm.robot.mjcf.reading import motor_inertia_and_damping
 from elastic_arm.robot.parts import located
 from elastic_arm.robot.urdf_tree import Chain
 
@@ -46,44 +48,17 @@ _ALL_TURN = JointUnits(())
 
 @dataclass(frozen=True)
 class Exported:
-    """What an export wrote.
+    """What an export wrote."""
 
-    Parameters
-    ----------
-    files
-        The file, and copies of what it includes where that changed.
-    changes
-        Numbers before and after.
-    left
-        Effects that no number of the file states, with the reason.
-    notes
-        What else is to be known of the file.
-    units
-        At the arm's joints.
-    """
-
-    files: tuple[Path, ...]
-    changes: tuple[Change, ...]
-    left: tuple[tuple[EffectInstance, str], ...]
-    notes: tuple[str, ...] = ()
-    units: JointUnits = _ALL_TURN
+    files: tuple[Path, ...]  # the file, and copies of what it includes where that changed
+    changes: tuple[Change, ...]  # numbers before and after
+    left: tuple[Left, ...]  # what the file does not hold of the arm
+    notes: tuple[str, ...] = ()  # what else is to be known of the file
+    units: JointUnits = _ALL_TURN  # at the arm's joints
 
 
 def require_same_joints(robot: Robot, base: Robot, path: Path) -> None:
-    """Refuse an arm that the base does not describe.
-
-    Parameters
-    ----------
-    robot, base
-        The corrected arm, and the base's.
-    path
-        Of the base, for the error.
-
-    Raises
-    ------
-    RobotError
-        If joints differ, or the arm is elastic and the base is not.
-    """
+    """Refuse an arm that the base does not describe."""
     if robot.joint_names != base.joint_names:
         raise RobotError(
             f"{path} has the joints {', '.join(base.joint_names)}, the arm {', '.join(robot.joint_names)}",
@@ -137,8 +112,19 @@ def export_mjcf(
         changes = document.change(deviations)
         files = document.file.write(out)
         _check(out, chain, at, after)
-    left, notes = (*after.left, *document.left), (UNROLLED,) if unrolled else ()
-    return Exported(tuple(files), tuple(changes), left, notes, robot.units)
+    stated = [instance.to_dict() for instance, _ in before.left]
+    # What the base states by other numbers, such as gravcomp, stays as it is.
+    lacking = [(one, reason) for one, reason in after.left if one.to_dict() not in stated]
+    left = [*left_effects(robot, (*lacking, *document.left)), *_controllers(robot, arm.robot)]
+    return Exported(tuple(files), tuple(changes), tuple(left), (UNROLLED,) if unrolled else (), robot.units)
+
+
+def _controllers(robot: Robot, base: Robot) -> Iterator[Left]:
+    """Yield the controllers that the base's actuators do not state; these stay as they are."""
+    own = {joint.name: joint.controller for joint in base.joints}
+    other = [joint for joint in robot.joints if joint.controller and joint.controller != own[joint.name]]
+    for joint in other:
+        yield from left_numbers(robot.with_(joints=(joint,)), "the actuators of the file stay as they are")
 
 
 def _carriers(file: ShapedMjcf, arm: MjcfArm) -> list[Any] | None:
@@ -185,7 +171,14 @@ class _Document:
             element = self._joint_element(i)
             from_actuator = self._from_actuator(i, field)
             value = change.after[0] - from_actuator
-            if value < 0.0:
+            if field == "zero":
+                # The position at which the model is drawn: what is read there grows by the offset.
+                own = float(self.arm.model.qpos0[self.arm.positions[i]])
+                change = replace(change, before=(own,), after=(own + value,))
+                value += own
+            if field in ("rest", "zero"):
+                value *= self._angle(i)
+            elif value < 0.0:
                 raise RobotError(
                     f"{change.number} of {change.element} would be less than its actuator brings ({from_actuator:g})",
                     "Take armature and damping from the actuator to the joint in the file",
@@ -210,6 +203,11 @@ class _Document:
         self.file.set(element, solreffriction=" ".join(map(text_of, new)))
         return [Change(name, "solreffriction", "s, 1", own, new)]
 
+    def _angle(self, i: int) -> float:
+        """Return what a joint's angle in rad, or travel in m, is multiplied by in the file."""
+        stated = [element.get("angle") for element in self.file.elements("compiler") if element.get("angle")]
+        return 1.0 if self.arm.robot.joints[i].prismatic or "radian" in stated else 180.0 / np.pi
+
     def _id(self, joint: str) -> int:
         return self.arm.chain.joints[self.arm.robot.joint_names.index(joint)]
 
@@ -220,6 +218,7 @@ class _Document:
         own = {
             "armature": armature - float(model.dof_armature[dof]),
             "damping": damping - float(model.dof_damping[dof]),
+            "friction_loss": motor_friction(model, joint)[0],
         }
         return own.get(field, 0.0)
 
@@ -295,8 +294,12 @@ def _check(out: Path, chain: Chain | None, at: str | None, wanted: StatedArm) ->
     q, dq, ddq = np.random.default_rng(0).uniform(-2.0, 2.0, (3, 10, again.robot.n))
     read, asked = (build_model(robot, engine="numpy").inverse_dynamics(q, dq, ddq) for robot in (again.robot, meant))
     joints = stated_arm(again.robot).joints
-    numbers = [(j.damping, j.friction_loss) for j in joints], [(j.damping, j.friction_loss) for j in wanted.joints]
-    if np.abs(read - asked).max() > READ_BACK * np.abs(asked).max() or not np.allclose(*numbers, rtol=READ_BACK):
+    found, meant_to_be = (
+        [(j.damping, j.friction_loss, j.stiffness, j.rest) for j in e] for e in (joints, wanted.joints)
+    )
+    if np.abs(read - asked).max() > READ_BACK * np.abs(asked).max() or not np.allclose(
+        found, meant_to_be, rtol=READ_BACK
+    ):
         raise RobotError(
             "the written file is not the arm that was meant: some default or attribute overrides it",
             "Please report it with the file",

@@ -15,20 +15,7 @@ FOLDERS = ("meshdir", "texturedir", "assetdir")
 
 
 class ShapedMjcf:
-    """The trees of an MJCF and of all that it includes.
-
-    Parameters
-    ----------
-    path
-        Of the main file.
-    text
-        In its place; read from the file when None.
-
-    Attributes
-    ----------
-    bodies
-        Elements of all bodies in MuJoCo's order, the world left out.
-    """
+    """The trees of an MJCF and of all that it includes."""
 
     def __init__(self, path: Path, text: str | None = None) -> None:
         self._path = path
@@ -38,15 +25,7 @@ class ShapedMjcf:
         self.bodies = [element for element in self._walk(path) if element.tag == "body"]
 
     def lines_of(self, names: Sequence[str], places: Sequence[int], count: int) -> list[Any] | None:
-        """Return the elements of some bodies, or None where one has none: <attach> and <replicate> make bodies too.
-
-        Parameters
-        ----------
-        names, places
-            Of the bodies, in MuJoCo's order; the world is 0.
-        count
-            Of all bodies of the compiled model, the world left out.
-        """
+        """Return the elements of some bodies, or None where one has none: <attach> and <replicate> make bodies too."""
         if len(self.bodies) == count:
             return [self.bodies[place - 1] for place in places]
         same = [[element for element in self.bodies if element.get("name") == name] for name in names]
@@ -85,11 +64,6 @@ class ShapedMjcf:
         """Write the file, beside it what it includes and was changed, and return all that was written.
 
         Paths in it are changed so that meshes are found where they are.
-
-        Raises
-        ------
-        OutputError
-            If a file cannot be written.
         """
         out.parent.mkdir(parents=True, exist_ok=True)
         elsewhere = out.parent.resolve() != self._path.parent.resolve()

@@ -15,9 +15,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from elastic_arm.effects import Catalogue, EffectInstance, robot_effects
+from elastic_arm.effects import Catalogue, EffectInstance
 from elastic_arm.errors import OutputError
 from elastic_arm.mujoco.changes import six, text_of
+from elastic_arm.mujoco.left_out import left_coupling, left_effects, left_numbers
 from elastic_arm.mujoco.mjcf_export import Exported
 from elastic_arm.mujoco.stated_arm import StatedArm, stated_arm
 from elastic_arm.robot import Inertia, Robot
@@ -53,13 +54,16 @@ def export_new_mjcf(
     OutputError
         If the file cannot be written.
     """
-    text, left = to_mjcf(robot, catalogue=catalogue, timestep=timestep)
+    text, effects = to_mjcf(robot, catalogue=catalogue, timestep=timestep)
+    left = [*left_effects(robot, effects), *left_numbers(robot, "the new file has no such number")]
+    if robot.elastic:
+        left += left_coupling(robot, "the new file is mod2, whose rotors spin on the ground")
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
         out.write_text(text, encoding="utf-8")
     except OSError as error:
         raise OutputError(f"{out} cannot be written: {error.strerror}", "Name another file.") from error
-    return Exported((out,), (), left, units=robot.units)
+    return Exported((out,), (), tuple(left), units=robot.units)
 
 
 def to_mjcf(
@@ -77,8 +81,6 @@ def to_mjcf(
         Of MuJoCo, s.
     """
     arm = stated_arm(robot, catalogue)
-    reason = "the new file has no such number: elastic_arm.mujoco.attach adds its law"
-    stated = [e for e in robot_effects(robot, catalogue) if e.effect.id in ("joint_spring", "gravity_compensation")]
     root = ET.Element("mujoco", model=robot.name)
     root.append(
         ET.Comment(" elastic: a motor joint and a spring joint a drive " if robot.elastic else " rigid joints ")
@@ -107,7 +109,7 @@ def to_mjcf(
         parent, place = body, np.eye(4)
     _drives(root, robot)
     ET.indent(root)
-    left = (*arm.left, *((one, reason) for one in (*stated, *arm.delays)))
+    left = (*arm.left, *((one, "the new file's torque sensors are not late") for one in arm.delays))
     return ET.tostring(root, encoding="unicode") + "\n", left
 
 
@@ -128,6 +130,7 @@ def _joints(body: ET.Element, robot: Robot, arm: StatedArm, i: int, frame: Array
     if limits.position_min is not None and limits.position_max is not None:
         ranged = {"range": f"{text_of(limits.position_min)} {text_of(limits.position_max)}"}
     stated = {"armature": numbers.armature, "damping": numbers.damping, "frictionloss": numbers.friction_loss}
+    stated |= {"stiffness": numbers.stiffness, "springref": numbers.rest, "ref": numbers.zero}
     if joint.transmission is not None:
         turns = joint.transmission.components.values()
         nominal = sum(ratio**2 * component.izz for component, ratio in turns)

@@ -10,7 +10,7 @@ from elastic_arm.mujoco.replaying import lead
 from elastic_arm.recording import Recording, Side
 from elastic_arm.robot import Robot, to_urdf
 from elastic_arm.robot.mjcf import MjcfArm, engine
-from elastic_arm.robot.mjcf.reading import torque_delays
+from elastic_arm.robot.mjcf.drives import torque_delays
 from elastic_arm.simulation.controller import Controller, tuned
 from elastic_arm.simulation.rollout import Trajectory
 
@@ -53,14 +53,24 @@ def record(
         If the motion leaves the finite numbers.
     """
     believed = arm.robot.with_(effects=()) if nominal is None else nominal.with_(effects=())
-    t = np.arange(round(trajectory.duration * rate) + 1) / rate
-    reference = trajectory.evaluate(t)
-    q, dq, command = _followed(arm, tuned(believed, rate=rate), reference, rate)
+    controller = tuned(believed, rate=rate)
+    every = controller.commands
+    commanded = every * rate
+    t = np.arange(round(trajectory.duration * rate) * every + 1) / commanded
+    q, dq, command = _followed(arm, controller, trajectory.evaluate(t), commanded)
     # At the time of the angles, velocities and torques are further on than MuJoCo has them.
-    ahead = lead(arm.model, _step(arm, rate)) * rate
+    ahead = lead(arm.model, _step(arm, commanded)) * commanded
     dq = dq + ahead * np.diff(dq, axis=0, append=dq[-1:])
-    # Over a sample interval centred on its stamp the torque changes in the middle, but for what it is further on.
+    # Over an interval centred on its stamp the torque changes in the middle, but for what it is further on.
     torque = (0.5 + ahead) * command + (0.5 - ahead) * np.vstack([command[:1], command[:-1]])
+    if every > 1:
+        # A sample of torque is the mean over its own interval, half of the outermost commands'.
+        total = np.cumsum(0.5 * (torque[1:] + torque[:-1]), axis=0, dtype=float)
+        summed = np.vstack([np.zeros((1, arm.robot.n)), total])
+        ends = np.clip(np.arange(len(t))[:, None] + [-every // 2, every // 2], 0, len(t) - 1)
+        torque = (summed[ends[:, 1]] - summed[ends[:, 0]]) / np.diff(ends)
+    t, q, dq, torque = (values[::every] for values in (t, q, dq, torque))
+    reference = trajectory.evaluate(t)
     late = torque_delays(arm.model, arm.chain)
     torque = np.stack([np.interp(t - late[i], t, torque[:, i]) for i in range(arm.robot.n)], axis=1)
     noise = np.random.default_rng() if rng is None else rng

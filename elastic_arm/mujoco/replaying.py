@@ -21,7 +21,7 @@ from elastic_arm.estimation.observation import observe
 from elastic_arm.formatting import JointUnits
 from elastic_arm.recording import Recording
 from elastic_arm.robot.mjcf import MjcfArm, engine
-from elastic_arm.robot.mjcf.reading import drives_of, torque_delays
+from elastic_arm.robot.mjcf.drives import drives_of, torque_delays
 
 Array = NDArray[np.float64]
 
@@ -32,23 +32,14 @@ MOST_POINTS = 20000  # of a course that is kept for figures
 
 @dataclass(frozen=True)
 class JointErrors:
-    """How far a model is from a recording, (n,) each.
+    """How far a model is from a recording, (n,) each."""
 
-    Parameters
-    ----------
-    position, velocity, torque
-        Root mean squares, rad, rad/s and Nm.
-    correlation
-        Of the torque that the model needs with the torque recorded.
-    lag
-        s by which the recorded torque is later than the model's; NaN where no lag fits better than none.
-    """
-
+    # position, velocity, torque: root mean squares, rad, rad/s and Nm
     position: Array
     velocity: Array
     torque: Array
-    correlation: Array
-    lag: Array
+    correlation: Array  # of the torque that the model needs with the torque recorded
+    lag: Array  # s by which the recorded torque is later than the model's; NaN where no lag fits better than none
 
 
 @dataclass(frozen=True)
@@ -64,36 +55,17 @@ class ReplayedCourse:
 
 @dataclass(frozen=True)
 class Replay:
-    """A model on a recording.
+    """A model on a recording."""
 
-    Parameters
-    ----------
-    name
-        Of the model.
-    joints
-        Names.
-    window
-        s.
-    windows
-        How many were replayed.
-    open_loop
-        Errors in windows.
-    closed_loop
-        Root mean square of the position error under the recorded reference (n,) rad; None where there is none.
-    course
-        For figures.
-    prismatic
-        Names of the joints that slide: their errors are in m and N.
-    """
-
-    name: str
-    joints: tuple[str, ...]
-    window: float
-    windows: int
-    open_loop: JointErrors
+    name: str  # of the model
+    joints: tuple[str, ...]  # names
+    window: float  # s
+    windows: int  # how many were replayed
+    open_loop: JointErrors  # errors in windows
+    # root mean square of the position error under the recorded reference (n,) rad; None where there is none
     closed_loop: Array | None
-    course: ReplayedCourse
-    prismatic: tuple[str, ...] = ()
+    course: ReplayedCourse  # for figures
+    prismatic: tuple[str, ...] = ()  # names of the joints that slide: their errors are in m and N
 
     @property
     def units(self) -> JointUnits:
@@ -334,11 +306,13 @@ def _closed_loop(arm: MjcfArm, recording: Recording) -> Array | None:
     start = np.searchsorted(t, max(0.0, t[0]))
     data.qpos[arm.positions] = side.position[start]
     count = int((min(t[-1], t_reference[-1]) - t[start]) / own)
+    # From MuJoCo 4 on an actuator may have several inputs, the set-point of the angle first.
+    given = np.asarray(getattr(model, "actuator_ctrladr", np.arange(model.nu)))[actuators]
     times = t[start] + own * np.arange(1, count + 1)
     inputs = _interpolated(times - own, t_reference, reference.position)
     found = np.empty((count, arm.robot.n))
     for k in range(count):
-        data.ctrl[actuators] = inputs[k]
+        data.ctrl[given] = inputs[k]
         mj.mj_step(model, data)
         held(data)
         found[k] = data.qpos[arm.positions]

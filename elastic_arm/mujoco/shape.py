@@ -6,47 +6,17 @@ import re
 from difflib import SequenceMatcher
 from typing import Any
 
-from elastic_arm.errors import MissingExtraError, RobotError
+from lxml import etree
+
+from elastic_arm.errors import RobotError
 
 _TOKEN = re.compile(r"<!--.*?-->|<!\[CDATA\[.*?\]\]>|<\?.*?\?>|<[^>]*>|[^<]+", re.DOTALL)
 
 
-def xml_library() -> Any:
-    """Return lxml's tree module.
-
-    Raises
-    ------
-    MissingExtraError
-        When it is not installed.
-    """
-    try:
-        from lxml import etree
-    except ImportError as error:
-        raise MissingExtraError(
-            "files that keep their shape need lxml, which is not installed",
-            "Install it with: pip install 'elastic_arm[mujoco]'",
-        ) from error
-    return etree
-
-
 class ShapedXml:
-    """A file as lxml's tree, and its text.
-
-    Parameters
-    ----------
-    text
-        The whole file.
-    what
-        Its name in errors.
-
-    Raises
-    ------
-    RobotError
-        If it is no XML.
-    """
+    """A file as lxml's tree, and its text."""
 
     def __init__(self, text: bytes, what: str) -> None:
-        etree = xml_library()
         # Entities of a file that somebody sent are not expanded, and nothing is fetched.
         parser = etree.XMLParser(resolve_entities=False, no_network=True, remove_comments=False)
         try:
@@ -72,13 +42,13 @@ class ShapedXml:
         return "".join([*lead, *found, *trail])
 
     def _serialised(self) -> str:
-        text: str = xml_library().tostring(self.root, encoding="unicode", with_tail=False)
+        text: str = etree.tostring(self.root, encoding="unicode", with_tail=False)
         return text
 
 
 def insert_first(parent: Any, tag: str) -> Any:
     """Insert an element as the first child, on a line of its own, and return it."""
-    element = xml_library().Element(tag)
+    element = etree.Element(tag)
     element.tail = parent.text if parent.text and not parent.text.strip() else "\n"
     parent.insert(0, element)
     return element
@@ -86,7 +56,7 @@ def insert_first(parent: Any, tag: str) -> Any:
 
 def append_last(parent: Any, tag: str) -> Any:
     """Insert an element as the last child, on a line of its own, and return it."""
-    element = xml_library().SubElement(parent, tag)
+    element = etree.SubElement(parent, tag)
     if len(parent) > 1:
         previous = parent[-2]
         element.tail, previous.tail = previous.tail, parent.text

@@ -25,37 +25,26 @@ MOTOR_TORQUE = "motor_torque"
 
 @dataclass(frozen=True)
 class StatedJoint:
-    """Numbers of a joint: kg m², Nm s/rad, Nm, and the delay of its recorded motor torque, s."""
+    """Numbers of a joint: kg m², Nm s/rad, Nm, its spring's Nm/rad and rad, its zero, rad, its torque's delay, s."""
 
     armature: float = 0.0
     damping: float = 0.0
     friction_loss: float = 0.0
+    stiffness: float = 0.0
+    rest: float = 0.0
+    zero: float = 0.0
     delay: float = 0.0
 
 
 @dataclass(frozen=True)
 class StatedArm:
-    """A rigid arm in the numbers that simulators' files hold.
+    """A rigid arm in the numbers that simulators' files hold."""
 
-    Parameters
-    ----------
-    links
-        Inertia of each link, in its frame.
-    joints
-        Numbers of each joint.
-    gravity : (3,)
-        m/s^2.
-    left
-        Effects that no number states, each with the reason.
-    delays
-        The effects that the joints' delays come from.
-    """
-
-    links: tuple[Inertia, ...]
-    joints: tuple[StatedJoint, ...]
-    gravity: Array
-    left: tuple[tuple[EffectInstance, str], ...] = ()
-    delays: tuple[EffectInstance, ...] = ()
+    links: tuple[Inertia, ...]  # inertia of each link, in its frame
+    joints: tuple[StatedJoint, ...]  # numbers of each joint
+    gravity: Array  # (3,) m/s^2
+    left: tuple[tuple[EffectInstance, str], ...] = ()  # effects that no number states, each with the reason
+    delays: tuple[EffectInstance, ...] = ()  # the effects that the joints' delays come from
 
     def with_joint(self, i: int, **numbers: float) -> StatedArm:
         """Return it with these numbers added to those of a joint."""
@@ -72,18 +61,7 @@ class StatedArm:
 
 
 def stated_arm(robot: Robot, catalogue: Catalogue | None = None, *, base: Array | None = None) -> StatedArm:
-    """Return the numbers of a robot with those of its effects in them.
-
-    Parameters
-    ----------
-    robot
-        Rigid; its effects act.
-    catalogue
-        Where their ids are looked up; the default catalogue when None.
-    base : (4, 4)
-        Where its base stands in the file that is to have these numbers, gravity is then that which it feels there;
-        where the robot has it when None.
-    """
+    """Return the numbers of a robot with those of its effects in them."""
     arm = StatedArm(
         tuple(joint.link for joint in robot.joints),
         tuple(StatedJoint(armature=joint.armature or 0.0) for joint in robot.joints),
@@ -94,8 +72,6 @@ def stated_arm(robot: Robot, catalogue: Catalogue | None = None, *, base: Array 
         if rule is not None:
             for i in instance.joint_indices(robot):
                 arm = rule(arm, robot, i, instance)
-        elif instance.effect.id in KEPT:
-            continue
         else:
             arm = arm.without(instance, reason_left(instance))
     if base is None or np.array_equal(base, robot.base_placement):
@@ -122,6 +98,19 @@ def _viscous(arm: StatedArm, robot: Robot, i: int, instance: EffectInstance) -> 
 
 def _coulomb(arm: StatedArm, robot: Robot, i: int, instance: EffectInstance) -> StatedArm:
     return arm.with_joint(i, friction_loss=_number(instance, "torque"))
+
+
+def _spring(arm: StatedArm, robot: Robot, i: int, instance: EffectInstance) -> StatedArm:
+    if robot.elastic:
+        return arm.without(instance, reason_left(instance))
+    added, own = _number(instance, "stiffness"), arm.joints[i]
+    whole = own.stiffness + added
+    rest = (own.stiffness * own.rest + added * _number(instance, "rest")) / whole if whole else 0.0
+    return arm.with_joint(i, stiffness=added, rest=rest - own.rest)
+
+
+def _zero(arm: StatedArm, robot: Robot, i: int, instance: EffectInstance) -> StatedArm:
+    return arm.with_joint(i, zero=_number(instance, "offset"))
 
 
 def _rotor(arm: StatedArm, robot: Robot, i: int, instance: EffectInstance) -> StatedArm:
@@ -180,11 +169,12 @@ Rule = Callable[[StatedArm, Robot, int, EffectInstance], StatedArm]
 RULES: Mapping[str, Rule] = {
     "viscous_friction": _viscous,
     "coulomb_friction": _coulomb,
+    "joint_spring": _spring,
+    "joint_zero": _zero,
     "rotor_inertia_mismatch": _rotor,
     "payload": _payload,
+    "load": _payload,
     "link_inertia_mismatch": _link,
     "base_tilt": _tilt,
     "time_delay": _delay,
 }
-# What the user's own file states in ways that are kept as they are.
-KEPT = ("joint_spring", "gravity_compensation")

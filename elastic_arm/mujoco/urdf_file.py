@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from elastic_arm.effects import Catalogue, EffectInstance, robot_effects
 from elastic_arm.effects.library.base_tilt import TILT
@@ -21,6 +23,7 @@ from elastic_arm.mujoco.changes import (
     six,
     text_of,
 )
+from elastic_arm.mujoco.left_out import Left, left_effects, left_numbers
 from elastic_arm.mujoco.mjcf_export import Exported, require_same_joints
 from elastic_arm.mujoco.shape import ShapedXml, append_last
 from elastic_arm.mujoco.stated_arm import StatedArm, stated_arm
@@ -28,6 +31,7 @@ from elastic_arm.robot import Inertia, Robot, parse_urdf, to_urdf
 from elastic_arm.robot.kinematics import moved
 from elastic_arm.robot.parts import located, nearest_tensor
 from elastic_arm.robot.urdf_elements import rotation, vector
+from elastic_arm.robot.urdf_export import rpy_of
 from elastic_arm.robot.urdf_tree import Chain
 
 # Attribute of <dynamics> by the field of a joint's numbers.
@@ -85,6 +89,9 @@ def export_urdf(
         before = stated_arm(arm, catalogue)
         left = list(after.left) + [(one, _NO_NUMBER) for one in after.delays]
         changes = [*_joints(root, arm, before, after, deviations, left), *_links(root, arm, before, after)]
+        if not robot.elastic:
+            springs = [one for one in robot_effects(numbers, catalogue) if one.effect.id == "joint_spring"]
+            left += [(spring, _NO_NUMBER) for spring in springs]
         tilts = [one for one in robot_effects(numbers, catalogue) if one.effect.id == TILT]
         left += [(tilt, _MOUNTING) for tilt in tilts]
         if base is not None and not tilts and not np.allclose(before.gravity, after.gravity, rtol=0.0, atol=1e-9):
@@ -95,7 +102,24 @@ def export_urdf(
         out.write_text(document.text(), encoding="utf-8")
     except OSError as error:
         raise OutputError(f"{out} cannot be written: {error.strerror}", "Name another file.") from error
-    return Exported((out,), tuple(changes), tuple(left), units=robot.units)
+    listed = [*left_effects(numbers, left), *_numbers_left(robot, numbers, before, after)]
+    return Exported((out,), tuple(changes), tuple(listed), units=robot.units)
+
+
+def _numbers_left(robot: Robot, numbers: Robot, before: StatedArm, after: StatedArm) -> Iterator[Left]:
+    """Yield motor inertia that the file does not state by Drake's tags, elasticity and controllers."""
+    # A new file is made without: what the arm has, and effects add, is missing.
+    own = [
+        (joint.armature or 0.0) - (file.armature or 0.0)
+        for joint, file in zip(robot.joints, numbers.joints, strict=True)
+    ]
+    stated = [new.armature - old.armature for new, old in zip(after.joints, before.joints, strict=True)]
+    missing = [a + b for a, b in zip(own, stated, strict=True)]
+    if robot.elastic:
+        gears = [joint.transmission for joint in robot.joints]
+        turning = [[(c.izz, r) for c, r in gear.components.values()] if gear else [] for gear in gears]
+        missing = [sum(r**2 * izz for izz, r in parts) for parts in turning]
+    yield from left_numbers(robot, _NO_NUMBER, armatures=missing, elasticity=True)
 
 
 def _joints(
@@ -109,15 +133,34 @@ def _joints(
     changes = []
     for (_, field), change in joint_changes(arm, before, after, deviations).items():
         attribute = _ATTRIBUTES.get(field)
+        joint = next(e for e in root.findall("joint") if e.get("name") == change.element)
+        if field == "zero":
+            changes.append(_turned(joint, -change.after[0]))
         if attribute is None:
             continue
-        joint = next(e for e in root.findall("joint") if e.get("name") == change.element)
         dynamics = joint.find("dynamics")
         if dynamics is None:
             dynamics = append_last(joint, "dynamics")
         dynamics.set(attribute, text_of(change.after[0]))
         changes.append(change)
     return changes
+
+
+def _turned(joint: Any, by: float) -> Change:
+    """Turn, or slide, where a joint stands about its axis, rad or m: the change of its zero."""
+    origin, axis = joint.find("origin"), joint.find("axis")
+    xyz, rpy = (vector("0 0 0" if origin is None else origin.get(key, "0 0 0"), key) for key in ("xyz", "rpy"))
+    direction = vector("1 0 0" if axis is None else axis.get("xyz", "1 0 0"), "axis")
+    direction = direction / np.linalg.norm(direction)
+    placed = rotation(*rpy)
+    if joint.get("type") == "prismatic":
+        number, unit, before, xyz = "origin xyz", "m", xyz, xyz + by * placed @ direction
+        after = xyz
+    else:
+        number, unit, before = "origin rpy", "rad", rpy
+        after = rpy = np.array(rpy_of(placed @ Rotation.from_rotvec(by * direction).as_matrix()))
+    _child(joint, "origin", xyz=" ".join(map(text_of, xyz)), rpy=" ".join(map(text_of, rpy)))
+    return Change(str(joint.get("name")), number, unit, tuple(map(float, before)), tuple(map(float, after)))
 
 
 def _links(root: Any, arm: Robot, before: StatedArm, after: StatedArm) -> list[Change]:

@@ -89,6 +89,18 @@ class LimitsEntry(_Entry):
     torque: Number | None = None
 
 
+class ControllerEntry(_Entry):
+    """The controller of a joint's drive."""
+
+    mode: Literal["position", "velocity", "both"] = "position"
+    kp: Number = 0.0
+    kd: Number = 0.0
+    ki: Number = 0.0
+    delay: Number = 0.0
+    torque: Number | None = None
+    feedforward: Literal["none", "gravity", "model"] = "none"
+
+
 class TransmissionEntry(_Entry):
     """What drives a joint: a whole transmission or none of it."""
 
@@ -149,12 +161,14 @@ class ArmEntry(_Entry):
     torque_noise_std: Number = 0.26
     sample_rate: Number = 1000.0
     effects: tuple[EffectEntry, ...] = ()
+    controller: dict[str, ControllerEntry] = {}
 
 
 class OverlayEntry(_Entry):
     """A URDF and what it cannot hold.
 
-    `chain` is the arm's first and last link, base:tip; `transmissions` and `limits` are by the URDF's joint names.
+    `chain` is the arm's first and last link, base:tip; `transmissions`, `limits` and `controller` are by the URDF's
+    joint names.
     """
 
     urdf: Name
@@ -163,6 +177,7 @@ class OverlayEntry(_Entry):
     gravity: Vector | None = None
     transmissions: dict[str, TransmissionEntry] = {}
     limits: dict[str, LimitsEntry] = {}
+    controller: dict[str, ControllerEntry] = {}
     total_ratios_studied: dict[Number, tuple[Number, Number]] | None = None
     torque_noise_std: Number | None = None
     sample_rate: Number | None = None

@@ -20,6 +20,7 @@ from elastic_arm.robot.parts import (
     Bearing,
     Component,
     Inertia,
+    JointController,
     Limits,
     Transmission,
     check_number,
@@ -28,7 +29,7 @@ from elastic_arm.robot.parts import (
     require,
 )
 
-__all__ = ["DH", "Bearing", "Component", "Inertia", "Joint", "Limits", "Robot", "Transmission"]
+__all__ = ["DH", "Bearing", "Component", "Inertia", "Joint", "JointController", "Limits", "Robot", "Transmission"]
 
 
 # The equations of motion grow with the cube of the joints: of 60 they take a minute to compile.
@@ -41,38 +42,23 @@ class Joint:
 
     All numbers of a prismatic joint are linear ones: travel in m for an angle, force in N for a torque, kg for an
     armature, rad of the rotor per m for a ratio.
-
-    Parameters
-    ----------
-    name
-        Of the joint, as in recordings.
-    link_name
-        Of the link it moves.
-    link
-        Inertia of that link, in its frame ``O_i``.
-    before, after : (4, 4)
-        Link i-1's frame -> the joint's frame ``O_{i-1}`` (z is the axis), and the turned joint frame -> ``O_i``.
-    transmission
-        None for a joint driven at the link (a plain URDF).
-    dh
-        The row that `after` comes from, where there is one; only kept to be written again.
-    armature
-        Inertia of the motor and its gears, as the joint feels it, of a joint without transmission, kg m^2: it counts
-        for the joint's own acceleration alone. None where nothing is known of it, and no model then holds it.
-    prismatic
-        Whether it slides along z instead of turning about it.
     """
 
-    name: str
-    link_name: str
-    link: Inertia
+    name: str  # of the joint, as in recordings
+    link_name: str  # of the link it moves
+    link: Inertia  # inertia of that link, in its frame ``O_i``
+    # before, after: (4, 4) Link i-1's frame -> the joint's frame ``O_{i-1}`` (z is the axis), and the turned joint
+    # frame -> ``O_i``
     before: np.ndarray = field(default_factory=lambda: np.eye(4))
     after: np.ndarray = field(default_factory=lambda: np.eye(4))
     limits: Limits = field(default_factory=Limits)
-    transmission: Transmission | None = None
-    dh: DH | None = None
+    transmission: Transmission | None = None  # None for a joint driven at the link (a plain URDF)
+    dh: DH | None = None  # the row that `after` comes from, where there is one; only kept to be written again
+    # inertia of the motor and its gears, as the joint feels it, of a joint without transmission, kg m^2: it counts for
+    # the joint's own acceleration alone. None where nothing is known of it, and no model then holds it
     armature: float | None = None
-    prismatic: bool = False
+    prismatic: bool = False  # whether it slides along z instead of turning about it
+    controller: JointController | None = None  # of its drive; None where nothing is known of it
 
     def __post_init__(self) -> None:
         if self.armature is not None:
@@ -91,54 +77,29 @@ class Joint:
 
     @classmethod
     def from_dh(cls, name: str, link_name: str, link: Inertia, dh: DH, **rest: Any) -> Joint:
-        """Make a joint from its Denavit-Hartenberg row (paper, (3)).
-
-        Parameters
-        ----------
-        name, link_name, link
-            As of the class.
-        dh
-            The row.
-        **rest
-            Other fields of the class.
-        """
+        """Make a joint from its Denavit-Hartenberg row (paper, (3))."""
         return cls(name, link_name, link, after=dh.placement, dh=dh, **rest)
 
 
 @dataclass(frozen=True, eq=False)
 class Robot:
-    """A serial arm of n joints, revolute or prismatic.
+    """A serial arm of n joints, revolute or prismatic."""
 
-    Parameters
-    ----------
-    name, joints
-        From one to MOST_JOINTS; all joints have a transmission, or none has.
-    gravity : (3,)
-        In the ground frame, m/s^2.
-    base_placement : (4, 4)
-        ``T_0^G`` of (2).
-    base_mass
-        kg; rests on the ground and enters no equation.
-    total_ratios_studied
-        r_tot -> (r_b, r_hd) (paper, section IV-C).
-    torque_noise_std, sample_rate
-        Of the recordings this arm makes: Nm, Hz.
-    effects
-        What this arm has beyond mod3, as plain data: ``{"effect": id, "joint": name or None, "parameters": {...}}``.
-    notes
-        What was read otherwise than written (like a URDF's fixed joints), one sentence each; not part of an arm file.
-    """
-
+    # name, joints: from one to MOST_JOINTS; all joints have a transmission, or none has
     name: str
     joints: tuple[Joint, ...]
-    gravity: np.ndarray = field(default_factory=lambda: np.array([0.0, 0.0, -9.81]))
-    base_placement: np.ndarray = field(default_factory=lambda: np.eye(4))
-    base_mass: float = 0.0
+    gravity: np.ndarray = field(default_factory=lambda: np.array([0.0, 0.0, -9.81]))  # (3,) in the ground frame, m/s^2
+    base_placement: np.ndarray = field(default_factory=lambda: np.eye(4))  # (4, 4) ``T_0^G`` of (2)
+    base_mass: float = 0.0  # kg; rests on the ground and enters no equation
     base_dh: DH | None = None
+    # r_tot -> (r_b, r_hd) (paper, section IV-C)
     total_ratios_studied: Mapping[float, tuple[float, float]] = field(default_factory=dict)
+    # torque_noise_std, sample_rate: of the recordings this arm makes: Nm, Hz
     torque_noise_std: float = 0.26
     sample_rate: float = 1000.0
+    # what this arm has beyond mod3, as plain data: ``{"effect": id, "joint": name or None, "parameters": {...}}``
     effects: tuple[Mapping[str, Any], ...] = ()
+    # what was read otherwise than written (like a URDF's fixed joints), one sentence each; not part of an arm file
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -220,18 +181,12 @@ class Robot:
         they move (it counts by the square of the ratio), and all torque that they make has passed it. A single joint
         has none beside its link's: no motion separates the two.
         """
-        if self.n == 1 or any(joint.transmission is not None or joint.armature is not None for joint in self.joints):
+        if self.n == 1 or self.elastic:
             return self
-        return self.with_(joints=tuple(replace(joint, armature=0.0) for joint in self.joints))
+        return self.with_(joints=tuple(replace(joint, armature=joint.armature or 0.0) for joint in self.joints))
 
     def with_ratio(self, r_tot: float) -> Robot:
-        """Return a copy whose joints all have total ratio `r_tot`, split as in the description.
-
-        Raises
-        ------
-        RobotError
-            If the arm has no transmissions or its description does not split `r_tot`.
-        """
+        """Return a copy whose joints all have total ratio `r_tot`, split as in the description."""
         require(self.elastic, f"robot {self.name} has no transmissions", "Use an arm file with transmissions")
         known = ", ".join(f"{r:g}" for r in self.total_ratios_studied) or "none"
         require(

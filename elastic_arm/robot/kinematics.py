@@ -19,18 +19,7 @@ SMALLEST_RADIUS = 0.01
 
 
 def link_placements(robot: Robot, q: Array) -> tuple[Array, Array]:
-    """Forward kinematics in the ground frame, tilts zero (paper, (2) and (3)).
-
-    Parameters
-    ----------
-    q : (N, n)
-        Link angles, rad; of prismatic joints travels, m.
-
-    Returns
-    -------
-    joints, links : (N, n, 4, 4)
-        The turned, or slid, joint frames and the link frames ``O_i``.
-    """
+    """Forward kinematics in the ground frame, tilts zero (paper, (2) and (3))."""
     q = np.atleast_2d(q)
     joints = np.empty((*q.shape, 4, 4))
     links = np.empty_like(joints)

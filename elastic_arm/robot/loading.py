@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,12 +18,23 @@ from elastic_arm.robot.arm_file import (
     ArmEntry,
     BaseEntry,
     ComponentEntry,
+    ControllerEntry,
     JointEntry,
     LinkEntry,
     OverlayEntry,
     TransmissionEntry,
 )
-from elastic_arm.robot.description import DH, Bearing, Component, Inertia, Joint, Limits, Robot, Transmission
+from elastic_arm.robot.description import (
+    DH,
+    Bearing,
+    Component,
+    Inertia,
+    Joint,
+    JointController,
+    Limits,
+    Robot,
+    Transmission,
+)
 from elastic_arm.robot.parts import located
 from elastic_arm.robot.urdf import read_urdf
 from elastic_arm.robot.urdf_tree import Chain
@@ -116,7 +128,7 @@ def _robot(entry: ArmEntry) -> Robot:
             joints.append(_joint(joint, link_names[i]))
     with located("base."):
         base_dh, base_placement = _base(entry.base)
-    return Robot(
+    robot = Robot(
         name=entry.name,
         joints=tuple(joints),
         gravity=np.array(entry.gravity),
@@ -128,6 +140,14 @@ def _robot(entry: ArmEntry) -> Robot:
         sample_rate=entry.sample_rate,
         effects=tuple(e.model_dump() for e in entry.effects),
     )
+    return _controlled(robot, entry.controller)
+
+
+def _controlled(robot: Robot, entries: Mapping[str, ControllerEntry]) -> Robot:
+    for name, entry in entries.items():
+        with located(f"controller.{name}: "):
+            robot = robot.with_joint(name, controller=JointController(**entry.model_dump()))
+    return robot
 
 
 def _overlaid(entry: OverlayEntry, folder: Path) -> Robot:
@@ -148,9 +168,9 @@ def _overlaid(entry: OverlayEntry, folder: Path) -> Robot:
             stated = {what: value for what, value in limits.model_dump().items() if value is not None}
             changed = [joint.limits for joint in robot.joints if joint.name == name]
             robot = robot.with_joint(name, limits=replace(changed[0], **stated) if changed else Limits(**stated))
-    others = entry.model_dump(exclude={"urdf", "chain", "transmissions", "limits"}, exclude_none=True)
+    others = entry.model_dump(exclude={"urdf", "chain", "transmissions", "limits", "controller"}, exclude_none=True)
     notes = tuple(note for note in robot.notes if not (robot.elastic and note.startswith("<transmission>")))
-    return robot.with_(**others, notes=notes)
+    return _controlled(robot.with_(**others, notes=notes), entry.controller)
 
 
 def parse_chain(text: str) -> Chain:

@@ -27,17 +27,7 @@ _SNAP = 1e-12
 
 
 def checked_array(values: Any, shape: tuple[int, ...], what: str) -> np.ndarray:
-    """Return `values` as a read-only float array of `shape`; refuse other shapes and numbers that no arm has.
-
-    Parameters
-    ----------
-    values
-        Anything that numpy makes an array of.
-    shape
-        The shape wanted.
-    what
-        Its name in errors.
-    """
+    """Return `values` as a read-only float array of `shape`; refuse other shapes and numbers that no arm has."""
     try:
         array = np.array(values, dtype=float)
     except (TypeError, ValueError) as error:
@@ -62,31 +52,13 @@ def located(where: str) -> Iterator[None]:
 
 
 def require(condition: bool, problem: str, remedy: str) -> None:
-    """Raise a RobotError unless a condition holds.
-
-    Parameters
-    ----------
-    condition
-        What must hold.
-    problem, remedy
-        Of the error.
-    """
+    """Raise a RobotError unless a condition holds."""
     if not condition:
         raise RobotError(problem, remedy)
 
 
 def check_number(value: float, what: str, *, positive: bool = False) -> None:
-    """Refuse a number that is not finite, negative, or of no arm.
-
-    Parameters
-    ----------
-    value
-        The number.
-    what
-        Its name in errors.
-    positive
-        Refuse zero, too.
-    """
+    """Refuse a number that is not finite, negative, or of no arm."""
     require(np.isfinite(value), f"{what} is {value}", "Give a finite number")
     if positive:
         require(value > 0.0, f"{what} is {value:g}, but must be positive", "Give a number above zero")
@@ -108,24 +80,15 @@ def snap(matrix: np.ndarray) -> np.ndarray:
 class Inertia:
     """Inertial parameters of a rigid body.
 
-    Parameters
-    ----------
-    mass
-        kg, not negative.
-    com : (3,)
-        Centre of mass in the body's frame, m.
-    inertia : (3, 3)
-        About the centre of mass, in the axes of the body's frame, kg m^2.
-
     Raises
     ------
     RobotError
         If no body of positive density has these numbers.
     """
 
-    mass: float
-    com: np.ndarray
-    inertia: np.ndarray
+    mass: float  # kg, not negative
+    com: np.ndarray  # (3,) centre of mass in the body's frame, m
+    inertia: np.ndarray  # (3, 3) about the centre of mass, in the axes of the body's frame, kg m^2
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "com", checked_array(self.com, (3,), "com"))
@@ -172,29 +135,17 @@ def nearest_tensor(inertia: np.ndarray) -> tuple[np.ndarray, float]:
 
 @dataclass(frozen=True, eq=False)
 class Component:
-    """A solid of revolution of a transmission: rotor, wave generator or spline.
+    """A solid of revolution of a transmission: rotor, wave generator or spline."""
 
-    Parameters
-    ----------
-    mass
-        kg.
-    ixx, izz
-        Moments about the centre of mass, across and along the axis of revolution z, kg m^2.
-    carrier
-        Body that holds the component: ``"base"`` or a link's name.
-    position : (3,)
-        Centre in ``O_{i-1}`` of its own joint, m. Where the carrier is the link the joint drives, in the frame that
-        turns with it there.
-    kind
-        Of a spline: ``"circular"`` or ``"flex"``.
-    """
-
-    mass: float
+    mass: float  # kg
+    # ixx, izz: moments about the centre of mass, across and along the axis of revolution z, kg m^2
     ixx: float
     izz: float
-    carrier: str
+    carrier: str  # body that holds the component: ``"base"`` or a link's name
+    # (3,) centre in ``O_{i-1}`` of its own joint, m. Where the carrier is the link the joint drives, in the frame that
+    # turns with it there
     position: np.ndarray = field(default_factory=lambda: np.zeros(3))
-    kind: str | None = None
+    kind: str | None = None  # of a spline: ``"circular"`` or ``"flex"``
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "position", checked_array(self.position, (3,), "position"))
@@ -222,28 +173,19 @@ class Bearing:
 
 @dataclass(frozen=True)
 class Transmission:
-    """Rotor, belt and harmonic drive between motor and link.
+    """Rotor, belt and harmonic drive between motor and link."""
 
-    Parameters
-    ----------
-    rotor, wave_generator, spline
-        Turn by ``r_b r_hd theta``, ``r_hd theta`` and ``theta`` relative to their carriers.
-    stiffness, damping
-        Of the drive about z, belt and harmonic drive combined, Nm/rad and Nm s/rad.
-    belt_ratio, harmonic_drive_ratio
-        r_b and r_hd.
-    bearing
-        None where the joint is rigid about x and y.
-    """
-
+    # rotor, wave_generator, spline: turn by ``r_b r_hd theta``, ``r_hd theta`` and ``theta`` relative to their carriers
     rotor: Component
     wave_generator: Component
     spline: Component
+    # stiffness, damping: of the drive about z, belt and harmonic drive combined, Nm/rad and Nm s/rad
     stiffness: float
     damping: float
+    # belt_ratio, harmonic_drive_ratio: r_b and r_hd
     belt_ratio: float
     harmonic_drive_ratio: float
-    bearing: Bearing | None = None
+    bearing: Bearing | None = None  # None where the joint is rigid about x and y
 
     def __post_init__(self) -> None:
         check_number(self.stiffness, "stiffness", positive=True)
@@ -293,6 +235,36 @@ class Limits:
                 f"position_min {self.position_min:g} is not below position_max {self.position_max:g}",
                 "Exchange them",
             )
+
+
+@dataclass(frozen=True)
+class JointController:
+    """tau_m = limit(kp (r(t - d) - theta) + kd (dr(t - d) - dtheta) + ki int(r - theta) + feed-forward)."""
+
+    # what is commanded: ``"position"`` r alone, dr is zero; ``"velocity"`` dr alone, ki integrates its error and there
+    # is no kp; ``"both"``
+    mode: str = "position"
+    # kp, kd, ki: Nm/rad, Nm s/rad, and Nm/(rad s), of velocity Nm/rad; at the harmonic-drive output
+    kp: float = 0.0
+    kd: float = 0.0
+    ki: float = 0.0
+    delay: float = 0.0  # d by which commands come late, s
+    torque: float | None = None  # limit, Nm, beside that of the joint; None where there is none
+    feedforward: str = "none"  # ``"none"``, ``"gravity"``, or ``"model"``: all torque of the nominal rigid arm
+
+    def __post_init__(self) -> None:
+        for what, known in (("mode", ("position", "velocity", "both")), ("feedforward", ("none", "gravity", "model"))):
+            given = getattr(self, what)
+            require(given in known, f"{what} of the controller is {given!r}", f"Choose one of {', '.join(known)}")
+        for what in ("kp", "kd", "ki", "delay"):
+            check_number(getattr(self, what), what)
+        if self.torque is not None:
+            check_number(self.torque, "torque", positive=True)
+        require(
+            self.mode != "velocity" or self.kp == 0.0,
+            "a controller of velocity has a kp",
+            "Give its gains as kd and ki, or take the mode both",
+        )
 
 
 @dataclass(frozen=True)

@@ -45,6 +45,10 @@ def robot_to_dict(robot: Robot) -> dict[str, Any]:
     }
     if robot.effects:
         content["effects"] = [_plain(effect) for effect in robot.effects]
+    stated = {joint.name: joint.controller for joint in robot.joints if joint.controller is not None}
+    if stated:
+        given = {name: {k: v for k, v in vars(drive).items() if v is not None} for name, drive in stated.items()}
+        content["controller"] = _plain(given)
     return content
 
 

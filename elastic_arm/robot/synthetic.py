@@ -14,13 +14,6 @@ def random_arm(n: int, rng: np.random.Generator, *, elastic: bool = True, prisma
     """Draw an arm of n joints.
 
     Axes point anywhere, inertias are those of random point clouds, each component rides on either body at its joint.
-
-    Parameters
-    ----------
-    elastic
-        Give the joints transmissions with bearings.
-    prismatic
-        Indices of the joints that slide.
     """
     names = ["base", *(f"link_{i + 1}" for i in range(n))]
     joints = []

@@ -22,6 +22,7 @@ from elastic_arm.robot.parts import located, nearest_tensor
 from elastic_arm.robot.urdf_elements import (
     attribute,
     child_of,
+    motors,
     number,
     parse,
     right_angles,
@@ -78,6 +79,8 @@ class _Reading:
         self._element = root
         self._tree = UrdfTree(root, chain)
         self._notes: list[str] = self._tree.notes()
+        self._motors = motors(root)
+        self._used: set[str] = set()
         self._resting = True
 
     def robot(self) -> Robot:
@@ -100,12 +103,7 @@ class _Reading:
         stand = self._stand()
         effects = tuple(effect for joint in joints for effect in self._friction(joint.name))
         return Robot(
-            name,
-            tuple(joints),
-            base_placement=stand,
-            base_mass=base.mass,
-            effects=effects,
-            notes=tuple(self._notes),
+            name, tuple(joints), base_placement=stand, base_mass=base.mass, effects=effects, notes=tuple(self._notes)
         )
 
     def _friction(self, name: str) -> list[dict[str, Any]]:
@@ -170,8 +168,11 @@ class _Reading:
             self._notes.append(f"link {child!r} has no inertial: it counts as massless")
         before = carried @ self._origin(element, f"joint {name!r}") @ turn
         with located(f"joint {name!r}: "):
-            limits = self._limits(element, name)
-            return Joint(name, child, body, before, turn.T, limits=limits, prismatic=kind == "prismatic"), onward
+            inertia, ratio = self._motors.get(name, (None, 1.0))
+            self._used.add(name)
+            rest: dict[str, Any] = {"armature": None if inertia is None else inertia * ratio**2}
+            rest |= {"limits": self._limits(element, name), "prismatic": kind == "prismatic"}
+            return Joint(name, child, body, before, turn.T, **rest), onward
 
     def _moves(self, element: ET.Element) -> str:
         return str(child_of(element, "child", str(element.get("name"))).get("link"))
@@ -244,5 +245,16 @@ class _Reading:
         return placement
 
     def _note_unused(self) -> None:
-        if self._element.find("transmission") is not None:
+        if self._motors:
             self._notes.append("<transmission> states no stiffness: the joints are taken as rigid")
+        for name, (inertia, ratio) in self._motors.items():
+            if name not in self._used:
+                continue
+            if inertia is not None:
+                of = f"rotor inertia {inertia:g} kg m² by a ratio of {ratio:g}"
+                self._notes.append(f"joint {name!r}: {of} is its armature")
+            elif ratio != 1.0:
+                self._notes.append(
+                    f"joint {name!r}: of its reduction of {ratio:g} nothing is taken, as no rotor inertia is stated "
+                    "(drake:rotor_inertia)"
+                )

@@ -44,18 +44,33 @@ def by_name(tree: ET.Element, tag: str) -> dict[str, ET.Element]:
     return found
 
 
-def child_of(element: ET.Element, tag: str, where: str) -> ET.Element:
-    """Return the child of an element that must be there.
+def motors(tree: ET.Element) -> dict[str, tuple[float | None, float]]:
+    """Return rotor inertia (kg m², None where none is stated) and ratio of the motors of joints, by joint.
 
-    Parameters
-    ----------
-    element
-        The parent.
-    tag
-        Of the child.
-    where
-        What the element is called in errors.
+    As Drake's tags in <actuator> state them, or as the reduction of ROS 1 and ros2_control, in <actuator> or <joint>.
     """
+    found: dict[str, tuple[float | None, float]] = {}
+    for transmission in tree.iter("transmission"):
+        joints = [str(joint.get("name")) for joint in transmission.iter("joint")]
+        inertia, ratio = None, 1.0
+        for element in transmission.iter():
+            tag = str(element.tag).rpartition("}")[2].rpartition(":")[2]
+            text = element.get("value") or element.text or ""
+            what = f"transmission {transmission.get('name')!r}: {tag}"
+            if tag == "rotor_inertia":
+                inertia = number(text, what)
+            elif tag in ("gear_ratio", "mechanicalReduction", "mechanical_reduction"):
+                ratio *= number(text, what)
+        if inertia is not None and inertia < 0.0:
+            raise RobotError(
+                f"transmission {transmission.get('name')!r}: rotor_inertia is {inertia:g}", "Give zero or more"
+            )
+        found |= dict.fromkeys(joints, (inertia, ratio))
+    return found
+
+
+def child_of(element: ET.Element, tag: str, where: str) -> ET.Element:
+    """Return the child of an element that must be there."""
     child = element.find(tag)
     if child is None:
         raise RobotError(
@@ -65,17 +80,7 @@ def child_of(element: ET.Element, tag: str, where: str) -> ET.Element:
 
 
 def attribute(element: ET.Element, key: str, where: str) -> str:
-    """Return an attribute that must be there.
-
-    Parameters
-    ----------
-    element
-        That has it.
-    key
-        Its name.
-    where
-        What the element is called in errors.
-    """
+    """Return an attribute that must be there."""
     value = element.get(key)
     if value is None:
         raise RobotError(f"{where}: <{element.tag}> has no {key}", "Give it")
@@ -88,17 +93,7 @@ def number(text: str, what: str) -> float:
 
 
 def vector(text: str | None, what: str, size: int = 3) -> Array:
-    """Return the finite numbers that a text holds.
-
-    Parameters
-    ----------
-    text
-        Numbers with blanks between.
-    what
-        Their name in errors.
-    size
-        How many there must be.
-    """
+    """Return the finite numbers that a text holds."""
     try:
         vector = np.array([float(word) for word in (text or "").split()])
     except ValueError as error:
@@ -115,13 +110,7 @@ def right_angles(angles: Array) -> Array:
 
 
 def rotation(roll: float, pitch: float, yaw: float) -> Array:
-    """Rz(yaw) Ry(pitch) Rx(roll), the URDF's convention.
-
-    Parameters
-    ----------
-    roll, pitch, yaw
-        rad.
-    """
+    """Rz(yaw) Ry(pitch) Rx(roll), the URDF's convention."""
     (cr, cp, cy), (sr, sp, sy) = (f(np.array([roll, pitch, yaw])) for f in (np.cos, np.sin))
     return np.array(
         [

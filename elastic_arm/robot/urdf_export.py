@@ -135,11 +135,11 @@ def _moving(tree: ET.Element, joint: Joint, parent: str, placement: Array, axis:
 def _origin(
     element: ET.Element, rotation: Array | None, position: Array, rpy: tuple[float, float, float] = (0.0, 0.0, 0.0)
 ) -> None:
-    angles = rpy if rotation is None else _rpy(rotation)
+    angles = rpy if rotation is None else rpy_of(rotation)
     ET.SubElement(element, "origin", xyz=_words(position), rpy=_words(angles))
 
 
-def _rpy(rotation: Array) -> tuple[float, float, float]:
+def rpy_of(rotation: Array) -> tuple[float, float, float]:
     """Return roll, pitch, yaw, to rounding also where pitch is a right angle (roll is then 0)."""
     r = rotation
     level = float(np.hypot(r[0, 0], r[1, 0]))

@@ -16,33 +16,7 @@ DEEPEST = 200
 
 
 class UrdfTree:
-    """Links and joints of a URDF, checked to be one tree.
-
-    Parameters
-    ----------
-    root_element
-        The element <robot>.
-    chain
-        First and last link of the arm; the whole tree when None.
-
-    Attributes
-    ----------
-    links, joints : dict
-        The elements by name.
-    children : dict
-        By link, the joints that it carries.
-    first
-        Link that the arm stands on.
-    held : set
-        Moving joints that are taken as fixed at zero: those of a gripper, which mimic one another.
-    left_out : set
-        Joints at which the tree is cut: what they carry is no part of the arm.
-
-    Raises
-    ------
-    RobotError
-        If the links form no tree, or the chain is none of its paths.
-    """
+    """Links and joints of a URDF, checked to be one tree."""
 
     def __init__(self, root_element: ET.Element, chain: Chain | None = None) -> None:
         self.links = by_name(root_element, "link")

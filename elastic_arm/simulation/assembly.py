@@ -25,35 +25,20 @@ SOURCES = tuple(Path(__file__).parents[1] / name for name in ("codegen", "dynami
 
 @dataclass(frozen=True)
 class System:
-    """An arm with effects, ready to be integrated.
+    """An arm with effects, ready to be integrated."""
 
-    Parameters
-    ----------
-    equations, effect_set
-        The arm and the laws that act on it.
-    constants
-        (Psi, p, speed) -> all that depends on parameters alone, evaluated once.
-    accelerations
-        (x, dx, z, tau_m, constants) -> (ddx, dz, tau_J).
-    balance
-        (x, dx, z, Psi, p, speed) -> left side of (1) with the effects at no acceleration and no motor torque.
-    stiffness_of_balance
-        Its derivative by x.
-    friction
-        (x, dx, z, tau_m, Psi, p, speed) -> derivative of the left side by the signs of the velocities (dof, 2n), and
-        the mass matrix.
-    integrators
-        Made of it so far, by name; shared by all systems of its shape.
-    """
-
+    # equations, effect_set: the arm and the laws that act on it
     equations: ArmEquations
     effect_set: EffectSet
-    constants: ca.Function
-    accelerations: ca.Function
+    constants: ca.Function  # (Psi, p, speed) -> all that depends on parameters alone, evaluated once
+    accelerations: ca.Function  # (x, dx, z, tau_m, constants) -> (ddx, dz, tau_J)
+    # (x, dx, z, Psi, p, speed) -> left side of (1) with the effects at no acceleration and no motor torque
     balance: ca.Function
-    stiffness_of_balance: ca.Function
+    stiffness_of_balance: ca.Function  # its derivative by x
+    # (x, dx, z, tau_m, Psi, p, speed) -> derivative of the left side by the signs of the velocities (dof, 2n), and the
+    # mass matrix
     friction: ca.Function
-    integrators: dict[str, Any]
+    integrators: dict[str, Any]  # made of it so far, by name; shared by all systems of its shape
 
     @property
     def n(self) -> int:
@@ -82,17 +67,7 @@ _DERIVED = ("constants", "accelerations", "balance", "stiffness_of_balance", "fr
 
 
 def assemble(equations: ArmEquations, instances: Sequence[EffectInstance], duration: float | None = None) -> System:
-    """Put an arm and effects together, or find a system of the same shape.
-
-    Parameters
-    ----------
-    equations
-        Of the arm.
-    instances
-        The effects that act through laws.
-    duration
-        s that the run lasts, for effects that change over it; None where it has no end.
-    """
+    """Put an arm and effects together, or find a system of the same shape."""
     shape, effect_set = _shape(equations, instances), EffectSet(instances, equations.robot, duration)
     if shape not in _known:
         # On disk an arm of its own is worth keeping; every arm with effects and numbers of its own would fill it.
@@ -171,13 +146,6 @@ def law_rows(equations: ArmEquations, effect_set: EffectSet) -> ca.Function:
     """Return (x, dx, ddx, z, tau_m, Psi, p, speed) -> what the laws add to the left side of (1), and the rates of z.
 
     For engines that are not ours: `speed` (2n,) regularises the signs of the velocities, as in the simulator.
-
-    Parameters
-    ----------
-    equations
-        Of the arm.
-    effect_set
-        The laws.
     """
     n, dof = equations.robot.n, equations.dof
     x, dx, ddx = (SX.sym(name, dof) for name in ("x", "dx", "ddx"))

@@ -61,23 +61,7 @@ class MeasuredMotion(Protocol):
 
 
 class BatchPrediction:
-    """An arm that can be put into many measured states at once and driven from there.
-
-    Parameters
-    ----------
-    equations
-        Of the arm.
-    laws
-        Effects that act in it.
-    Psi
-        (P,) parameters of the equations.
-    stiffness
-        (n,) Nm/rad, roughly that of the drives: the deflection at the start is found with it, by iteration.
-    period
-        s between the samples of the measured motion.
-    duration
-        s of the recording, for effects that change over it.
-    """
+    """An arm that can be put into many measured states at once and driven from there."""
 
     def __init__(
         self,
@@ -97,22 +81,7 @@ class BatchPrediction:
         self._constants = np.zeros(0)
 
     def angles(self, motion: MeasuredMotion, begins: NDArray[np.intp], steps: Sequence[int]) -> tuple[Array, Array]:
-        """Predict the angles some samples after each start.
-
-        Parameters
-        ----------
-        motion
-            Gives the states to start from, and the motor torque: over a sample the mean of its two ends.
-        begins
-            (S,) samples from which is predicted.
-        steps
-            (H,) samples ahead, rising.
-
-        Returns
-        -------
-        q, theta
-            (S, H, n) rad.
-        """
+        """Predict the angles some samples after each start."""
         n = self._system.n
         y = self._start(motion, begins)
         torque = 0.5 * (motion.tau_m[:-1] + motion.tau_m[1:])

@@ -1,4 +1,9 @@
-"""The controller on the motor side: PD on theta, with the torque of a model fed forward."""
+"""The controller of the motor side,
+
+    tau_m = limit(kp (r(t - d) - theta) + kd (dr(t - d) - dtheta) + ki int(r - theta) + feed-forward),
+
+held from one command to the next: by default computed torque, else what the arm's description states of its drives.
+"""
 
 from __future__ import annotations
 
@@ -23,53 +28,91 @@ DAMPING_RATIO = 0.8
 # Where the motor bounds kd: how much of the bound is used, and how far kp may then go.
 HELD_SHARE = 0.6
 LEAST_DAMPING_RATIO = 0.2
+POSES = 8  # at which the inertia of an arm is looked at
 
 
 def no_feedforward(q: Array, dq: Array, ddq: Array) -> Array:
-    """Feed no torque forward.
-
-    Parameters
-    ----------
-    q, dq, ddq
-        (n,) or (N, n) rad, rad/s and rad/s².
-    """
+    """Feed no torque forward, (N, n)."""
     return np.zeros_like(q)
 
 
 @dataclass(frozen=True)
 class Controller:
-    """tau_m = kp (theta_ref - theta) + kd (dtheta_ref - dtheta) + feed-forward, held for a sample, within limits.
+    """A controller that reads the motor side without noise."""
 
-    It reads the motor side without noise.
-
-    Parameters
-    ----------
-    kp, kd : (n,)
-        Nm/rad, Nm s/rad.
-    feedforward
-        Reference q, dq, ddq (N, n) -> torque (N, n).
-    """
-
+    # kp, kd, ki: (n,) Nm/rad, Nm s/rad, Nm/(rad s). The integral rests where the torque is at its limit
     kp: Array
     kd: Array
-    feedforward: Feedforward = no_feedforward
+    feedforward: Feedforward = no_feedforward  # reference q, dq, ddq (N, n) -> torque (N, n)
+    ki: Array | float = 0.0
+    # limit, delay: (n,) Nm, beside the joint's own limit, and s by which the reference comes late
+    limit: Array | float = np.inf
+    delay: Array | float = 0.0
+    # (n,) 1 where the reference's rate is followed; 0 where it counts as zero, so that kd damps the motor's own
+    speed: Array | float = 1.0
+    commands: int = 1  # a sample: 1, or an even number
 
     def __post_init__(self) -> None:
-        for name in ("kp", "kd"):
-            gains = np.asarray(getattr(self, name), dtype=float)
-            if gains.ndim != 1 or not np.isfinite(gains).all() or (gains < 0).any():
+        n = np.size(self.kp)
+        for name in ("kp", "kd", "ki", "limit", "delay", "speed"):
+            values = np.asarray(getattr(self, name), dtype=float)
+            values = np.full(n, values) if values.ndim == 0 and name not in ("kp", "kd") else values
+            if values.shape != (n,) or np.isnan(values).any() or (values < 0).any():
                 raise SimulationError(
-                    f"{name} of the controller is {getattr(self, name)!r}", "Give n gains, zero or more."
+                    f"{name} of the controller is {getattr(self, name)!r}", f"Give {n} numbers, zero or more."
                 )
-            object.__setattr__(self, name, gains)
+            object.__setattr__(self, name, values)
+        if not np.isfinite(np.array([self.kp, self.kd, self.ki, self.delay])).all():
+            raise SimulationError("a gain or delay of the controller is infinite", "Give finite numbers.")
+        if self.commands != 1 and (self.commands < 1 or self.commands % 2):
+            raise SimulationError(f"{self.commands} commands a sample", "Give 1 or an even number.")
+
+    def commanded(self, q: Array, dq: Array, ddq: Array, rate: float) -> Array:
+        """Return what the drives are given over samples (N, n) at a rate (Hz): theta, dtheta, torque (N commands, 3n).
+
+        Between samples the reference goes on with its acceleration: what comes next is not known to a live arm.
+        """
+        if self.commands == 1:
+            return np.concatenate([q, self.speed * dq, self.feedforward(q, dq, ddq)], axis=1)
+        later = np.arange(self.commands)[:, None] / (self.commands * rate)
+        q, dq, ddq = (values[:, None] for values in (q, dq, ddq))
+        wanted = (q + later * (dq + 0.5 * later * ddq), dq + later * ddq, ddq + 0.0 * later)
+        q, dq, ddq = (values.reshape(-1, values.shape[-1]) for values in wanted)
+        return np.concatenate([q, self.speed * dq, self.feedforward(q, dq, ddq)], axis=1)
+
+
+def controller_of(robot: Robot, *, model: str = "mod3", rate: float = 1000.0) -> Controller:
+    """Return the controller that an arm's description states, else one that is tuned to it."""
+    own = tuned(robot, model=model, rate=rate)
+    if not any(joint.controller for joint in robot.joints):
+        return own
+    names = ("kp", "kd", "ki", "delay", "limit", "speed")
+    values = {name: np.array(getattr(own, name)) for name in names}
+    held, moved = np.ones(robot.n), np.ones(robot.n)  # shares of gravity, and of the rest, that are fed forward
+    for i, joint in enumerate(robot.joints):
+        if (drive := joint.controller) is None:
+            continue
+        # The integral of an error of velocity is one of position.
+        kp, ki = (drive.ki, 0.0) if drive.mode == "velocity" else (drive.kp, drive.ki)
+        limit, speed = np.inf if drive.torque is None else drive.torque, float(drive.mode != "position")
+        for name, value in zip(names, (kp, drive.kd, ki, drive.delay, limit, speed), strict=True):
+            values[name][i] = value
+        held[i], moved[i] = drive.feedforward != "none", drive.feedforward == "model"
+    rigid = RigidFeedforward(ArmEquations(robot, model))
+
+    def feedforward(q: Array, dq: Array, ddq: Array) -> Array:
+        weight = rigid(q, 0.0 * q, 0.0 * q)
+        return held * weight + moved * (rigid(q, dq, ddq) - weight)
+
+    return Controller(feedforward=feedforward, commands=_commands(values["kp"], values["kd"], rigid, rate), **values)
 
 
 def tuned(robot: Robot, *, bandwidth: float = BANDWIDTH, model: str = "mod3", rate: float = 1000.0) -> Controller:
     """Return a controller for a nominal arm: well damped at `bandwidth` (Hz), with feed-forward.
 
     The gains fit the inertia of each whole joint, link and motor, in the zero position; but the motor alone, on its
-    drive's damper, must stay stable under a command held for a sample. Where the ratio is low and the motor light, that
-    bounds both gains.
+    drive's damper, must stay stable under a held command. Where the ratio is low and the motor light, that bounds both
+    gains. At a low sample rate the drives are commanded several times a sample, as real ones are.
 
     Parameters
     ----------
@@ -80,15 +123,36 @@ def tuned(robot: Robot, *, bandwidth: float = BANDWIDTH, model: str = "mod3", ra
     model
         Variant of the feed-forward torque.
     rate
-        Of the commands, Hz.
+        Of the samples, Hz.
     """
     equations = ArmEquations(robot, model)
     feedforward = RigidFeedforward(equations)
-    inertia = feedforward.joint_inertia()
+    inertia = np.diag(feedforward.inertia(np.zeros(robot.n))).copy()
     speed = 2 * np.pi * bandwidth
-    kd = np.minimum(2 * DAMPING_RATIO * speed * inertia, HELD_SHARE * _largest_held_damping(equations, rate))
+    commands = _commands(speed**2 * inertia, 2 * DAMPING_RATIO * speed * inertia, feedforward, rate)
+    held = HELD_SHARE * _largest_held_damping(equations, commands * rate)
+    kd = np.minimum(2 * DAMPING_RATIO * speed * inertia, held)
     slowed = kd / (2 * LEAST_DAMPING_RATIO * inertia)
-    return Controller(np.minimum(speed, slowed) ** 2 * inertia, kd, feedforward)
+    return Controller(np.minimum(speed, slowed) ** 2 * inertia, kd, feedforward, commands=commands)
+
+
+def _commands(kp: Array, kd: Array, rigid: RigidFeedforward, rate: float) -> int:
+    """Return how many commands a sample it takes that none is held for longer than the loop's fastest time constant.
+
+    The joints turn one another: a light wrist may follow a shoulder's gains much faster than its own. Poses are those
+    of any arm, as the fastest eigenvalue varies by a small factor over them.
+    """
+    poses = np.random.default_rng(0).uniform(-np.pi, np.pi, (POSES, len(kp)))
+    fastest = max(fastest_eigenvalue(rigid.inertia(pose), np.diag(kp), np.diag(kd)) for pose in poses)
+    needed = fastest / rate
+    return 1 if needed <= 1.0 else 2 * int(np.ceil(0.5 * needed))
+
+
+def fastest_eigenvalue(mass: Array, stiffness: Array, damping: Array) -> float:
+    """Return the largest eigenvalue of M x'' + D x' + K x = 0, all (m, m), by size, 1/s."""
+    eye, none = np.eye(len(mass)), np.zeros_like(mass)
+    below = np.linalg.solve(mass, np.hstack([-stiffness, -damping]))
+    return float(np.abs(np.linalg.eigvals(np.vstack([np.hstack([none, eye]), below]))).max())
 
 
 def _largest_held_damping(equations: ArmEquations, rate: float) -> Array:
@@ -128,12 +192,12 @@ class RigidFeedforward:
             out[k] = self._torque
         return out
 
-    def joint_inertia(self) -> Array:
-        """Return the inertia (n,) of each joint in the zero position, link and motor side turning together, kg m²."""
+    def inertia(self, q: Array) -> Array:
+        """Return the mass matrix (n, n) at a pose (n,), link and motor side turning together."""
         n = len(self._torque)
-        none = np.zeros((n + 1, n))
-        torque = self(none, none, np.vstack([np.zeros(n), np.eye(n)]))
-        return np.diag(torque[1:] - torque[0]).copy()
+        poses, none = np.tile(q, (n + 1, 1)), np.zeros((n + 1, n))
+        torque = self(poses, none, np.vstack([np.zeros(n), np.eye(n)]))
+        return np.asarray((torque[1:] - torque[0]).T)
 
 
 # Functions derived in this process, by the shape of the arm.

@@ -20,25 +20,7 @@ NEARBY = 0.5
 
 
 def equilibrium(system: System, theta: Array, speed: Array) -> tuple[Array, Array]:
-    """Solve for the static deflection under gravity with the motors held at `theta`.
-
-    Parameters
-    ----------
-    theta : (n,)
-        Motor angles, rad.
-    speed : (2n,)
-        Regularisation speeds of friction, rad/s (friction is zero at rest).
-
-    Returns
-    -------
-    x, tau_m
-        Generalized coordinates (dof,) and the torque (n,) that holds the motors, Nm.
-
-    Raises
-    ------
-    SimulationError
-        If there is no equilibrium nearby.
-    """
+    """Solve for the static deflection under gravity with the motors held at `theta`."""
     n, dof = system.n, system.dof
     motor = slice(n, 2 * n) if dof > n else slice(0, n)
     free = np.array([k for k in range(dof) if not motor.start <= k < motor.stop], dtype=int)

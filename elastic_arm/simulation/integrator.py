@@ -30,61 +30,38 @@ log = logging.getLogger(__name__)
 class IntegratorState:
     """What passes from one sample to the next.
 
-    Parameters
-    ----------
-    y : (2 dof + states,)
-        Generalized coordinates, their rates, and internal states of effects.
-    half : (n,)
-        Integral of tau_J over the half interval before the sample, Nm s.
-    command : (n,)
-        Motor torque held until the sample, Nm.
+    `y` (2 dof + states,) holds the generalized coordinates, their rates and the internal states of effects. Of the half
+    interval before the sample, (n,) each: the integral of tau_J, Nm s, and half the mean of tau_m, Nm; then the motor
+    torque held until the sample, Nm, and the integral of the error of theta, rad s.
     """
 
     y: Array
-    half: Array
+    half_J: Array
+    half_m: Array
     command: Array
+    integral: Array
 
 
 @dataclass(frozen=True)
 class Solution:
-    """The motion at each sample, and the torques around it.
+    """The motion at each sample, and the torques around it."""
 
-    Parameters
-    ----------
-    y : (N, 2 dof + states)
-        As in :class:`IntegratorState`.
-    tau_J, tau_m : (N, n)
-        Means over the sample interval centred on the sample, Nm.
-    command : (N, n)
-        Motor torque held from the sample on, Nm.
-    """
-
-    y: Array
+    y: Array  # (N, 2 dof + states) as in :class:`IntegratorState`
+    # tau_J, tau_m: (N, n) means over the sample interval centred on the sample, Nm
     tau_J: Array
     tau_m: Array
-    command: Array
+    command: Array  # (N, n) motor torque held from the sample on, Nm
 
 
 @dataclass(frozen=True)
 class ClosedLoop:
-    """What does not change during a run.
+    """What does not change during a run."""
 
-    Parameters
-    ----------
-    constants
-        Of the system, as its function of that name gives them.
-    gains : (3, n)
-        kp in Nm/rad, kd in Nms/rad, torque limit in Nm.
-    period
-        Of the samples, s.
-    half_steps
-        Integration steps in half a period.
-    """
-
-    constants: Array
-    gains: Array
-    period: float
-    half_steps: int
+    constants: Array  # of the system, as its function of that name gives them
+    gains: Array  # (4, n) kp in Nm/rad, kd in Nm s/rad, ki in Nm/(rad s), torque limit in Nm
+    period: float  # of the samples, s
+    half_steps: int  # integration steps in half a period
+    commands: int = 1  # a sample: 1, or an even number that divides the steps
 
 
 class Integrator(Protocol):
@@ -93,31 +70,14 @@ class Integrator(Protocol):
     name: str
 
     def run(self, loop: ClosedLoop, reference: Array, state: IntegratorState) -> Solution:
-        """Advance `state` over `reference` (N, 3n): theta, dtheta, feed-forward torque.
+        """Advance `state` over a reference (N commands, 3n): theta (rad), dtheta (rad/s), feed-forward torque (Nm).
 
         Where numbers stop being finite the solution ends early.
-
-        Parameters
-        ----------
-        loop
-            Arm, effects and controller.
-        reference
-            (N, 3n): theta (rad), dtheta (rad/s), feed-forward torque (Nm).
-        state
-            Where the arm is; left at the end of the run.
         """
 
 
 def make_integrator(system: System, name: str | None = None) -> Integrator:
-    """Return the integrator "c" or "casadi"; the faster that this machine has when None.
-
-    Raises
-    ------
-    SimulationError
-        If there is no integrator of that name.
-    KernelError
-        If "c" is asked for and cannot be had.
-    """
+    """Return the integrator "c" or "casadi"; the faster that this machine has when None."""
     if name not in (None, "c", "casadi"):
         raise SimulationError(f"there is no engine {name!r}", "Choose c or casadi, or None for the faster one.")
     if name is None:
@@ -154,29 +114,19 @@ class CompiledIntegrator:
         }
         loop = (resources.files("elastic_arm.simulation") / "rollout.c").read_text(encoding="utf-8")
         self._rollout = build_loop(system.accelerations, "accelerations", loop, sizes).rollout
-        self._rollout.argtypes = [ctypes.c_long, ctypes.c_long, ctypes.c_double, *[ctypes.c_void_p] * 5]
+        self._rollout.argtypes = [*[ctypes.c_long] * 3, ctypes.c_double, *[ctypes.c_void_p] * 5]
         self._rollout.restype = ctypes.c_long
 
     def run(self, loop: ClosedLoop, reference: Array, state: IntegratorState) -> Solution:
-        """See :meth:`Integrator.run`.
-
-        Parameters
-        ----------
-        loop
-            Arm, effects and controller.
-        reference
-            (N, 3n): theta (rad), dtheta (rad/s), feed-forward torque (Nm).
-        state
-            Where the arm is; left at the end of the run.
-        """
-        ode, n = self._ode, self._n
-        passed = np.concatenate([state.y, state.half, state.command])
-        out = np.empty((len(reference), ode + 3 * n))
+        """See :meth:`Integrator.run`."""
+        ode, n, samples = self._ode, self._n, len(reference) // loop.commands
+        passed = np.concatenate([state.y, state.half_J, state.half_m, state.command, state.integral])
+        out = np.empty((samples, ode + 3 * n))
         arrays = [np.ascontiguousarray(a, dtype=float) for a in (loop.constants, loop.gains, reference, passed)]
         addresses = [a.ctypes.data for a in (*arrays, out)]
-        done = self._rollout(len(reference), loop.half_steps, loop.period, *addresses)
-        passed = arrays[-1]
-        state.y, state.half, state.command = passed[:ode], passed[ode : ode + n], passed[ode + n :]
+        done = self._rollout(samples, loop.half_steps, loop.commands, loop.period, *addresses)
+        state.y, rest = arrays[-1][:ode], arrays[-1][ode:].reshape(4, n)
+        state.half_J, state.half_m, state.command, state.integral = rest
         return _solution(out[:done], ode, n)
 
 
@@ -185,17 +135,7 @@ def _solution(rows: Array, ode: int, n: int) -> Solution:
 
 
 def runge_kutta_step(rate: Callable[[Any], Any], y: Any, h: Any) -> Any:
-    """Return the state a step later by the classical Runge-Kutta scheme of fourth order.
-
-    Parameters
-    ----------
-    rate
-        State -> its time derivative, under inputs that are constant over the step.
-    y
-        State, a NumPy array or a CasADi expression of any shape.
-    h
-        Step, s.
-    """
+    """Return the state a step of h (s) later by the classical Runge-Kutta scheme, from its rate under held inputs."""
     k1 = rate(y)
     k2 = rate(y + h / 2 * k1)
     k3 = rate(y + h / 2 * k2)
@@ -203,7 +143,7 @@ def runge_kutta_step(rate: Callable[[Any], Any], y: Any, h: Any) -> Any:
 
 
 class CasadiIntegrator:
-    """One call a half interval; needs no compiler."""
+    """One call a command, two at least a sample; needs no compiler."""
 
     name = "casadi"
 
@@ -219,36 +159,45 @@ class CasadiIntegrator:
 
         step = ca.Function("step", [y, command, constants, h], [runge_kutta_step(rate, y, h)])
         self._step = step
-        self._half: dict[int, ca.Function] = {}
+        self._advance: dict[int, ca.Function] = {}
 
     def run(self, loop: ClosedLoop, reference: Array, state: IntegratorState) -> Solution:
-        """See :meth:`Integrator.run`.
-
-        Parameters
-        ----------
-        loop
-            Arm, effects and controller.
-        reference
-            (N, 3n): theta (rad), dtheta (rad/s), feed-forward torque (Nm).
-        state
-            Where the arm is; left at the end of the run.
-        """
+        """See :meth:`Integrator.run`."""
         n, ode = self._n, self._ode
         motor = n if self._dof > n else 0
-        half = self._half.setdefault(loop.half_steps, self._step.fold(loop.half_steps))
+        parts = max(2, loop.commands)
+        steps = 2 * loop.half_steps // parts
+        advance = self._advance.setdefault(steps, self._step.fold(steps))
         h = loop.period / (2 * loop.half_steps)
-        kp, kd, limit = loop.gains
-        rows = []
-        for theta, dtheta, torque in reference.reshape(len(reference), 3, n):
-            y = state.y
-            torque = torque + kp * (theta - y[motor : motor + n])
-            torque = torque + kd * (dtheta - y[self._dof + motor : self._dof + motor + n])
-            command = np.clip(torque, -limit, limit)
-            middle = np.array(half(np.append(y, np.zeros(n)), command, loop.constants, h)).ravel()
-            end = np.array(half(np.append(middle[:ode], np.zeros(n)), command, loop.constants, h)).ravel()
-            if not np.isfinite(end).all():
+        kp, kd, ki, limit = loop.gains
+        rows: list[Array] = []
+        given = iter(reference.reshape(len(reference), 3, n))
+        command, integral = state.command, state.integral.copy()
+        for _ in range(len(reference) // loop.commands):
+            y, held = np.append(state.y, np.zeros(n)), np.zeros(n)
+            for part in range(parts):
+                if part * loop.commands % parts == 0:
+                    theta, dtheta, forward = next(given)
+                    error = theta - y[motor : motor + n]
+                    speed = y[self._dof + motor : self._dof + motor + n]
+                    torque = forward + kp * error + kd * (dtheta - speed) + ki * integral
+                    command = np.clip(torque, -limit, limit)
+                    integral = integral + np.where(command == torque, error * loop.period / loop.commands, 0.0)
+                if part == 0:
+                    first = command
+                y = np.array(advance(y, command, loop.constants, h)).ravel()
+                held = held + command / parts
+                if 2 * (part + 1) == parts:
+                    means = [(state.half_J + y[ode:]) / loop.period, state.half_m + held]
+                    y[ode:], held = 0.0, np.zeros(n)
+            if not np.isfinite(y).all():
                 break
-            mean_J = (state.half + middle[ode:]) / loop.period
-            rows.append(np.concatenate([y, mean_J, 0.5 * (state.command + command), command]))
-            state.y, state.half, state.command = end[:ode], end[ode:], command
+            rows.append(np.concatenate([state.y, *means, first]))
+            state.y, state.half_J, state.half_m, state.command, state.integral = (
+                y[:ode],
+                y[ode:],
+                held,
+                command,
+                integral,
+            )
         return _solution(np.array(rows).reshape(-1, ode + 3 * n), ode, n)

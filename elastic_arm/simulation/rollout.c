@@ -40,36 +40,57 @@ static double within(double value, double limit)
 
 /* Advance from sample to sample; returns how many were completed with finite numbers.
  *
- * gains      kp, kd, torque limit                         3 JOINTS
- * reference  theta, dtheta, feed-forward torque           (samples, 3 JOINTS)
- * carry      y, integral of tau_J over the last half interval, command before     ODE + 2 JOINTS, in and out
+ * commands   a sample, each held until the next
+ * gains      kp, kd, ki, torque limit                     4 JOINTS
+ * reference  theta, dtheta, feed-forward torque           (samples commands, 3 JOINTS)
+ * carry      y; over the last half interval the integral of tau_J and half the mean of tau_m; the command before; the
+ *            integral of the error of theta               ODE + 4 JOINTS, in and out
  * out        y at the stamp, means of tau_J and tau_m over the interval centred on it, the command from it on
  */
-long rollout(long samples, long half_steps, double period, const double *constants, const double *gains,
-             const double *reference, double *carry, double *out)
+long rollout(long samples, long half_steps, long commands, double period, const double *constants,
+             const double *gains, const double *reference, double *carry, double *out)
 {
-    double in[ODE + JOINTS + CONSTANTS], y[ALL];
-    double *half = carry + ODE, *before = half + JOINTS, *command = in + ODE;
+    double in[ODE + JOINTS + CONSTANTS], y[ALL], held[JOINTS];
+    double *half_J = carry + ODE, *half_m = half_J + JOINTS, *before = half_m + JOINTS, *integral = before + JOINTS;
+    double *command = in + ODE;
     const double h = 0.5 * period / (double)half_steps;
     const int motor = DOF > JOINTS ? JOINTS : 0;
+    const long parts = commands > 1 ? commands : 2, steps = 2 * half_steps / parts;
     memcpy(in + ODE + JOINTS, constants, CONSTANTS * sizeof(double));
     memcpy(y, carry, ODE * sizeof(double));
-    for (long k = 0; k < samples; k++, reference += 3 * JOINTS, out += ODE + 3 * JOINTS) {
+    for (long k = 0; k < samples; k++, out += ODE + 3 * JOINTS) {
         double *mean_J = out + ODE, *mean_m = mean_J + JOINTS;
         memcpy(out, y, ODE * sizeof(double));
-        for (int i = 0; i < JOINTS; i++) {
-            double torque = reference[2 * JOINTS + i] + gains[i] * (reference[i] - y[motor + i])
-                          + gains[JOINTS + i] * (reference[JOINTS + i] - y[DOF + motor + i]);
-            command[i] = within(torque, gains[2 * JOINTS + i]);
-            mean_m[i] = 0.5 * (before[i] + command[i]);
-            mean_m[JOINTS + i] = before[i] = command[i];
+        memset(y + ODE, 0, JOINTS * sizeof(double));
+        memset(held, 0, sizeof held);
+        for (long part = 0; part < parts; part++) {
+            if (part * commands % parts == 0) {
+                for (int i = 0; i < JOINTS; i++) {
+                    const double error = reference[i] - y[motor + i], limit = gains[3 * JOINTS + i];
+                    const double torque = reference[2 * JOINTS + i] + gains[i] * error
+                                        + gains[JOINTS + i] * (reference[JOINTS + i] - y[DOF + motor + i])
+                                        + gains[2 * JOINTS + i] * integral[i];
+                    command[i] = within(torque, limit);
+                    /* At its limit a drive does not wind up. */
+                    if (command[i] == torque) integral[i] += error * period / (double)commands;
+                }
+                if (part == 0) memcpy(mean_m + JOINTS, command, JOINTS * sizeof(double));
+                reference += 3 * JOINTS;
+            }
+            advance(in, y, steps, h);
+            for (int i = 0; i < JOINTS; i++) held[i] += command[i] / (double)parts;
+            if (2 * (part + 1) == parts) {
+                for (int i = 0; i < JOINTS; i++) {
+                    mean_J[i] = (half_J[i] + y[ODE + i]) / period;
+                    mean_m[i] = half_m[i] + held[i];
+                }
+                memset(y + ODE, 0, JOINTS * sizeof(double));
+                memset(held, 0, sizeof held);
+            }
         }
-        memset(y + ODE, 0, JOINTS * sizeof(double));
-        advance(in, y, half_steps, h);
-        for (int i = 0; i < JOINTS; i++) mean_J[i] = (half[i] + y[ODE + i]) / period;
-        memset(y + ODE, 0, JOINTS * sizeof(double));
-        advance(in, y, half_steps, h);
-        memcpy(half, y + ODE, JOINTS * sizeof(double));
+        memcpy(half_J, y + ODE, JOINTS * sizeof(double));
+        memcpy(half_m, held, sizeof held);
+        memcpy(before, command, JOINTS * sizeof(double));
         for (int i = 0; i < ODE; i++)
             if (!isfinite(y[i])) return k;
         memcpy(carry, y, ODE * sizeof(double));

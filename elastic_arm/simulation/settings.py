@@ -13,39 +13,19 @@ from elastic_arm.simulation.controller import Controller
 
 @dataclass(frozen=True)
 class SimulationSettings:
-    """How an arm is simulated.
+    """How an arm is simulated."""
 
-    Parameters
-    ----------
-    model
-        mod1, mod2 or mod3.
-    bearings
-        Let the bearings tilt (12 coordinates for three joints).
-    effects
-        Effects beyond the model, beside those that the description lists.
-    sensors
-        What the measured channels add to the truth; those of `Sensors()` when None.
-    controller
-        Default: tuned to `nominal`.
-    nominal
-        What the controller, and a recording, believe; the true arm when None.
-    rate, substeps
-        Samples a second, and integration steps a sample (an even number).
-    engine
-        "c", "casadi", or None for the faster one that this machine has.
-    catalogue
-        Where the ids of the description's effects are looked up; the default catalogue when None.
-    """
-
-    model: str = "mod3"
-    bearings: bool = False
-    effects: Sequence[EffectInstance] = ()
-    sensors: Sensors | None = None
-    controller: Controller | None = None
-    nominal: Robot | None = None
+    model: str = "mod3"  # mod1, mod2 or mod3
+    bearings: bool = False  # let the bearings tilt (12 coordinates for three joints)
+    effects: Sequence[EffectInstance] = ()  # effects beyond the model, beside those that the description lists
+    sensors: Sensors | None = None  # what the measured channels add to the truth; those of `Sensors()` when None
+    controller: Controller | None = None  # default: what `nominal` states, else one that is tuned to it
+    nominal: Robot | None = None  # what the controller, and a recording, believe; the true arm when None
+    # rate, substeps: samples a second, and integration steps a sample (an even number), or more where the arm is stiff
     rate: float = 1000.0
     substeps: int = 10
-    engine: str | None = None
+    engine: str | None = None  # "c", "casadi", or None for the faster one that this machine has
+    # where the ids of the description's effects are looked up; the default catalogue when None
     catalogue: Catalogue | None = None
 
 

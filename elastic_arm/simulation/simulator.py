@@ -13,9 +13,9 @@ from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.effects.model import Plant
 from elastic_arm.errors import ElasticArmError, SimulationError
 from elastic_arm.robot import Robot
-from elastic_arm.sensors import SensorBank, Sensors
+from elastic_arm.sensors import DelayLine, SensorBank, Sensors
 from elastic_arm.simulation.assembly import System, assemble
-from elastic_arm.simulation.controller import tuned
+from elastic_arm.simulation.controller import controller_of, fastest_eigenvalue
 from elastic_arm.simulation.equilibrium import equilibrium
 from elastic_arm.simulation.integrator import ClosedLoop, IntegratorState, Solution, make_integrator
 from elastic_arm.simulation.settings import USUAL, SimulationSettings
@@ -81,7 +81,7 @@ class Simulator:
     Parameters
     ----------
     robot
-        The arm. What its description lists under `effects` acts too.
+        The arm. What its description lists under `effects` acts too, and its `controller` drives it.
     settings
         Model, effects, sensors, controller, sample rate.
     rng
@@ -112,7 +112,7 @@ class Simulator:
         check_same_joints(robot, self.nominal)
         self.robot, self.rate, self._settings, self._duration = robot, float(settings.rate), settings, duration
         given = settings.controller
-        self.controller = tuned(self.nominal, model=settings.model, rate=self.rate) if given is None else given
+        self.controller = controller_of(self.nominal, model=settings.model, rate=self.rate) if given is None else given
         self._rng = np.random.default_rng() if rng is None else rng
         self._samples = 0
         self._build(settings.effects)
@@ -142,15 +142,32 @@ class Simulator:
                     f"the start {what} is not {n} finite numbers", "Give one per joint, rad or rad/s."
                 )
         x, hold = equilibrium(self.system, q0, np.full(2 * n, SIGN_SPEED))
-        z = np.zeros(self.system.states)
-        step = 1.0 / (self.rate * self._settings.substeps)
-        self.sign_speed = sign_speed(self.system, self.system.equations.nominal, x, z, hold, step)
+        z, controller = np.zeros(self.system.states), self.controller
+        steps = self._steps(x, hold)
+        self.sign_speed = sign_speed(self.system, self.system.equations.nominal, x, z, hold, 1.0 / (self.rate * steps))
         constants = self.system.evaluate_constants(self.sign_speed)
         limits = [np.inf if j.limits.torque is None else j.limits.torque for j in self.robot.joints]
-        gains = np.array([self.controller.kp, self.controller.kd, limits])
-        self._loop = ClosedLoop(constants, gains, 1.0 / self.rate, self._settings.substeps // 2)
+        gains = np.array([controller.kp, controller.kd, controller.ki, np.minimum(limits, controller.limit)])
+        self._loop = ClosedLoop(constants, gains, 1.0 / self.rate, steps // 2, controller.commands)
+        self._late = DelayLine(np.tile(controller.delay, 3), self.rate) if np.any(controller.delay) else None
         self.place(x[:n], x[n : 2 * n], dq0, dq0, command=hold, z=z)
         self.state.y[2 * n : len(x)] = x[2 * n :]
+
+    def _steps(self, x: Array, hold: Array) -> int:
+        """Return the integration steps a sample: none longer than the time constant of the arm's fastest eigenvalue."""
+        system, rest, z = self.system, np.zeros_like(x), np.zeros(self.system.states)
+        given = (system.equations.nominal, system.effect_set.numbers(), np.full(2 * system.n, SIGN_SPEED))
+        stiffness = np.array(system.stiffness_of_balance(x, rest, z, *given))
+        mass, damping = np.array(system.friction(x, rest, z, hold, *given)[1]), np.zeros_like(stiffness)
+        for spring in system.equations.bodies.springs:
+            ends = np.zeros(len(x))
+            ends[spring.coordinate] = 1.0
+            if spring.against is not None:
+                ends[spring.against] = -1.0
+            damping += system.equations.nominal[spring.damping] * np.outer(ends, ends)
+        needed = max(self._settings.substeps, fastest_eigenvalue(mass, stiffness, damping) / self.rate)
+        whole = max(2, self.controller.commands)
+        return whole * int(np.ceil(needed / whole - 1e-9))
 
     @property
     def t(self) -> float:
@@ -158,27 +175,18 @@ class Simulator:
         return self._samples / self.rate
 
     def follow(self, q: Array, dq: Array, ddq: Array) -> tuple[Truth, dict[str, Array]]:
-        """Run over a reference of the motor side, (N, n) each, at the sample rate.
-
-        Parameters
-        ----------
-        q, dq, ddq
-            (N, n) rad, rad/s and rad/s².
-
-        Returns
-        -------
-        truth, measured
-            Of the N samples: the truth, and the channels q, dq, tau_J, theta, dtheta, tau_m as the sensors read them.
-        """
+        """Run over a reference of the motor side, (N, n) each, at the sample rate."""
         q, dq, ddq = (np.asarray(values, dtype=float) for values in (q, dq, ddq))
-        return self._advance(self._loop, np.concatenate([q, dq, self.controller.feedforward(q, dq, ddq)], axis=1))
+        if self._late is not None:
+            q, dq, ddq = np.split(self._late(np.concatenate([q, dq, ddq], axis=1)), 3, axis=1)
+        return self._advance(self._loop, self.controller.commanded(q, dq, ddq, self.rate))
 
     def drive(self, tau_m: Array) -> tuple[Truth, dict[str, Array]]:
         """Run under given motor torques (N, n), Nm, each held for a sample; see :meth:`follow`."""
         tau_m = np.asarray(tau_m, dtype=float)
-        gains = np.array([np.zeros(self.robot.n), np.zeros(self.robot.n), self._loop.gains[2]])
+        gains = self._loop.gains * [[0.0], [0.0], [0.0], [1.0]]
         reference = np.concatenate([np.zeros((len(tau_m), 2 * self.robot.n)), tau_m], axis=1)
-        return self._advance(replace(self._loop, gains=gains), reference)
+        return self._advance(replace(self._loop, gains=gains, commands=1), reference)
 
     def step(
         self, reference: tuple[Array, Array, Array] | None = None, *, torque: Array | None = None
@@ -202,17 +210,6 @@ class Simulator:
 
         Bearings start untilted. `command` is the motor torque held until now, `z` the internal states of effects;
         both are zero when None.
-
-        Parameters
-        ----------
-        q, theta
-            (n,) rad.
-        dq, dtheta
-            (n,) rad/s.
-        command
-            (n,) motor torque held until now, Nm; zero when None.
-        z
-            Internal states of the effects; zero when None.
         """
         dof = self.system.dof
         parts = (q, theta) if self.robot.elastic else (q,)
@@ -221,17 +218,13 @@ class Simulator:
         z = np.zeros(self.system.states) if z is None else np.asarray(z, dtype=float)
         held = np.zeros(self.robot.n) if command is None else np.array(command, dtype=float)
         tau_J = np.array(self.system.accelerations(x, dx, z, held, self._loop.constants)[2]).ravel()
-        self.state = IntegratorState(np.concatenate([x, dx, z]), 0.5 * tau_J / self.rate, held)
+        none = np.zeros(self.robot.n)
+        self.state = IntegratorState(np.concatenate([x, dx, z]), 0.5 * tau_J / self.rate, 0.5 * held, held, none)
 
     def change_effects(self, effects: Sequence[EffectInstance]) -> None:
         """Go on from the present motion with other effects; internal states of effects start anew.
 
         Equations of a shape not met before are compiled, which takes a second or two.
-
-        Raises
-        ------
-        EffectError, SimulationError
-            If an effect cannot act on this arm, or leaves it no equilibrium; the arm goes on with those it had.
         """
         before = vars(self).copy()
         try:
@@ -242,16 +235,16 @@ class Simulator:
 
     def _change_effects(self, effects: Sequence[EffectInstance]) -> None:
         x, dx = (self.state.y[k * self.system.dof : (k + 1) * self.system.dof] for k in (0, 1))
-        command, half = self.state.command, self.state.half
+        before = self.state
         self._build(effects)
         dof = self.system.dof
         x, dx = (np.pad(values[:dof], (0, max(0, dof - len(values)))) for values in (x, dx))
         self.reset(x[self.robot.n : 2 * self.robot.n] if self.robot.elastic else x)
-        self.state = IntegratorState(np.concatenate([x, dx, np.zeros(self.system.states)]), half, command)
+        self.state = replace(before, y=np.concatenate([x, dx, np.zeros(self.system.states)]))
 
     def _advance(self, loop: ClosedLoop, reference: Array) -> tuple[Truth, dict[str, Array]]:
         solution = self.integrator.run(loop, reference, self.state)
-        if len(solution.y) < len(reference):
+        if len(solution.y) * loop.commands < len(reference):
             self._explain(solution)
         truth = self._truth(solution)
         self._samples += len(solution.y)
@@ -281,19 +274,6 @@ def sign_speed(system: System, Psi: Array, x: Array, z: Array, hold: Array, step
     """Return the speed (2n,) below which friction of each side is regularised, rad/s.
 
     :data:`SIGN_SPEED`, or more where friction would outrun an integrator of this step (s): `friction step / inertia`.
-
-    Parameters
-    ----------
-    system
-        Arm and effects.
-    Psi
-        (P,) parameters.
-    x, z
-        Coordinates and internal states at which friction is looked at.
-    hold
-        (n,) motor torque, Nm.
-    step
-        Of the integrator, s.
     """
     rest, speed = np.zeros_like(x), np.full(2 * system.n, SIGN_SPEED)
     slope, mass = (np.array(m) for m in system.friction(x, rest, z, hold, Psi, system.effect_set.numbers(), speed))

@@ -2,6 +2,7 @@
 
 import json
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -103,6 +104,7 @@ def test_candidates_cover_every_place_and_choice(arm):
         expected = {
             Scope.EACH: set(arm.joint_names),
             Scope.LAST: {arm.joint_names[-1]},
+            Scope.BUT_LAST: set(arm.joint_names[:-1]),
             Scope.ARM: {None},
             Scope.EACH_OR_ARM: {None, *arm.joint_names},
         }[effect.scope]
@@ -139,6 +141,25 @@ def test_a_fit_may_find_less_than_a_real_arm_has(arm):
 
 
 @pytest.mark.parametrize(
+    ("text", "word"),
+    [
+        ("motor_torque_offset:joint_1:offset=-31.9", None),
+        ("motor_torque_offset:joint_1:offset=75", "50"),
+        ("coulomb_friction:joint_2:torque=9", None),
+        ("coulomb_friction:joint_2:torque=31", "30 Nm that the joint gives"),
+        ("joint_zero:joint_1:offset=1.6", "0.5"),
+        ("transmission_error:joint_1:amplitude=1e-4,phase=4", None),
+        ("payload:mass=80", "50"),
+    ],
+)
+def test_sizes_that_no_arm_has_are_told(arm, text, word):
+    """Beyond every plausible size, or more than the joint's own torque: nothing to be written into a description."""
+    weak = arm.with_joint("joint_2", limits=replace(arm.joints[1].limits, torque=30.0))
+    found = parse(text, weak).implausible(weak)
+    assert found is None if word is None else word in found
+
+
+@pytest.mark.parametrize(
     ("text", "words"),
     [
         ("columb_friction:joint_1:torque=1", ["Did you mean coulomb_friction", "payload"]),
@@ -154,6 +175,7 @@ def test_a_fit_may_find_less_than_a_real_arm_has(arm):
         ("hysteresis:joint_1:torque=1,width=0", ["width", "above 0"]),
         ("payload:mass=5,position=0/0", ["position", "3 numbers"]),
         ("payload:joint_1:mass=5", ["joint_1", "joint_3"]),
+        ("load:joint_3:mass=5", ["cannot sit on joint_3", "joint_1, joint_2"]),
         ("base_tilt:joint_1:x=0.1", ["whole arm"]),
         ("spline_inertia:size=2", ["no free parameter"]),
         ("time_delay:joint_1:delay=0.001,channels=joint_torque+thermometer", ["thermometer", "link_encoder"]),

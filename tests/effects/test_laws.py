@@ -1,5 +1,9 @@
 """Every law of the catalogue against its closed form, written out here."""
 
+import re
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -7,45 +11,15 @@ from elastic_arm.dynamics import build_model
 from elastic_arm.effects import EFFECTS, parse
 from elastic_arm.effects.effect_set import EffectSet
 from elastic_arm.errors import EffectError
-from elastic_arm.robot import Robot, load_robot
+from elastic_arm.robot import Inertia, Robot, load_robot
+from elastic_arm.robot.kinematics import lumped
 from tests.helpers.effect_samples import DURATION, INSTANCES, contribution, random_motion
 
+PAGE = (Path(__file__).parents[2] / "docs" / "contract.md").read_text(encoding="utf-8")
+CATALOGUE = PAGE.split("## Effects", 1)[1].split("\n## ", 1)[0]
 # What no value of a parameter turns off.
 NEVER_NEUTRAL = {"bearing_compliance", "torque_lowpass", "spline_inertia", "inertia_coupling"}
-CONTRACT = {
-    "torque_drift",
-    "torque_lowpass",
-    "viscous_friction",
-    "coulomb_friction",
-    "stribeck_friction",
-    "load_dependent_friction",
-    "nonlinear_stiffness",
-    "hysteresis",
-    "backlash",
-    "transmission_error",
-    "torque_ripple",
-    "bearing_compliance",
-    "payload",
-    "base_tilt",
-    "motor_torque_gain",
-    "joint_torque_gain",
-    "motor_torque_offset",
-    "joint_torque_offset",
-    "encoder_offset",
-    "encoder_eccentricity",
-    "time_delay",
-    "link_inertia_mismatch",
-    "rotor_inertia_mismatch",
-    "stiffness_mismatch",
-    "damping_mismatch",
-    "spline_inertia",
-    "inertia_coupling",
-    "joint_spring",
-    "counterbalance",
-    "degressive_friction",
-    "thermal_friction",
-    "wrist_coupling",
-}
+CONTRACT = set(re.findall(r"^\| `(\w+)` \|", CATALOGUE, re.MULTILINE))
 
 # id -> (motion m at joint i, transmission g, parameters p) -> expected residuals of that joint.
 CLOSED_FORMS = {
@@ -113,8 +87,8 @@ class At:
 
 
 def test_the_catalogue_holds_the_contracts_effects():
-    """All 32 ids of docs/contract.md and no other, each with words, formula and sides."""
-    assert set(EFFECTS) == CONTRACT and len(CONTRACT) == 32
+    """The ids of docs/contract.md and no other, each with words, formula and sides."""
+    assert set(EFFECTS) == CONTRACT
     for effect in EFFECTS.values():
         assert effect.formula and effect.description and effect.signature and effect.sides
         assert all(other.effect in EFFECTS for other in effect.confusions)
@@ -180,6 +154,69 @@ def test_thermal_friction_scales_the_friction_of_its_joint_and_side(arm, side):
         expected[1] *= 1 - 0.4 * (progress - 0.5)
         assert np.allclose(found[side], expected)
         assert found["rates"] == [1.0]
+
+
+@pytest.mark.parametrize("side", ["motor", "link"])
+def test_asymmetric_friction_is_larger_in_one_direction(arm, side):
+    """All friction of its joint and side is 1 + a times as large forwards, 1 - a times backwards; none elsewhere."""
+    texts = [f"coulomb_friction:joint_2:torque=10,side={side}", f"viscous_friction:joint_2:coefficient=5,side={side}"]
+    friction = [*(parse(text, arm) for text in texts), parse("coulomb_friction:joint_1:torque=7")]
+    skewed = parse(f"asymmetric_friction:joint_2:asymmetry=0.3,side={side}", arm)
+    for seed in range(4):
+        motion = random_motion(arm, np.random.default_rng(seed))
+        expected = contribution(arm, friction, motion)[side]
+        expected[1] *= 1 + 0.3 * np.sign(motion["dx"][1 if side == "link" else arm.n + 1])
+        assert np.allclose(contribution(arm, [*friction, skewed], motion)[side], expected)
+
+
+def test_a_joint_zero_turns_what_hangs_on_the_joint(arm):
+    """Both encoders read `offset` too much: the torques are those of the arm at the angles less it, K and D apart."""
+    motion, model = random_motion(arm, np.random.default_rng(0)), build_model(arm, engine="numpy")
+    turned = motion["x"] - 0.05 * np.array([0, 1, 0, 0, 1, 0])
+    there, here = (
+        model.inverse_dynamics(*(v[None] for v in (x, motion["dx"], motion["ddx"])))[0] for x in (turned, motion["x"])
+    )
+    found = contribution(arm, [parse("joint_zero:joint_2:offset=0.05")], motion)
+    assert np.allclose(found["link"], (there - here)[:3]) and np.abs(found["link"][1]) > 1.0
+    assert np.allclose(found["motor"], (there - here)[3:]) and not found["drive"].any()
+
+
+def test_a_joint_zero_is_the_turned_geometry_of_a_description(arm):
+    """An arm file whose DH offset is smaller by the zero moves as the arm with the effect."""
+    joint = arm.joints[1]
+    row = replace(joint.dh, offset=joint.dh.offset - 0.05)
+    built = arm.with_joint("joint_2", dh=row, after=row.placement)
+    motion = random_motion(arm, np.random.default_rng(1))
+    state = [motion[name][None] for name in ("x", "dx", "ddx")]
+    true, nominal = (build_model(robot, engine="numpy").inverse_dynamics(*state)[0] for robot in (built, arm))
+    found = contribution(arm, [parse("joint_zero:joint_2:offset=0.05")], motion)
+    assert np.allclose(np.append(found["link"], found["motor"]), true - nominal)
+
+
+@pytest.mark.parametrize("joint", [None, "joint_2"])
+def test_gravity_compensation_takes_its_share_of_the_weight(arm, joint):
+    """Every equation that holds the torque lacks the share of gravity; tau_J counts reversed for the motor."""
+    motion, rest = random_motion(arm, np.random.default_rng(0)), np.zeros((1, 6))
+    still = np.tile(motion["x"][None, :3], 2)
+    weight = 0.4 * build_model(arm, engine="numpy").inverse_dynamics(still, rest, rest)[0, :3]
+    if joint:
+        weight *= [0, 1, 0]
+    place = f"gravity_compensation:{joint}:share=0.4" if joint else "gravity_compensation:share=0.4"
+    of = {c: contribution(arm, [parse(f"{place},channels={c}_torque")], motion) for c in ("joint", "motor")}
+    assert np.allclose(of["motor"]["motor"], -weight) and not (of["motor"]["link"].any() or of["motor"]["drive"].any())
+    assert np.allclose(of["joint"]["link"], -weight) and np.allclose(of["joint"]["drive"], -weight)
+    assert np.allclose(of["joint"]["motor"], weight) and np.abs(weight).max() > 10.0
+
+
+def test_a_load_is_a_link_with_a_point_mass(arm):
+    """An arm whose second link carries the mass needs the torques of the model with the effect."""
+    link = lumped([arm.joints[1].link, Inertia(6.0, np.array([0.05, -0.02, 0.1]), np.zeros((3, 3)))])
+    motion = random_motion(arm, np.random.default_rng(0))
+    state = [motion[name][None] for name in ("x", "dx", "ddx")]
+    heavy = arm.with_joint("joint_2", link=link)
+    true, nominal = (build_model(robot, engine="numpy").inverse_dynamics(*state)[0, :3] for robot in (heavy, arm))
+    found = contribution(arm, [parse("load:joint_2:mass=6,position=0.05/-0.02/0.1")], motion)["link"]
+    assert np.allclose(found, true - nominal) and found[2] == pytest.approx(0.0, abs=1e-12)
 
 
 def test_an_effect_in_time_needs_a_run_that_ends(arm):

@@ -29,7 +29,7 @@ SENSOR_EFFECTS = {
     "torque_drift",
     "torque_lowpass",
 }
-SCALES = {"thermal_friction"}  # nothing by itself
+SCALES = {"thermal_friction", "asymmetric_friction"}  # nothing by itself
 IN_EQUATIONS = sorted(set(INSTANCES) - SENSOR_EFFECTS - SCALES)
 
 
@@ -230,8 +230,7 @@ def test_conservative_effects_keep_energy(arm, effect):
 
 
 @pytest.mark.parametrize(
-    "effect",
-    ["viscous_friction", "coulomb_friction", "stribeck_friction", "load_dependent_friction", "hysteresis"],
+    "effect", ["viscous_friction", "coulomb_friction", "stribeck_friction", "load_dependent_friction", "hysteresis"]
 )
 def test_friction_takes_energy_at_every_moment(arm, effect):
     """An undamped falling arm loses energy steadily, just as much as the law's torque times the speed."""

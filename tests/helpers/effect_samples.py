@@ -47,6 +47,11 @@ INSTANCES = {
     "counterbalance": ("counterbalance:joint_2:torque=35/12/-8/3", "mod3"),
     "degressive_friction": ("degressive_friction:joint_2:torque=12,speed=0.3", "mod3"),
     "wrist_coupling": ("wrist_coupling:joint_3:dry=4,viscous=3,inertia=0.2", "mod3"),
+    "joint_zero": ("joint_zero:joint_2:offset=0.05", "mod3"),
+    "asymmetric_friction": ("asymmetric_friction:joint_2:asymmetry=0.3", "mod3"),
+    "gravity_compensation": ("gravity_compensation:share=0.4,channels=joint_torque+motor_torque", "mod3"),
+    "carried_weight": ("carried_weight:joint_2:mass=3,position=0.05/-0.02/0.1", "mod3"),
+    "load": ("load:joint_2:mass=6,position=0.05/-0.02/0.1", "mod3"),
     "thermal_friction": ("thermal_friction:joint_2:change=-0.3", "mod3"),
 }
 

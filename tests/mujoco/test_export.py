@@ -9,17 +9,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import typer
+from typer.testing import CliRunner
 
+import elastic_arm.robot
 from elastic_arm.dynamics import build_model
 from elastic_arm.errors import RobotError
-from elastic_arm.robot import Inertia, Robot, load_robot, to_urdf
+from elastic_arm.robot import Inertia, JointController, Robot, load_robot, to_urdf
 from elastic_arm.robot.kinematics import lumped
 from tests.helpers.mujoco_arms import MODELS, random_motion
 
 pytest.importorskip("mujoco")
-pytest.importorskip("lxml")
 
-from elastic_arm.mujoco import export_mjcf, export_urdf
+from elastic_arm.cli.mujoco.export import export
+from elastic_arm.mujoco import export_mjcf, export_new_mjcf, export_urdf
 from elastic_arm.mujoco.changes import inertial_change
 
 LOAD = {"effect": "payload", "joint": None, "parameters": {"mass": 1.5, "position": [0.02, 0.03, 0.2]}}
@@ -91,8 +94,8 @@ def test_a_file_in_another_folder_finds_its_includes(base: Path) -> None:
 def test_what_no_number_states_is_listed(base: Path) -> None:
     """Stribeck friction is left to a law, with the reason."""
     done = export_mjcf(corrected(base, STRIBECK), base, base.parent / "fixed.xml")
-    ((instance, reason),) = done.left
-    assert instance.effect.id == "stribeck_friction" and "attach" in reason
+    (left,) = done.left
+    assert left.what == "stribeck_friction" and "attach" in left.reason and left.cost["joint2"] > 0.0
     assert not done.changes
 
 
@@ -161,7 +164,7 @@ def test_a_torque_delay_goes_to_the_sensor(base: Path) -> None:
     late = {"effect": "time_delay", "joint": "joint2", "parameters": {"delay": 0.01, "channels": ["motor_torque"]}}
     other = {**late, "joint": "joint3"}
     done = export_mjcf(corrected(base, late, other), base, base.parent / "fixed.xml")
-    assert [(instance.joint, reason) for instance, reason in done.left] == [
+    assert [(left.joint, left.reason) for left in done.left] == [
         ("joint3", "the file has no jointactuatorfrc sensor of this joint")
     ]
     (effect,) = [e for e in load_robot(base.parent / "fixed.xml").effects if e["effect"] == "time_delay"]
@@ -190,3 +193,120 @@ def test_tables_show_no_rounding_of_a_solver() -> None:
     moved = replace(joint.link, com=np.array([1e-17, 0.05, 0.0]))
     (change,) = (c for c in inertial_change("link", joint.link, moved) if c.number == "centre of mass")
     assert change.after == (0.0, 0.05, 0.0)
+
+
+def test_a_urdf_lists_what_it_has_no_number_for(tmp_path: Path) -> None:
+    """Armatures, springs, delays and drives of an exported arm are named with their size and the missing torque."""
+    rigid = load_robot(MODELS / "arm.xml")
+    spring = {"effect": "joint_spring", "joint": "joint2", "parameters": {"stiffness": 80.0, "rest": 0.0}}
+    late = {"effect": "time_delay", "joint": "joint2", "parameters": {"delay": 0.01, "channels": ["motor_torque"]}}
+    done = export_urdf(rigid.with_(effects=(spring, late)), None, tmp_path / "new.urdf")
+    left = {(one.what, one.joint): one for one in done.left}
+    assert set(left) == {
+        *(("armature", joint.name) for joint in rigid.joints if joint.armature),
+        *(("controller", joint.name) for joint in rigid.joints if joint.controller),
+        ("joint_spring", "joint2"),
+        ("time_delay", "joint2"),
+    }
+    own = left["armature", "joint5"]
+    # 0.5 rad at 2 rad/s: accelerations of 2 rad/s² times a sine.
+    assert own.numbers == {"armature": 0.03} and own.cost == {"joint5": pytest.approx(0.03 * np.sqrt(2.0), rel=0.01)}
+    assert left["joint_spring", "joint2"].cost["joint2"] > 10.0
+    elastic = export_urdf(load_robot(), None, tmp_path / "elastic.urdf")
+    kinds = {one.what for one in elastic.left}
+    assert kinds == {"armature", "drive", "bearing"}
+    gear = load_robot().joints[0].transmission
+    motor = next(one for one in elastic.left if (one.what, one.joint) == ("armature", "joint_1"))
+    inertias = (gear.rotor.izz * gear.r_tot**2, gear.wave_generator.izz * gear.harmonic_drive_ratio**2, gear.spline.izz)
+    assert motor.numbers["armature"] == pytest.approx(sum(inertias))
+
+
+def test_a_new_mjcf_lists_what_it_has_no_number_for(tmp_path: Path) -> None:
+    """Bearings, the rotors' coupling and a controller of an elastic arm are not in the new file, and named."""
+    robot = load_robot()
+    robot = robot.with_joint("joint_2", controller=JointController(kp=100.0))
+    done = export_new_mjcf(robot, None, tmp_path / "new.xml")
+    assert {one.what for one in done.left} == {"bearing", "controller", "inertia_coupling"}
+    (coupling,) = (one for one in done.left if one.what == "inertia_coupling")
+    assert max(coupling.cost.values()) > 0.1
+
+
+@pytest.mark.parametrize(
+    ("name", "asked", "found"),
+    [
+        ("x.urdf", None, "urdf"),
+        ("x.xml", None, "mjcf"),
+        ("x.mjcf", None, "mjcf"),
+        ("x.xml", "urdf", "urdf"),
+        ("x.urdf", "mjcf", None),
+        ("x.mjcf", "urdf", None),
+        ("x.yaml", None, None),
+    ],
+)
+def test_the_format_goes_by_the_ending(tmp_path: Path, name: str, asked: str | None, found: str | None) -> None:
+    """`elastic-arm export --out x.urdf` writes a URDF; an ending of another format is refused."""
+    arguments = ["--out", str(tmp_path / name), *([] if asked is None else ["--to", asked])]
+    app = typer.Typer()
+    app.command()(export)
+    result = CliRunner().invoke(app, [str(Path(elastic_arm.robot.__file__).parent / "data" / "arm.yaml"), *arguments])
+    if found is None:
+        assert result.exit_code == 2 and "ending" in result.stderr and not (tmp_path / name).exists()
+    else:
+        root = {"urdf": "<robot", "mjcf": "<mujoco"}[found]
+        assert result.exit_code == 0 and root in (tmp_path / name).read_text()
+        assert "armature" in result.output or "bearing" in result.output
+
+
+@pytest.mark.parametrize("angle", ["radian", "degree"])
+def test_a_spring_is_written_as_stiffness_and_springref(base: Path, angle: str) -> None:
+    """A joint spring that was found is in the corrected file, in the units of its compiler, and read back."""
+    base.write_text(base.read_text().replace('angle="radian"', f'angle="{angle}"'))
+    spring = {"effect": "joint_spring", "joint": "joint2", "parameters": {"stiffness": 80.0, "rest": 0.3}}
+    done = export_mjcf(corrected(base, spring), base, base.parent / "fixed.xml")
+    assert {(c.element, c.number, c.after) for c in done.changes} == {
+        ("joint2", "stiffness", (80.0,)),
+        ("joint2", "springref", (0.3,)),
+    }
+    (again,) = [e for e in load_robot(base.parent / "fixed.xml").effects if e["effect"] == "joint_spring"]
+    assert again["parameters"] == {"stiffness": 80.0, "rest": pytest.approx(0.3)}
+
+
+def test_carried_weight_that_a_file_does_not_state_is_listed(base: Path) -> None:
+    """Weight carried by something outside is in the file as gravcomp or, where it was found, named with its torque."""
+    carried = {"effect": "carried_weight", "joint": "joint2", "parameters": {"mass": 1.0, "position": [0.0, 0.0, 0.1]}}
+    done = export_mjcf(corrected(base, carried), base, base.parent / "fixed.xml")
+    assert [(one.what, one.joint) for one in done.left] == [("carried_weight", "joint2")]
+
+
+ZERO = {"effect": "joint_zero", "joint": "joint2", "parameters": {"offset": 0.05}}
+
+
+def torques_with_zero(robot: Robot, i: int, offset: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return q, dq, ddq of a motion, and the torques of the arm at the angles of joint i less the offset."""
+    motion = random_motion(robot.n)
+    described = motion[0] - offset * (np.arange(robot.n) == i)
+    return motion, build_model(robot).inverse_dynamics(described, *motion[1:])
+
+
+def test_a_joint_zero_is_where_a_model_is_drawn(base: Path) -> None:
+    """The corrected MJCF has the offset as `ref`: read back, it moves as the arm whose encoders are off."""
+    robot = load_robot(base)
+    done = export_mjcf(corrected(base, ZERO), base, base.parent / "fixed.xml")
+    assert [(c.element, c.number) for c in done.changes] == [("joint2", "ref")] and not done.left
+    again = load_robot(base.parent / "fixed.xml")
+    motion, expected = torques_with_zero(robot, 1, 0.05)
+    np.testing.assert_allclose(build_model(again).inverse_dynamics(*motion), expected, rtol=1e-6, atol=1e-6)
+
+
+@pytest.mark.parametrize("with_base", [True, False])
+def test_a_joint_zero_turns_the_origin_of_a_urdfs_joint(tmp_path: Path, with_base: bool) -> None:
+    """In a URDF, the user's or a new one, the joint stands turned about its axis by the offset."""
+    own = tmp_path / "arm.urdf"
+    own.write_text(to_urdf(load_robot()))
+    robot = load_robot(own)
+    wrong = robot.with_(effects=({**ZERO, "joint": "joint_2"},))
+    done = export_urdf(wrong, own if with_base else None, tmp_path / "fixed.urdf")
+    assert [(c.element, c.number) for c in done.changes] == [("joint_2", "origin rpy")]
+    motion, expected = torques_with_zero(robot, 1, 0.05)
+    found = build_model(load_robot(tmp_path / "fixed.urdf")).inverse_dynamics(*motion)
+    np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6)

@@ -13,13 +13,15 @@ import numpy as np
 import pytest
 
 from elastic_arm.errors import RobotError
-from elastic_arm.robot import Robot, load_robot
+from elastic_arm.robot import JointController, Robot, load_robot
+from elastic_arm.sensors import Sensors
+from elastic_arm.simulation import SimulationSettings, Simulator
 from tests.helpers.mujoco_arms import MODELS, mujoco_torque, random_motion, stated_torque
 
 pytest.importorskip("mujoco")
 
 from elastic_arm.robot.loading import is_mjcf
-from elastic_arm.robot.mjcf import open_mjcf
+from elastic_arm.robot.mjcf import engine, open_mjcf
 
 # A developer's folder of public models (as MuJoCo Menagerie has them), each beside its meshes or without.
 PUBLIC = Path(os.environ.get("ELASTIC_ARM_MJCF_MODELS", "/nowhere"))
@@ -302,3 +304,109 @@ def test_a_keyframe_that_is_no_text_is_refused(tmp_path: Path) -> None:
     (tmp_path / "a.xml").write_text(ARM.format(name="j", inside="", more=""))
     with pytest.raises(RobotError, match="is no text"):
         load_robot(tmp_path / "a.xml", at="a\udcffb")
+
+
+TWO = """<mujoco><compiler angle="radian" autolimits="true"/><option timestep="0.001"/>
+<default><joint damping="0.2" frictionloss="0.3" {armature}/></default><worldbody>
+<body name="l1" pos="0 0 0.1"><joint name="j1" axis="0 1 0" range="-2 2"/>
+<inertial pos="0 0 0.15" mass="2" diaginertia="0.02 0.02 0.003"/>
+<body name="l2" pos="0 0 0.3"><joint name="j2" axis="0 1 0" range="-2 2"/>{play}
+<inertial pos="0 0 0.1" mass="1" diaginertia="0.006 0.006 0.001"/></body></body></worldbody>
+<actuator>{actuator}</actuator></mujoco>"""
+
+
+def two_joints(tmp_path: Path, armature: str = 'armature="0.05"', play: str = "", actuator: str = "") -> Path:
+    path = tmp_path / "two.xml"
+    path.write_text(TWO.format(armature=armature, play=play, actuator=actuator))
+    return path
+
+
+def test_a_second_hinge_of_small_range_is_play(tmp_path: Path) -> None:
+    """MuJoCo's backlash is no joint of the arm: it is held in its middle and named, the rest is as without it."""
+    path = two_joints(tmp_path, play='<joint name="slack" axis="0 1 0" range="-0.02 0.01" armature="0.001"/>')
+    robot, plain = load_robot(path), load_robot(two_joints(tmp_path))
+    assert robot.joint_names == ("j1", "j2") and robot.effects == plain.effects
+    (note,) = (note for note in robot.notes if "slack" in note)
+    assert "play of ±0.015 rad in j2" in note and "backlash:j2:half_gap=0.015" in note
+    two_joints(tmp_path, play='<joint name="slack" axis="0 1 0" range="-0.01 0.01" armature="0.001"/>')
+    assert_same_torque(path)
+
+
+@pytest.mark.parametrize("play", ['<joint name="k" axis="1 0 0" range="-1 1"/>', '<joint name="k" axis="0 1 0"/>'])
+def test_another_joint_of_one_body_is_a_joint(tmp_path: Path, play: str) -> None:
+    """Hinges about other axes, and those as wide, turn the arm."""
+    assert load_robot(two_joints(tmp_path, play=play)).joint_names == ("j1", "j2", "k")
+
+
+def test_motor_inertia_is_unknown_where_a_file_states_none(tmp_path: Path) -> None:
+    """An armature that is 0 in the file is 0; one that the file does not speak of is not known."""
+    assert [j.armature for j in load_robot(two_joints(tmp_path, armature="")).joints] == [None, None]
+    assert [j.armature for j in load_robot(two_joints(tmp_path, armature='armature="0"')).joints] == [0.0, 0.0]
+    assert [j.armature for j in load_robot(two_joints(tmp_path)).joints] == [0.05, 0.05]
+    unknown = load_robot(two_joints(tmp_path, armature="")).with_joint("j1", armature=0.1).with_armatures()
+    assert [j.armature for j in unknown.joints] == [0.1, 0.0]
+
+
+def test_friction_of_a_dc_motor_is_friction_of_its_joint(tmp_path: Path) -> None:
+    """LuGre friction is Coulomb and Stribeck friction by the gear; what a rigid arm cannot hold is named."""
+    motor = '<dcmotor name="m" joint="j1" motorconst="0.05" resistance="1" gear="100" {}/>'
+    stated = motor.format('lugre="1000 1 0.01 0.02 0.1" cogging="0.03 6 0"')
+    robot = load_robot(two_joints(tmp_path, actuator=stated))
+    found = {(e["effect"], e["joint"]): e["parameters"] for e in robot.effects}
+    assert found["coulomb_friction", "j1"] == {"torque": pytest.approx(0.3 + 1.0)}
+    assert found["stribeck_friction", "j1"] == {"torque": pytest.approx(1.0), "speed": pytest.approx(0.001)}
+    words = " ".join(robot.notes)
+    assert "bristles are left out" in words and "3 Nm at j1 and 6 waves" in words and "voltage" in words
+    plain = load_robot(two_joints(tmp_path, actuator=motor.format("")))
+    assert not any(e["effect"] == "stribeck_friction" for e in plain.effects) and "LuGre" not in " ".join(plain.notes)
+
+
+SERVOS = {
+    '<position joint="{0}" kp="50" kv="4" gear="2" forcerange="-10 10" delay="0.004" nsample="9"/>': JointController(
+        "position", kp=200.0, kd=16.0, torque=20.0, delay=0.004
+    ),
+    '<velocity joint="{0}" kv="7"/>': JointController("velocity", kd=7.0),
+    '<general joint="{0}" gainprm="60" biastype="affine" biasprm="0 -60 -3"/>': JointController(kp=60.0, kd=3.0),
+    '<pid joint="{0}" kp="60" kv="5" ki="9"/>': JointController("both", kp=60.0, kd=5.0, ki=9.0),
+}
+
+
+@pytest.mark.parametrize("actuator", SERVOS)
+def test_servos_are_controllers(tmp_path: Path, actuator: str) -> None:
+    """Actuators that feed back angle and speed are the joints' controllers, at the joint's side of their gear."""
+    robot = load_robot(two_joints(tmp_path, actuator=actuator.format("j1") + actuator.format("j2")))
+    assert all(joint.controller == SERVOS[actuator] for joint in robot.joints)
+
+
+@pytest.mark.parametrize("actuator", [a for a, drive in SERVOS.items() if not drive.delay and drive.mode == "position"])
+def test_a_servo_moves_the_arm_as_in_mujoco(tmp_path: Path, actuator: str) -> None:
+    """A step of the set-point turns the simulated arm as MuJoCo turns it, dry friction left out."""
+    path = two_joints(tmp_path, actuator=actuator.format("j1") + actuator.format("j2"))
+    path.write_text(path.read_text().replace('frictionloss="0.3"', "").replace("<option ", '<option integrator="RK4" '))
+    arm, target = open_mjcf(path), np.array([0.4, -0.3])
+    simulator = Simulator(arm.robot, SimulationSettings(sensors=Sensors.exact()), q0=np.zeros(2))
+    constant = np.tile(target, (1000, 1))
+    ours, _ = simulator.follow(constant, 0.0 * constant, 0.0 * constant)
+    data = engine().MjData(arm.model)
+    theirs = []
+    for _ in range(1000):
+        theirs.append(data.qpos[arm.positions].copy())
+        data.ctrl[:] = target
+        engine().mj_step(arm.model, data)
+    assert np.abs(ours.q - theirs).max() < 4e-3 and np.ptp(ours.q, axis=0).min() > 0.1
+
+
+@pytest.mark.parametrize(
+    "actuator",
+    [
+        '<position name="servo" joint="j1" kp="60" timeconst="0.1"/>',
+        '<general name="servo" joint="j1" gainprm="50" biastype="affine" biasprm="0 -60 -3"/>',
+        '<pid name="servo" joint="j1" kp="60" kv="5" ki="9" imax="2"/>',
+        '<position joint="j1" kp="60" name="servo"/><velocity joint="j1" kv="3" name="damper"/>',
+    ],
+)
+def test_other_controllers_are_named_as_left_out(tmp_path: Path, actuator: str) -> None:
+    """Filters, scaled set-points, limited integrals and several actuators of one joint are not dropped silently."""
+    robot = load_robot(two_joints(tmp_path, actuator=actuator))
+    assert robot.joints[0].controller is None
+    assert any("controller of j1 (servo" in note and "left out" in note for note in robot.notes)

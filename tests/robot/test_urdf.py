@@ -459,3 +459,40 @@ def test_an_axis_of_any_length_is_a_direction(length: str) -> None:
     unit = parse_urdf(two_joints().replace('axis xyz="0 1 0"', f'axis xyz="0 {"-" * (length[0] == "-")}1 0"'))
     for one, other in zip(arm.joints, unit.joints, strict=True):
         np.testing.assert_array_equal(one.before, other.before)
+
+
+MOTOR = """<robot name="one" xmlns:drake="https://drake.mit.edu/"><link name="base"/>
+<joint name="j" type="revolute"><parent link="base"/><child link="l"/><axis xyz="0 1 0"/>
+<limit lower="-1" upper="1" effort="5" velocity="2"/></joint>
+<link name="l"><inertial><mass value="1"/><inertia ixx=".1" iyy=".1" izz=".1" ixy="0" ixz="0" iyz="0"/>
+</inertial></link>{}</robot>"""
+DRAKE = (
+    '<transmission name="t"><joint name="j"/><actuator name="m"><drake:gear_ratio value="100"/>'
+    '<drake:rotor_inertia value="6e-5"/></actuator></transmission>'
+)
+ROS_1 = (
+    '<transmission name="t"><joint name="j"><hardwareInterface>x</hardwareInterface></joint>'
+    '<actuator name="m"><mechanicalReduction>50</mechanicalReduction></actuator></transmission>'
+)
+ROS_2 = (
+    '<ros2_control name="h" type="system"><transmission name="t"><actuator name="m"/>'
+    '<joint name="j"><mechanical_reduction>50</mechanical_reduction></joint></transmission></ros2_control>'
+)
+
+
+def test_drakes_rotor_is_the_armature() -> None:
+    """Rotor inertia times the square of the gear ratio is what the joint feels; unstated it is unknown."""
+    robot = parse_urdf(MOTOR.format(DRAKE))
+    assert robot.joints[0].armature == pytest.approx(0.6) and any("6e-05 kg m²" in note for note in robot.notes)
+    assert parse_urdf(MOTOR.format("")).joints[0].armature is None
+    assert parse_urdf(MOTOR.format(DRAKE.replace("6e-5", "0"))).joints[0].armature == 0.0
+    with pytest.raises(RobotError, match="rotor_inertia is -1"):
+        parse_urdf(MOTOR.format(DRAKE.replace("6e-5", "-1")))
+
+
+@pytest.mark.parametrize("transmission", [ROS_1, ROS_2])
+def test_a_reduction_without_a_rotor_is_named(transmission: str) -> None:
+    """ros_control's and ros2_control's reductions are no number of the model by themselves, and the notes say so."""
+    robot = parse_urdf(MOTOR.format(transmission))
+    assert robot.joints[0].armature is None
+    assert any("reduction of 50" in note and "'j'" in note for note in robot.notes)

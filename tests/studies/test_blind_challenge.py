@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from elastic_arm.dynamics import build_model
 from elastic_arm.effects import EFFECTS
-from elastic_arm.errors import DiagnosisError
+from elastic_arm.errors import DiagnosisError, ElasticArmError
 from elastic_arm.robot import load_robot
 from elastic_arm.studies.blind_challenge import campaign
 from elastic_arm.studies.blind_challenge.answer_scoring import score_answer
@@ -189,6 +189,27 @@ def test_small_campaign_is_made_resumed_answered_and_scored(tmp_path: Path) -> N
 
 
 @pytest.mark.slow(6)
+def test_an_effect_that_never_acts_is_named(tmp_path: Path) -> None:
+    """A stop beyond every motion has no size that could be told: the challenge refuses it by its name."""
+    stop = "lambda motion, i, p: motion.at(i, link=p['stiffness'] * ca.fmax(motion.q[i] - 50.0, 0.0))"
+    (tmp_path / "stop.py").write_text(
+        "import casadi as ca\nfrom elastic_arm.effects import Effect, Parameter\n"
+        "EFFECT = Effect(id='high_stop', formula='k max(q - 50, 0)', description='A stop.', signature='None.',\n"
+        f"    law={stop}, parameters=(Parameter('stiffness', 'Nm/rad', 1.0, 1e3, neutral=0.0),), sides=('link',))\n"
+    )
+    settings = campaign.ChallengeSettings(
+        seed=1,
+        clean=0,
+        pairs=0,
+        effects=("high_stop",),
+        seconds=5.0,
+        validate_seconds=4.0,
+        effects_files=(str(tmp_path / "stop.py"),),
+    )
+    with pytest.raises(ElasticArmError, match="high_stop does not act"):
+        campaign.create(tmp_path / "challenge", settings)
+
+
 def test_an_effect_out_of_the_catalogue_is_not_named(tmp_path: Path) -> None:
     """The withheld diagnosis stands beside the first, and does not name the effect that it was not given."""
     settings = campaign.ChallengeSettings(

@@ -44,13 +44,7 @@ class Correction:
         return folder / f"{self.base.stem}{SUFFIX}{self.base.suffix}" if self.base and self._written else None
 
     def require_mjcf(self, option: str | None) -> None:
-        """Refuse an option, where one is given, if the arm came from no MJCF.
-
-        Raises
-        ------
-        RobotError
-            If it did not.
-        """
+        """Refuse an option, where one is given, if the arm came from no MJCF."""
         if option is not None and not self.mjcf:
             raise RobotError(f"{option} needs an MJCF", "Give one with --robot model.xml")
 
@@ -59,22 +53,7 @@ class Correction:
         return open_mjcf(path, self._ends, self._at)
 
     def write(self, robot: Robot | None, folder: Path, deviations: Deviations | None = None) -> Exported | str | None:
-        """Write the file.
-
-        Parameters
-        ----------
-        robot
-            The corrected arm; None where there is none, and what an earlier run wrote is taken away.
-        folder
-            Where to.
-        deviations
-            Of estimates, for the table.
-
-        Returns
-        -------
-        Exported, str or None
-            What was written, why nothing could be, or None where nothing is to be written.
-        """
+        """Write the file."""
         file = self.path(folder)
         if file is None or self.base is None:
             return None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich.markup import escape
@@ -13,11 +13,12 @@ from rich.table import Table
 from elastic_arm.cli.console import out, print_json, reports_errors
 from elastic_arm.cli.options import AtOption, ChainOption, EffectsFiles, load_arm
 from elastic_arm.cli.outputs import Force, claim_file
-from elastic_arm.diagnosis.words import instance_text
 from elastic_arm.effects import Catalogue
-from elastic_arm.formatting import rounded
+from elastic_arm.errors import RobotError
+from elastic_arm.formatting import JointUnits, rounded
 from elastic_arm.mujoco import Exported, export_mjcf, export_new_mjcf, export_urdf
 from elastic_arm.mujoco.changes import Change
+from elastic_arm.mujoco.left_out import Left
 from elastic_arm.robot.loading import parse_chain
 
 
@@ -28,11 +29,23 @@ class Format(StrEnum):
     urdf = "urdf"
 
 
+def format_of(file: Path, asked: Format | None) -> Format:
+    """Return the format of a file to be written, by its ending where none is asked for."""
+    by_ending = {".urdf": [Format.urdf], ".mjcf": [Format.mjcf], ".xml": [Format.mjcf, Format.urdf]}
+    possible = by_ending.get(file.suffix.lower(), [] if asked is None else [asked])
+    if not possible or (asked is not None and asked not in possible):
+        what = "" if asked is None else f" as {asked.value}"
+        raise RobotError(
+            f"{file} cannot be written{what} by its ending", "Name it .urdf, or .xml or .mjcf for an MJCF."
+        )
+    return possible[0] if asked is None else asked
+
+
 @reports_errors
 def export(
     robot_file: Annotated[Path, typer.Argument(metavar="ROBOT", help="Arm file, URDF or MJCF: what is written.")],
     file: Annotated[Path, typer.Option("--out", help="File to write.", show_default=False)],
-    to: Annotated[Format, typer.Option("--to", help="Kind of file.")] = Format.mjcf,
+    to: Annotated[Format | None, typer.Option("--to", help="Kind of file; by its ending.", show_default=False)] = None,
     base: Annotated[
         Path | None,
         typer.Option(help="Your own file, whose numbers change and whose shape stays; else a new file is made."),
@@ -47,25 +60,27 @@ def export(
 
     With --base your own file is copied and only its numbers change: inertials,
     armature, damping, friction, gravity, sensor delays. Effects that no number
-    states (Stribeck friction, hysteresis, ripple, …) are listed:
-    elastic_arm.mujoco.attach adds them to a model from the same robot.yaml.
+    states (Stribeck friction, hysteresis, ripple, …), and numbers that the format
+    has none for, are listed with their size and the torque that is missing:
+    elastic_arm.mujoco.attach adds laws to a model from the same robot.yaml.
 
     Examples:
 
         elastic-arm export diagnosis/robot.yaml --base arm.xml --out arm_corrected.xml
 
-        elastic-arm export identified/robot.yaml --to urdf --base arm.urdf --out arm_identified.urdf
+        elastic-arm export identified/robot.yaml --base arm.urdf --out arm_identified.urdf
 
-        elastic-arm export my_elastic_arm.yaml --to mjcf --out my_elastic_arm.xml
+        elastic-arm export my_elastic_arm.yaml --out my_elastic_arm.xml
     """
+    kind = format_of(file, to)
     claim_file(file, force=force)
     catalogue = Catalogue.default().with_files(effects_files or ())
     of_base = base is not None
     robot = load_arm(robot_file, None if of_base else chain, None if of_base else at, catalogue)
     ends = None if chain is None else parse_chain(chain)
     if base is None:
-        done = (export_new_mjcf if to is Format.mjcf else export_urdf)(robot, None, file, catalogue=catalogue)
-    elif to is Format.mjcf:
+        done = (export_new_mjcf if kind is Format.mjcf else export_urdf)(robot, None, file, catalogue=catalogue)
+    elif kind is Format.mjcf:
         done = export_mjcf(robot, base, file, chain=ends, at=at, catalogue=catalogue)
     else:
         done = export_urdf(robot, base, file, chain=ends, catalogue=catalogue)
@@ -74,7 +89,7 @@ def export(
             {
                 "files": [str(path) for path in done.files],
                 "changes": [change.to_dict() for change in done.changes],
-                "left": [{**instance.to_dict(), "reason": reason} for instance, reason in done.left],
+                "left": [one.to_dict() for one in done.left],
                 "notes": list(done.notes),
             }
         )
@@ -94,13 +109,25 @@ def print_export(done: Exported, *, new: bool = False) -> None:
         out.print(table)
     elif not new:
         out.print("no number of the description changes")
-    for instance, reason in done.left:
-        place = instance.joint or "the whole arm"
-        words = f"{instance.effect.id} on {place} ({instance_text(instance, done.units) or 'no parameters'}): {reason}"
-        out.print(f"[yellow]not in the file:[/] {escape(words)}", soft_wrap=True)
+    for one in done.left:
+        out.print(f"[yellow]not in the file:[/] {escape(left_text(one, done.units))}", soft_wrap=True)
     for note in done.notes:
         out.print(f"[yellow]note:[/] {escape(note)}", soft_wrap=True)
     out.print(f"written: {escape(', '.join(str(path) for path in done.files))}", soft_wrap=True)
+
+
+def left_text(one: Left, units: JointUnits) -> str:
+    """Return what is not in a file, its size, what it costs and why, as one line."""
+    sizes = ", ".join(f"{name} {_size(value)} {one.units.get(name, '')}".strip() for name, value in one.numbers.items())
+    costs = [f"{size:.3g} {units.at(joint, 'Nm')} at {joint}" for joint, size in one.cost.items()]
+    missing = f"; {', '.join(costs)} are missing" if costs else ""
+    return f"{one.what} on {one.joint or 'the whole arm'}{f' ({sizes})' if sizes else ''}{missing}: {one.reason}"
+
+
+def _size(value: Any) -> str:
+    if isinstance(value, tuple):
+        return " ".join(_size(part) for part in value)
+    return value if isinstance(value, str) else f"{value:.4g}"
 
 
 def before_text(change: Change) -> str:

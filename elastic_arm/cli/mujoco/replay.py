@@ -19,13 +19,11 @@ from elastic_arm.cli.outputs import Force, claim_folder
 from elastic_arm.errors import OutputError, RobotError
 from elastic_arm.mujoco import Replay, replay
 from elastic_arm.mujoco.replaying import WINDOW, labels
-from elastic_arm.mujoco.video import write_video
 from elastic_arm.recording import Recording, load_channels
 from elastic_arm.robot.loading import is_mjcf, parse_chain
 from elastic_arm.robot.mjcf import MjcfArm, open_mjcf
 
 RESULTS = ("replay.json", "report.html")
-VIDEO = "replay.webp"
 
 
 @reports_errors
@@ -38,7 +36,6 @@ def replay_command(
     channels: Annotated[Path | None, typer.Option(help="Channel map of a foreign bag.")] = None,
     clock: ClockOption = ClockChoice.auto,
     out_dir: Annotated[Path, typer.Option("--out", help="Folder for the results.")] = Path("replay"),
-    video: Annotated[bool, typer.Option("--video", help="Also render the arms, recorded and simulated.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print replay.json.")] = False,
     force: Force = False,
 ) -> None:
@@ -53,10 +50,9 @@ def replay_command(
 
         elastic-arm replay run_3 --robot arm.xml --robot diagnosis/arm_corrected.xml
 
-        elastic-arm replay run_3 --robot arm.xml --window 2 --video
+        elastic-arm replay run_3 --robot arm.xml --window 2
     """
-    results = [*RESULTS, VIDEO] if video else RESULTS
-    claim_folder(out_dir, results, force=force)
+    claim_folder(out_dir, RESULTS, force=force)
     arms = {path: open_arm(path, chain, at) for path in robots}
     mapping = None if channels is None else load_channels(channels)
     found = []
@@ -70,44 +66,17 @@ def replay_command(
     else:
         print_replays(found)
         out.print(f"written: {escape(str(out_dir))}/{', '.join(RESULTS)}")
-    if video:
-        with err.status("rendering"):
-            write_video(out_dir / VIDEO, list(arms.values()), found)
-        err.print(f"written: {escape(str(out_dir / VIDEO))}")
 
 
 def open_arm(path: Path, chain: str | None, at: str | None) -> MjcfArm:
-    """Open the arm of an MJCF.
-
-    Parameters
-    ----------
-    path
-        Of the file.
-    chain, at
-        As the options.
-
-    Raises
-    ------
-    RobotError
-        If it is no MJCF.
-    """
+    """Open the arm of an MJCF."""
     if os.path.isfile(path) and not is_mjcf(path):
         raise RobotError(f"{path} is no MJCF", "Write one with elastic-arm export ROBOT --to mjcf --out FILE")
     return open_mjcf(path, None if chain is None else parse_chain(chain), at)
 
 
 def replay_both(correction: Correction, folder: Path, recording: Recording) -> list[Replay]:
-    """Replay a recording in the model that an arm came from and in the corrected one, and write replay.json.
-
-    Parameters
-    ----------
-    correction
-        Where the arm came from.
-    folder
-        Of the corrected file.
-    recording
-        To replay.
-    """
+    """Replay a recording in the model that an arm came from and in the corrected one, and write replay.json."""
     assert correction.base is not None  # Correction.require_mjcf has seen to it
     after = correction.path(folder)
     files = [correction.base, *([after] if after is not None and after.exists() else [])]
@@ -117,17 +86,7 @@ def replay_both(correction: Correction, folder: Path, recording: Recording) -> l
 
 
 def write_replays(found: list[Replay], source: str, folder: Path) -> None:
-    """Write replay.json and report.html.
-
-    Parameters
-    ----------
-    found
-        One for each model.
-    source
-        Of the recording.
-    folder
-        Made where it does not exist.
-    """
+    """Write replay.json and report.html."""
     # Matplotlib is slow to import, and only reports need it.
     from elastic_arm.report.html import write_report
     from elastic_arm.report.replay import sections
@@ -137,17 +96,7 @@ def write_replays(found: list[Replay], source: str, folder: Path) -> None:
 
 
 def save_replays(found: list[Replay], source: str, folder: Path) -> None:
-    """Write replay.json.
-
-    Parameters
-    ----------
-    found
-        One for each model.
-    source
-        Of the recording.
-    folder
-        Made where it does not exist.
-    """
+    """Write replay.json."""
     text = json_text({"bag": source, "replays": [one.to_dict() for one in found]}, indent=2, allow_nan=False)
     try:
         folder.mkdir(parents=True, exist_ok=True)

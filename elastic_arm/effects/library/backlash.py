@@ -1,25 +1,12 @@
 """Play in the drive."""
 
-from collections.abc import Mapping
-from typing import Any
-
 import casadi as ca
 
-from elastic_arm.effects.model import Confusion, Effect
-from elastic_arm.effects.motion import Contribution, SymbolicMotion
-from elastic_arm.effects.parameters import Parameter, Role
+from elastic_arm.effects.law import Confusion, Contribution, Effect, Numbers, SymbolicMotion, searched
 
 
-def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
-    """-K times the part of the deflection that the play takes up.
-
-    Parameters
-    ----------
-    motion, i
-        Symbols of the motion, and index of the joint.
-    p
-        `half_gap` (rad).
-    """
+def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
+    """-K times the part of the deflection that the play takes up."""
     gap, d = p["half_gap"], motion.deflection[i]
     return motion.at(i, drive=-motion.K[i] * ca.fmax(-gap, ca.fmin(gap, d)))
 
@@ -32,26 +19,12 @@ EFFECT = Effect(
     "+K b to -K b and the link rings.",
     law=law,
     # A loaded drive lies at one end of its play, and is wound beyond it.
-    parameters=(
-        Parameter(
-            "half_gap",
-            "rad",
-            1e-6,
-            2e-3,
-            role=Role.SEARCHED,
-            neutral=0.0,
-            least=0.0,
-            exceeded_by="deflection",
-            meaning="b",
-        ),
-    ),
+    parameters=(searched("half_gap", "rad", 1e-06, 0.002, "b", neutral=0.0, least=0.0, exceeded_by="deflection"),),
     sides=("drive",),
     regime="load",
     confusions=(
         Confusion(
-            "encoder_offset",
-            "the joint is loaded one way throughout",
-            "motion in which the joint torque changes sign",
+            "encoder_offset", "the joint is loaded one way throughout", "motion in which the joint torque changes sign"
         ),
     ),
 )

@@ -1,25 +1,12 @@
 """A base that does not stand level."""
 
-from collections.abc import Mapping
-from typing import Any
-
 import casadi as ca
 
-from elastic_arm.effects.model import Confusion, Effect, Scope
-from elastic_arm.effects.motion import Contribution, SymbolicMotion
-from elastic_arm.effects.parameters import Parameter
+from elastic_arm.effects.law import Confusion, Contribution, Effect, Numbers, Parameter, Scope, SymbolicMotion
 
 
-def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
-    """Gravity turned into the tilted base's axes, R' g with R = Rx(a) Ry(b).
-
-    Parameters
-    ----------
-    motion, i
-        Symbols of the motion, and index of the joint.
-    p
-        `x` (rad) and `y` (rad).
-    """
+def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
+    """Gravity turned into the tilted base's axes, R' g with R = Rx(a) Ry(b)."""
     sa, ca_, sb, cb = ca.sin(p["x"]), ca.cos(p["x"]), ca.sin(p["y"]), ca.cos(p["y"])
     about_x = ca.vertcat(ca.horzcat(1, 0, 0), ca.horzcat(0, ca_, -sa), ca.horzcat(0, sa, ca_))
     about_y = ca.vertcat(ca.horzcat(cb, 0, sb), ca.horzcat(0, 1, 0), ca.horzcat(-sb, 0, cb))

@@ -1,33 +1,31 @@
 """Bearings that tilt."""
 
-from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
 
 import casadi as ca
 
 from elastic_arm.effects.equations import ArmEquations
+from elastic_arm.effects.law import (
+    Contribution,
+    Effect,
+    Numbers,
+    Plant,
+    Scope,
+    StructuralEffect,
+    SymbolicMotion,
+    searched,
+)
 from elastic_arm.effects.library.tilts import TiltRegressor
-from elastic_arm.effects.model import Effect, Plant, Scope, StructuralEffect
-from elastic_arm.effects.motion import Contribution, SymbolicMotion
-from elastic_arm.effects.parameters import Parameter, Role
 from elastic_arm.errors import EffectError
 from elastic_arm.robot import Robot
 
 
-def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
+def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
     """What the links feel when the bearings give way as springs, without ringing.
 
     The tilts follow the moment that the rigid arm puts on its bearings; their rates follow from those of the motion.
     Without the motion's third and fourth derivative about a tenth of the effect's power is missed. A simulated arm does
     not need this law: there the tilts are coordinates.
-
-    Parameters
-    ----------
-    motion, i
-        Symbols of the motion, and index of the joint.
-    p
-        `stiffness_scale` (1).
     """
     n, zero = motion.n, ca.SX.zeros(2 * motion.n)
     _check(motion.robot)
@@ -61,12 +59,11 @@ def _check(robot: Robot) -> None:
     for joint in robot.joints:
         if joint.transmission is None or joint.transmission.bearing is None:
             raise EffectError(
-                f"{joint.name} of robot {robot.name} has no bearing",
-                "Give its stiffness and damping in the arm file.",
+                f"{joint.name} of robot {robot.name} has no bearing", "Give its stiffness and damping in the arm file."
             )
 
 
-def change(plant: Plant, p: Mapping[str, Any]) -> Plant:
+def change(plant: Plant, p: Numbers) -> Plant:
     """Free the tilts q_x, q_y, with the arm file's bearings times the scale."""
     _check(plant.robot)
     joints = []
@@ -84,19 +81,7 @@ EFFECT: Effect = StructuralEffect(
     description="The joints' bearings give way about x and y; the model holds them rigid.",
     signature="Link residuals of all joints that grow with the tilting moments and ring at the bearings' resonances.",
     law=law,
-    parameters=(
-        Parameter(
-            "stiffness_scale",
-            "1",
-            0.01,
-            10.0,
-            role=Role.SEARCHED,
-            default=1.0,
-            above=0.0,
-            inverse=True,
-            meaning="true / arm file",
-        ),
-    ),
+    parameters=(searched("stiffness_scale", "1", 0.01, 10.0, "true / arm file", default=1.0, above=0.0, inverse=True),),
     scope=Scope.ARM,
     sides=("link",),
     regime="frequency",

@@ -1,25 +1,12 @@
 """A drive that remembers which way it was wound."""
 
-from collections.abc import Mapping
-from typing import Any
-
 import casadi as ca
 
-from elastic_arm.effects.model import Confusion, Effect
-from elastic_arm.effects.motion import Contribution, SymbolicMotion
-from elastic_arm.effects.parameters import Parameter, Role
+from elastic_arm.effects.law import Confusion, Contribution, Effect, Numbers, SymbolicMotion, amount, searched
 
 
-def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
-    """H z added to tau_J, with the Bouc-Wen state z of the deflection.
-
-    Parameters
-    ----------
-    motion, i
-        Symbols of the motion, and index of the joint.
-    p
-        `torque` (Nm), `width` (rad) and state `z`.
-    """
+def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
+    """H z added to tau_J, with the Bouc-Wen state z of the deflection."""
     z, rate = p["z"], motion.deflection_rate[i]
     z_rate = (rate - ca.fabs(rate) * z / 2 - rate * ca.fabs(z) / 2) / p["width"]
     return motion.at(i, drive=p["torque"] * z, rates={"z": z_rate})
@@ -33,20 +20,8 @@ EFFECT = Effect(
     "the direction of winding and changes over a deflection of about the width.",
     law=law,
     parameters=(
-        Parameter(
-            "torque", "Nm", 0.1, 50.0, neutral=0.0, least=0.0, example=(5.0, 20.0), meaning="H, half the loop's height"
-        ),
-        Parameter(
-            "width",
-            "rad",
-            2e-6,
-            2e-3,
-            role=Role.SEARCHED,
-            above=0.0,
-            draw=(3e-5, 3e-4),
-            example=(2e-4, 1e-3),
-            meaning="w_h",
-        ),
+        amount("torque", "Nm", 0.1, 50.0, "H, half the loop's height", example=(5.0, 20.0)),
+        searched("width", "rad", 2e-06, 0.002, "w_h", above=0.0, draw=(3e-05, 0.0003), example=(0.0002, 0.001)),
     ),
     sides=("drive",),
     regime="velocity_reversal",
@@ -58,9 +33,7 @@ EFFECT = Effect(
             "slower motion: the loop of hysteresis keeps its height, that of damping shrinks",
         ),
         Confusion(
-            "backlash",
-            "the deflection stays within about the width",
-            "motion that winds the drive further, both ways",
+            "backlash", "the deflection stays within about the width", "motion that winds the drive further, both ways"
         ),
     ),
 )

@@ -1,48 +1,44 @@
-"""A spring between two links."""
+"""Springs from one link to the next, linear and not."""
 
-from collections.abc import Mapping
-from typing import Any
+import casadi as ca
 
-from elastic_arm.effects.model import Confusion, Effect
-from elastic_arm.effects.motion import Contribution, SymbolicMotion
-from elastic_arm.effects.parameters import Parameter, Role
+from elastic_arm.effects.law import Confusion, Effect, Parameter, amount, searched
 
+ORDERS = (2, 3, 4, 5)  # with a joint spring beside it a gas spring on a crank is met to some 0.1 % over 2 rad
+SMALL = "the joint turns through a small angle, over which any curve is straight"
+STILL = "the joints above hardly move: gravity is then a function of the joint's own angle too"
+WIDE = "motion over a wide range of the joint"
+OWN = "motion of all joints over a wide range: gravity follows the angles of the others, a spring does not"
 
-def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
-    """k (q - q_0) on the link.
-
-    Parameters
-    ----------
-    motion, i
-        Symbols of the motion, and index of the joint.
-    p
-        `stiffness` (Nm/rad) and `rest` (rad).
-    """
-    return motion.at(i, link=p["stiffness"] * (motion.q[i] - p["rest"]))
-
-
-EFFECT = Effect(
-    id="joint_spring",
+SPRING = Effect(
+    "joint_spring",
     formula="k (q - q_0) on the link",
     description="A spring from one link to the next: a counterbalance, a dress pack, a hose.",
     signature="The link residual is a straight line over the joint angle, whatever the speed and the other joints.",
-    law=law,
+    law=lambda motion, i, p: motion.at(i, link=p["stiffness"] * (motion.q[i] - p["rest"])),
     parameters=(
-        Parameter("stiffness", "Nm/rad", 1.0, 2e4, neutral=0.0, least=0.0, example=(50.0, 200.0), meaning="k"),
-        Parameter("rest", "rad", -3.2, 3.2, role=Role.SEARCHED, draw=(-1.0, 1.0), meaning="q_0, where it is relaxed"),
+        amount("stiffness", "Nm/rad", 1.0, 2e4, "k", example=(50.0, 200.0)),
+        searched("rest", "rad", -3.2, 3.2, "q_0, where it is relaxed", draw=(-1.0, 1.0)),
     ),
     sides=("link",),
     regime="position",
-    confusions=(
-        Confusion(
-            "counterbalance",
-            "the joint turns through a small angle, over which any curve is straight",
-            "motion over a wide range of the joint",
-        ),
-        Confusion(
-            "link_inertia_mismatch",
-            "the joints above hardly move: gravity is then a function of the joint's own angle too",
-            "motion of all joints over a wide range: gravity follows the angles of the others, a spring does not",
+    confusions=(Confusion("counterbalance", SMALL, WIDE), Confusion("link_inertia_mismatch", STILL, OWN)),
+)
+COUNTERBALANCE = Effect(
+    "counterbalance",
+    formula="c_2 q^2 + c_3 q^3 + c_4 q^4 + c_5 q^5 on the link, q in rad: what a joint spring lacks",
+    description="A counterbalance on a crank, a gas spring: beside a joint spring, the bend of its torque over the "
+    "angle.",
+    signature="The link residual is one curve over the joint's own angle, whatever the speed and the other joints.",
+    law=lambda motion, i, p: motion.at(i, link=ca.dot(p["torque"], ca.vertcat(*(motion.q[i] ** k for k in ORDERS)))),
+    parameters=(
+        Parameter(
+            "torque", "Nm", -2e4, 2e4, neutral=0.0, size=len(ORDERS), example=(-100.0, 100.0), meaning="c_2 to c_5"
         ),
     ),
+    sides=("link",),
+    regime="position",
+    confusions=(Confusion("joint_spring", SMALL, WIDE), Confusion("link_inertia_mismatch", STILL, OWN)),
 )
+
+EFFECTS = (SPRING, COUNTERBALANCE)

@@ -1,26 +1,15 @@
 """A link that is heavier or otherwise distributed than the model believes."""
 
-from collections.abc import Mapping
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from elastic_arm.effects.model import Confusion, Effect
-from elastic_arm.effects.motion import Contribution, SymbolicMotion
-from elastic_arm.effects.parameters import Parameter
+from elastic_arm.effects.law import Confusion, Contribution, Effect, Numbers, Parameter, SymbolicMotion, ratio
 
 
-def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
-    """What the true link has beyond the nominal one, as a body carried along with it.
-
-    Parameters
-    ----------
-    motion, i
-        Symbols of the motion, and index of the joint.
-    p
-        `mass` (1), `com` (m) and `inertia` (1).
-    """
+def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
+    """What the true link has beyond the nominal one, as a body carried along with it."""
     link = motion.robot.joints[i].link
     mass = p["mass"] * link.mass
     com = ca.DM(link.com) + p["com"]
@@ -41,7 +30,7 @@ EFFECT = Effect(
     signature="Weight and inertia of that link are off, felt by the link side of its joint and of those before it.",
     law=law,
     parameters=(
-        Parameter("mass", "1", 0.5, 2.0, neutral=1.0, default=1.0, above=0.0, meaning="r, true / nominal"),
+        ratio("mass", 0.5, 2.0, "r, true / nominal", default=1.0, above=0.0),
         Parameter(
             "com",
             "m",
@@ -52,20 +41,14 @@ EFFECT = Effect(
             size=3,
             meaning="s, shift of the centre of mass",
         ),
-        Parameter(
-            "inertia", "1", 0.5, 2.0, neutral=1.0, default=1.0, above=0.0, meaning="rho, beyond that of the mass"
-        ),
+        ratio("inertia", 0.5, 2.0, "rho, beyond that of the mass", default=1.0, above=0.0),
     ),
     sides=("link",),
     regime="load",
     model_parameter=True,
     number="link_mass",
     confusions=(
-        Confusion(
-            "payload",
-            "the last link changes by a point mass",
-            "only knowing what was mounted",
-        ),
+        Confusion("payload", "the last link changes by a point mass", "only knowing what was mounted"),
         Confusion(
             "link_inertia_mismatch",
             "a neighbouring link acts through the same base parameters",

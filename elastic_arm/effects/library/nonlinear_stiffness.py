@@ -1,25 +1,12 @@
 """A drive that stiffens."""
 
-from collections.abc import Mapping
-from typing import Any
-
 from casadi import SX
 
-from elastic_arm.effects.model import Confusion, Effect
-from elastic_arm.effects.motion import Contribution, SymbolicMotion
-from elastic_arm.effects.parameters import Parameter
+from elastic_arm.effects.law import Confusion, Contribution, Effect, Numbers, Parameter, SymbolicMotion
 
 
-def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
-    """K_3 d^3 added to tau_J.
-
-    Parameters
-    ----------
-    motion, i
-        Symbols of the motion, and index of the joint.
-    p
-        `cubic` (Nm/rad^3).
-    """
+def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
+    """K_3 d^3 added to tau_J."""
 
     def carried(d: SX) -> SX:
         return p["cubic"] * d**3

@@ -1,62 +1,43 @@
-"""What errors of torque sensors and encoders share: the law of a wrong reading, and the changed channel."""
+"""Torque sensors and encoders with a wrong gain or zero, or a disc off centre, and what all sensor effects share."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 import casadi as ca
 
-from elastic_arm.effects.model import Law
-from elastic_arm.effects.motion import Contribution, SymbolicMotion
-from elastic_arm.effects.parameters import Parameter
+from elastic_arm.effects.law import (
+    Confusion,
+    Contribution,
+    Law,
+    Numbers,
+    Parameter,
+    SensorEffect,
+    SymbolicMotion,
+    phase,
+    ratio,
+)
 from elastic_arm.sensors import Sensors
 
 # Which residuals hold a channel.
 SIDES = {"joint_torque": ("link", "drive", "motor"), "motor_torque": ("motor",), "link_encoder": ("link", "drive")}
 TORQUES = ("joint_torque", "motor_torque")
 
-# The error is linear in 1 - 1/gain, which is the coefficient that a fit gives its column.
-GAIN = Parameter(
-    "gain",
-    "1",
-    0.5,
-    2.0,
-    neutral=1.0,
-    above=0.0,
-    meaning="recorded / true",
-    from_coefficient=lambda c: 1.0 / (1.0 - c),
-)
 
-
-def offset(unit: str, most: float, example: tuple[float, float] | None = None) -> Parameter:
-    """Return the parameter of a wrong zero.
-
-    Parameters
-    ----------
-    unit
-        Of the channel.
-    most
-        Largest plausible offset, either way.
-    example
-        Range that is clearly seen on an industrial arm.
-    """
-    return Parameter("offset", unit, -most, most, neutral=0.0, example=example, meaning="recorded - true")
-
-
-def sides_of(p: Mapping[str, Any]) -> tuple[str, ...]:
+def sides_of(p: Numbers) -> tuple[str, ...]:
     """Return the residuals that hold the channels of an effect, by its choice `channels`, or `channel`."""
     chosen = p["channels"] if "channels" in p else (p["channel"],)
     return tuple(side for side in ("link", "drive", "motor") if any(side in SIDES[channel] for channel in chosen))
 
 
-def misread(channel: str, error: Callable[[SymbolicMotion, int, Mapping[str, Any]], Any]) -> Law:
+def misread(channel: str, error: Callable[[SymbolicMotion, int, Numbers], Any]) -> Law:
     """Return the law of an error (motion, joint index, parameters) -> recorded - true torque (Nm) of a channel.
 
     The motor equation holds the joint torque with the other sign.
     """
 
-    def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
+    def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
         more = error(motion, i, p)
         if channel == "motor_torque":
             return motion.at(i, motor=more)
@@ -65,15 +46,159 @@ def misread(channel: str, error: Callable[[SymbolicMotion, int, Mapping[str, Any
     return law
 
 
-def gain_error(recorded: ca.SX, p: Mapping[str, Any]) -> ca.SX:
-    """Return recorded - true torque of a wrong gain, by what was recorded."""
-    return (1.0 - 1.0 / p["gain"]) * recorded
-
-
-def changing(channel: str, **numbers: str) -> Callable[[Sensors, int, int, Mapping[str, Any]], Sensors]:
+def changing(channel: str, **numbers: str) -> Callable[[Sensors, int, int, Numbers], Sensors]:
     """Return the change that gives numbers of a joint's channel the values of parameters: `gain="gain"`."""
 
-    def change(sensors: Sensors, i: int, n: int, p: Mapping[str, Any]) -> Sensors:
+    def change(sensors: Sensors, i: int, n: int, p: Numbers) -> Sensors:
         return sensors.changed(channel, i, n, **{number: p[name] for number, name in numbers.items()})
 
     return change
+
+
+def gain(channel: str, symbol: str, prior: float, **words: Any) -> SensorEffect:
+    """Return a wrong gain of a torque channel; the error is linear in 1 - 1/gain, the coefficient of its column."""
+    recorded = {"joint_torque": lambda motion: motion.tau_J, "motor_torque": lambda motion: motion.tau_m}[channel]
+    numbers = ratio("gain", 0.5, 2.0, "recorded / true", above=0.0, from_coefficient=lambda c: 1.0 / (1.0 - c))
+    return SensorEffect(
+        f"{channel}_gain",
+        formula=f"{symbol} recorded = gain * true",
+        law=misread(channel, lambda motion, i, p: (1.0 - 1.0 / p["gain"]) * recorded(motion)[i]),
+        parameters=(numbers,),
+        sides=SIDES[channel],
+        regime="load",
+        change=changing(channel, gain="gain"),
+        prior=lambda rate: prior,
+        **words,
+    )
+
+
+def zero(channel: str, law: Law, unit: str, most: float, prior: float, **words: Any) -> SensorEffect:
+    """Return a wrong zero of a channel, which may be set anew at each start."""
+    example = words.pop("example", None)
+    return SensorEffect(
+        law=law,
+        parameters=(Parameter("offset", unit, -most, most, neutral=0.0, example=example, meaning="recorded - true"),),
+        regime="always",
+        change=changing(channel, offset="offset"),
+        prior=lambda rate: prior,
+        set_at_start=True,
+        **words,
+    )
+
+
+def _off_centre(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
+    """K and D times the false deflection and its rate."""
+    motion.gear(i)
+    angle = motion.q[i] + p["phase"]
+    error, rate = p["amplitude"] * ca.sin(angle), p["amplitude"] * ca.cos(angle) * motion.dq[i]
+    return motion.at(i, drive=motion.K[i] * error + motion.D[i] * rate)
+
+
+def _apart(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
+    """K times the offset: the deflection is read too small by it."""
+    motion.gear(i)
+    return motion.at(i, drive=motion.K[i] * p["offset"])
+
+
+ONLY_DRIVE = "only the drive equation can be used"
+
+EFFECTS = (
+    gain(
+        "motor_torque",
+        "tau_m",
+        0.015,  # current sensors and calibrated torque constants: up to 3 %, as two deviations
+        description="The motor's torque constant is not what the drive believes.",
+        signature="The motor residual follows the motor torque itself, through rest and motion alike.",
+        confusions=(
+            Confusion(
+                "rotor_inertia_mismatch",
+                "no gravity or load acts on the joint, as on a vertical first axis",
+                "motion in which other joints or gravity load this one",
+            ),
+        ),
+    ),
+    gain(
+        "joint_torque",
+        "tau_J",
+        0.01,  # strain gauges: up to 2 % of the reading, as two deviations
+        description="The joint torque sensor is scaled wrongly.",
+        signature="All three residuals of the joint follow the joint torque, that of the motor with the other sign.",
+        confusions=(
+            Confusion("stiffness_mismatch", ONLY_DRIVE, "the link or motor equation"),
+            Confusion(
+                "link_inertia_mismatch",
+                "one gain on all torque sensors scales all masses, K and D alike",
+                "motor torques: they do not pass through the joint torque sensors",
+            ),
+        ),
+    ),
+    zero(
+        "motor_torque",
+        misread("motor_torque", lambda motion, i, p: p["offset"]),
+        "Nm",
+        50.0,
+        0.4,
+        id="motor_torque_offset",
+        formula="tau_m recorded = true + offset",
+        description="The zero of the motor's current measurement is off.",
+        signature="The motor residual is a constant, at rest and in motion.",
+        sides=SIDES["motor_torque"],
+        confusions=(
+            Confusion(
+                "coulomb_friction", "the joint turns one way throughout", "reversals: friction changes sign there"
+            ),
+        ),
+    ),
+    zero(
+        "joint_torque",
+        misread("joint_torque", lambda motion, i, p: p["offset"]),
+        "Nm",
+        50.0,
+        0.4,
+        id="joint_torque_offset",
+        formula="tau_J recorded = true + offset",
+        description="The zero of the joint torque sensor is off.",
+        signature="All three residuals of the joint are shifted by a constant, that of the motor the other way.",
+        sides=SIDES["joint_torque"],
+        example=(2.0, 6.0),
+        confusions=(
+            Confusion(
+                "encoder_offset", ONLY_DRIVE, "the link or motor equation: an encoder offset does not show there"
+            ),
+        ),
+    ),
+    zero(
+        "link_encoder",
+        _apart,
+        "rad",
+        0.01,
+        1e-5,
+        id="encoder_offset",
+        formula="link encoder = true + offset, beside the motor encoder",
+        description="The zeros of link and motor encoder do not agree.",
+        signature="The drive residual is a constant: at rest without load the drive seems wound up.",
+        sides=("drive",),
+        confusions=(
+            Confusion(
+                "backlash", "the joint is loaded one way throughout", "motion in which the joint torque changes sign"
+            ),
+            Confusion("joint_torque_offset", ONLY_DRIVE, "the link or motor equation"),
+        ),
+    ),
+    SensorEffect(
+        "encoder_eccentricity",
+        formula="link encoder = true + A sin(q + phi)",
+        description="The link encoder's disc sits off centre.",
+        signature="The drive residual is a sine over one turn of the link, whatever the speed and load.",
+        law=_off_centre,
+        parameters=(Parameter("amplitude", "rad", 1e-6, 5e-3, neutral=0.0, meaning="A"), phase()),
+        sides=("drive",),
+        regime="position",
+        change=changing("link_encoder", eccentricity="amplitude", phase="phase"),
+        confusions=(
+            Confusion(
+                "encoder_offset", "the joint turns through a small angle", "motion over a wide range of the joint"
+            ),
+        ),
+    ),
+)

@@ -1,28 +1,27 @@
 """Channels that come late."""
 
-from collections.abc import Mapping
-from typing import Any
-
+from elastic_arm.effects.law import (
+    Choice,
+    Confusion,
+    Contribution,
+    Effect,
+    Numbers,
+    Ordinary,
+    Parameter,
+    Scope,
+    SensorEffect,
+    SymbolicMotion,
+)
 from elastic_arm.effects.library.sensor_error import SIDES, sides_of
 from elastic_arm.effects.library.torque_filters import DelayedTorques
-from elastic_arm.effects.model import Confusion, Effect, Ordinary, Scope, SensorEffect
-from elastic_arm.effects.motion import Contribution, SymbolicMotion
-from elastic_arm.effects.parameters import Choice, Parameter
 from elastic_arm.sensors import Sensors
 
 
-def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
+def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
     """The delay times the rate of what comes late: first order in the delay.
 
     A late link encoder makes the link equation compare tau_J with the torque of a moment ago, so the difference is the
     rate of tau_J; in the drive it is as if the link were `delay` times its velocity further on.
-
-    Parameters
-    ----------
-    motion, i
-        Symbols of the motion, and index of the joint.
-    p
-        `delay` (s) and `channels`.
     """
     delay, total = p["delay"], motion.nothing()
     if "joint_torque" in p["channels"]:
@@ -36,25 +35,15 @@ def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
     return total
 
 
-def change(sensors: Sensors, i: int, n: int, p: Mapping[str, Any]) -> Sensors:
-    """Delay the named channels of a joint.
-
-    Parameters
-    ----------
-    sensors
-        Of the arm.
-    i, n
-        Index of the joint, and number of joints.
-    p
-        `delay` (s) and `channels`.
-    """
+def change(sensors: Sensors, i: int, n: int, p: Numbers) -> Sensors:
+    """Delay the named channels of a joint."""
     for channel in p["channels"]:
         # A fit may end a rounding error below zero.
         sensors = sensors.changed(channel, i, n, delay=max(0.0, p["delay"]))
     return sensors
 
 
-def note(p: Mapping[str, Any], place: str) -> str:
+def note(p: Numbers, place: str) -> str:
     """Describe what is counted as part of the model: a lag of a sample or less."""
     late = f"{', '.join(p['channels'])} of {place} lags by {1e3 * p['delay']:.2f} ms"
     return f"{late}, a sample or less: taken into account, no cause."

@@ -1,53 +1,40 @@
 """A torque sensor whose zero wanders."""
 
-from collections.abc import Mapping
-from typing import Any
-
 import casadi as ca
 
+from elastic_arm.effects.law import (
+    Choice,
+    Confusion,
+    Contribution,
+    Effect,
+    Numbers,
+    Ordinary,
+    Parameter,
+    SensorEffect,
+    SymbolicMotion,
+)
 from elastic_arm.effects.library.sensor_error import TORQUES, misread, sides_of
-from elastic_arm.effects.model import Confusion, Effect, Ordinary, SensorEffect
-from elastic_arm.effects.motion import Contribution, SymbolicMotion
-from elastic_arm.effects.parameters import Choice, Parameter
 from elastic_arm.sensors import Sensors
 
 # Strain gauges and drives that warm up: up to 0.3 Nm a minute, as two deviations.
 USUAL = 0.0025  # Nm/s
 
 
-def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
-    """The mean rate times the time since the recording began.
-
-    Parameters
-    ----------
-    motion, i
-        Symbols of the motion, and index of the joint.
-    p
-        `rate` (Nm/s) and `channel`.
-    """
+def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
+    """The mean rate times the time since the recording began."""
     return misread(p["channel"], _drifted)(motion, i, p)
 
 
-def _drifted(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> ca.SX:
+def _drifted(motion: SymbolicMotion, i: int, p: Numbers) -> ca.SX:
     return p["rate"] * motion.elapsed
 
 
-def change(sensors: Sensors, i: int, n: int, p: Mapping[str, Any]) -> Sensors:
-    """Let the zero of the channel move at the rate.
-
-    Parameters
-    ----------
-    sensors
-        Of the arm.
-    i, n
-        Index of the joint, and number of joints.
-    p
-        `rate` (Nm/s) and `channel`.
-    """
+def change(sensors: Sensors, i: int, n: int, p: Numbers) -> Sensors:
+    """Let the zero of the channel move at the rate."""
     return sensors.changed(p["channel"], i, n, drift=p["rate"])
 
 
-def note(p: Mapping[str, Any], place: str) -> str:
+def note(p: Numbers, place: str) -> str:
     """Describe what is counted as part of the model: a slow drift."""
     return f"the zero of {p['channel']} of {place} drifts by {p['rate']:.2g} Nm/s, as is usual: no cause."
 
@@ -59,15 +46,7 @@ EFFECT: Effect = SensorEffect(
     signature="The residuals that hold the channel move off zero with time, whatever the motion.",
     law=law,
     parameters=(
-        Parameter(
-            "rate",
-            "Nm/s",
-            -2.0,
-            2.0,
-            neutral=0.0,
-            example=(0.1, 0.3),
-            meaning="mean over the recording",
-        ),
+        Parameter("rate", "Nm/s", -2.0, 2.0, neutral=0.0, example=(0.1, 0.3), meaning="mean over the recording"),
     ),
     choices=(Choice("channel", TORQUES, "joint_torque"),),
     sides=("link", "drive", "motor"),

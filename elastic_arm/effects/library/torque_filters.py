@@ -29,13 +29,7 @@ CHANNELS = {"joint_torque": "tau_J", "motor_torque": "tau_m"}
 
 
 class FilteredTorques:
-    """Errors of filtered torque channels as they enter the residuals; the filter is the subclass's.
-
-    Parameters
-    ----------
-    equations
-        Of the arm.
-    """
+    """Errors of filtered torque channels as they enter the residuals; the filter is the subclass's."""
 
     def __init__(self, equations: ArmEquations) -> None:
         self.equations = equations
@@ -46,15 +40,7 @@ class FilteredTorques:
         return True
 
     def residuals(self, signals: MotionSignals, values: Mapping[str, Any]) -> Array:
-        """Return recorded less true torque in link, drive and motor residuals, (N, 3 n).
-
-        Parameters
-        ----------
-        signals
-            Of the motion.
-        values
-            Parameters of the effect, its `channels`, and `joints`, the indices of those that have it.
-        """
+        """Return recorded less true torque in link, drive and motor residuals, (N, 3 n)."""
         n, joints = self.equations.robot.n, list(values["joints"])
         link, drive, motor = (np.zeros((len(signals.t), n)) for _ in range(3))
         for channel in (c for c in values["channels"] if c in CHANNELS):
@@ -79,15 +65,7 @@ class DelayedTorques(FilteredTorques):
     """Torques that come `delay` late, and link encoders, whose delay stays of first order."""
 
     def residuals(self, signals: MotionSignals, values: Mapping[str, Any]) -> Array:
-        """Return recorded less true torque in link, drive and motor residuals, (N, 3 n).
-
-        Parameters
-        ----------
-        signals
-            Of the motion.
-        values
-            `delay` (s), `channels` and `joints`.
-        """
+        """Return recorded less true torque in link, drive and motor residuals, (N, 3 n)."""
         found = super().residuals(signals, values)
         if "link_encoder" in values["channels"]:
             equations, n = self.equations, self.equations.robot.n
@@ -136,17 +114,7 @@ class LowPassedTorques(FilteredTorques):
 
 
 class Clear:
-    """Keeps the frequencies up to the highest at which a recorded torque has more than a power.
-
-    Parameters
-    ----------
-    t
-        (N,) s.
-    torque
-        (N, k) Nm.
-    least
-        (k,) Nm², that of white noise of such a variance.
-    """
+    """Keeps the frequencies up to the highest at which a recorded torque has more than a power."""
 
     def __init__(self, t: Array, torque: Array, least: Array) -> None:
         step = float(t[1] - t[0])
@@ -174,18 +142,11 @@ class Clear:
 
 @dataclass(frozen=True)
 class _Undone:
-    """What undoing a low pass of a recorded torque takes, at any corner.
+    """What undoing a low pass of a recorded torque takes, at any corner."""
 
-    Parameters
-    ----------
-    rate
-        (N, n) Nm/s of the recorded torque, where it is clear of its noise.
-    clear, visible
-        Keep the frequencies at which it is clear of its noise, and at which it shows; None where no model's torque is
-        there to take its place.
-    """
-
-    rate: Array
+    rate: Array  # (N, n) Nm/s of the recorded torque, where it is clear of its noise
+    # clear, visible: keep the frequencies at which it is clear of its noise, and at which it shows; None where no
+    # model's torque is there to take its place
     clear: Clear | None = None
     visible: Clear | None = None
 
@@ -201,17 +162,7 @@ class _Undone:
 
 
 def moved(t: Array, values: Array, by: float) -> Array:
-    """Return values at other times; beyond the ends they go on at the last slope.
-
-    Parameters
-    ----------
-    t
-        (N,) s.
-    values
-        (N, k).
-    by
-        s by which the times are later.
-    """
+    """Return values at other times; beyond the ends they go on at the last slope."""
     return _at(t, scipy.interpolate.CubicSpline(t, values), by)
 
 
@@ -223,17 +174,7 @@ def _at(t: Array, spline: scipy.interpolate.CubicSpline, by: float) -> Array:
 
 
 def low_pass_error(t: Array, torque: Array, cutoff: float) -> Array:
-    """Return what a first-order low pass makes of a torque (N, k), less the torque.
-
-    Parameters
-    ----------
-    t
-        (N,) s.
-    torque
-        (N, k) Nm.
-    cutoff
-        Hz.
-    """
+    """Return what a first-order low pass makes of a torque (N, k), less the torque."""
     T, step = 1.0 / (2.0 * np.pi * cutoff), float(t[1] - t[0])
     # By the trapezoidal rule, from the state that a steady change before the first sample leaves.
     gain = step / (2.0 * T + step)

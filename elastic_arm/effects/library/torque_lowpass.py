@@ -1,32 +1,30 @@
 """A recorded torque that has passed a low-pass filter."""
 
-from collections.abc import Mapping
 from functools import partial
-from typing import Any
 
 import casadi as ca
 import numpy as np
 
+from elastic_arm.effects.law import (
+    Choice,
+    Confusion,
+    Contribution,
+    Effect,
+    Numbers,
+    Parameter,
+    Scope,
+    SensorEffect,
+    SymbolicMotion,
+)
 from elastic_arm.effects.library.sensor_error import TORQUES, misread, sides_of
 from elastic_arm.effects.library.torque_filters import LowPassedTorques
-from elastic_arm.effects.model import Confusion, Effect, Scope, SensorEffect
-from elastic_arm.effects.motion import Contribution, SymbolicMotion
-from elastic_arm.effects.parameters import Choice, Parameter
 from elastic_arm.sensors import Sensors
 
 REFERENCE = 5.0  # Hz
 
 
-def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
-    """Recorded less true torque, -T y' of a recorded torque y, as y + T y' is the true one; T = 1 / (2 pi cutoff).
-
-    Parameters
-    ----------
-    motion, i
-        Symbols of the motion, and index of the joint.
-    p
-        `cutoff` (Hz) and `channels`.
-    """
+def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
+    """Recorded less true torque, -T y' of a recorded torque y, as y + T y' is the true one; T = 1 / (2 pi cutoff)."""
     rates = {"joint_torque": motion.dtau_J, "motor_torque": motion.dtau_m}
     total = motion.nothing()
     for channel in p["channels"]:
@@ -34,22 +32,12 @@ def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
     return total
 
 
-def _error(rate: ca.SX, motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> ca.SX:
+def _error(rate: ca.SX, motion: SymbolicMotion, i: int, p: Numbers) -> ca.SX:
     return -rate[i] / (2 * np.pi * p["cutoff"])
 
 
-def change(sensors: Sensors, i: int, n: int, p: Mapping[str, Any]) -> Sensors:
-    """Filter the named channels of a joint.
-
-    Parameters
-    ----------
-    sensors
-        Of the arm.
-    i, n
-        Index of the joint, and number of joints.
-    p
-        `cutoff` (Hz) and `channels`.
-    """
+def change(sensors: Sensors, i: int, n: int, p: Numbers) -> Sensors:
+    """Filter the named channels of a joint."""
     for channel in p["channels"]:
         sensors = sensors.changed(channel, i, n, cutoff=p["cutoff"])
     return sensors

@@ -1,25 +1,12 @@
 """Cogging and ripple of the motor."""
 
-from collections.abc import Mapping
-from typing import Any
-
 import casadi as ca
 
-from elastic_arm.effects.model import Confusion, Effect
-from elastic_arm.effects.motion import Contribution, SymbolicMotion
-from elastic_arm.effects.parameters import Parameter, Role
+from elastic_arm.effects.law import Confusion, Contribution, Effect, Numbers, Parameter, SymbolicMotion, phase, searched
 
 
-def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
-    """The motor gives A sin(k r_tot theta + phi) more than tau_m.
-
-    Parameters
-    ----------
-    motion, i
-        Symbols of the motion, and index of the joint.
-    p
-        `amplitude` (Nm), `phase` (rad) and `order` (1).
-    """
+def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
+    """The motor gives A sin(k r_tot theta + phi) more than tau_m."""
     angle = p["order"] * motion.gear(i).r_tot * motion.theta[i] + p["phase"]
     return motion.at(i, motor=-p["amplitude"] * ca.sin(angle))
 
@@ -32,19 +19,8 @@ EFFECT = Effect(
     law=law,
     parameters=(
         Parameter("amplitude", "Nm", 0.1, 50.0, neutral=0.0, meaning="A, at the harmonic-drive output"),
-        Parameter("phase", "rad", -3.141592653589793, 3.141592653589793, role=Role.PHASE, default=0.0, meaning="phi"),
-        Parameter(
-            "order",
-            "1",
-            0.5,
-            48.0,
-            role=Role.SEARCHED,
-            default=1.0,
-            above=0.0,
-            integer=True,
-            draw=(1, 3),
-            meaning="k, per rotor turn",
-        ),
+        phase(),
+        searched("order", "1", 0.5, 48.0, "k, per rotor turn", default=1.0, above=0.0, integer=True, draw=(1, 3)),
     ),
     sides=("motor",),
     regime="rotor_angle",

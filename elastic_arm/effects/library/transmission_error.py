@@ -1,60 +1,27 @@
 """Kinematic error of the harmonic drive."""
 
-from collections.abc import Mapping
-from typing import Any
-
 import casadi as ca
 
-from elastic_arm.effects.model import Confusion, Effect
-from elastic_arm.effects.motion import Contribution, SymbolicMotion
-from elastic_arm.effects.parameters import Parameter, Role
+from elastic_arm.effects.law import Confusion, Contribution, Effect, Numbers, Parameter, SymbolicMotion, phase, searched
 
 
-def slope(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> ca.SX:
-    """de/dtheta.
-
-    Parameters
-    ----------
-    motion, i
-        Symbols of the motion, and index of the joint.
-    p
-        `amplitude` (rad), `phase` (rad) and `order` (1).
-    """
+def slope(motion: SymbolicMotion, i: int, p: Numbers) -> ca.SX:
+    """de/dtheta."""
     spatial = p["order"] * motion.gear(i).harmonic_drive_ratio
     return p["amplitude"] * spatial * ca.cos(spatial * motion.theta[i] + p["phase"])
 
 
-def twist(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> tuple[ca.SX, ca.SX]:
-    """E = A sin(k r_hd theta + phi) and its rate.
-
-    Parameters
-    ----------
-    motion, i
-        Symbols of the motion, and index of the joint.
-    p
-        `amplitude` (rad), `phase` (rad) and `order` (1).
-    """
+def twist(motion: SymbolicMotion, i: int, p: Numbers) -> tuple[ca.SX, ca.SX]:
+    """E = A sin(k r_hd theta + phi) and its rate."""
     spatial = p["order"] * motion.gear(i).harmonic_drive_ratio
     error = p["amplitude"] * ca.sin(spatial * motion.theta[i] + p["phase"])
     return error, slope(motion, i, p) * motion.dtheta[i]
 
 
-def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
-    """K e + D e' in the drive; by virtual work the motor feels tau_J (1 + de/dtheta).
-
-    Parameters
-    ----------
-    motion, i
-        Symbols of the motion, and index of the joint.
-    p
-        `amplitude` (rad), `phase` (rad) and `order` (1).
-    """
+def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
+    """K e + D e' in the drive; by virtual work the motor feels tau_J (1 + de/dtheta)."""
     error, rate = twist(motion, i, p)
-    return motion.at(
-        i,
-        drive=motion.K[i] * error + motion.D[i] * rate,
-        motor=motion.tau_J[i] * slope(motion, i, p),
-    )
+    return motion.at(i, drive=motion.K[i] * error + motion.D[i] * rate, motor=motion.tau_J[i] * slope(motion, i, p))
 
 
 EFFECT = Effect(
@@ -67,27 +34,8 @@ EFFECT = Effect(
     law=law,
     parameters=(
         Parameter("amplitude", "rad", 1e-6, 1e-3, neutral=0.0, example=(2e-5, 1e-4), meaning="A"),
-        Parameter(
-            "phase",
-            "rad",
-            -3.141592653589793,
-            3.141592653589793,
-            role=Role.PHASE,
-            default=0.0,
-            example=(-3.0, 3.0),
-            meaning="phi",
-        ),
-        Parameter(
-            "order",
-            "1",
-            0.5,
-            8.0,
-            role=Role.SEARCHED,
-            default=2.0,
-            above=0.0,
-            integer=True,
-            meaning="k, per wave-generator turn",
-        ),
+        phase((-3.0, 3.0)),
+        searched("order", "1", 0.5, 8.0, "k, per wave-generator turn", default=2.0, above=0.0, integer=True),
     ),
     sides=("drive", "motor"),
     regime="wave_generator_angle",

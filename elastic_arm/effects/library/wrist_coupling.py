@@ -1,13 +1,8 @@
 """A wrist's motor that turns with the joint before its own, too."""
 
-from collections.abc import Mapping
-from typing import Any
-
 import casadi as ca
 
-from elastic_arm.effects.model import Confusion, Effect
-from elastic_arm.effects.motion import Contribution, SymbolicMotion
-from elastic_arm.effects.parameters import Choice, Parameter
+from elastic_arm.effects.law import Choice, Confusion, Contribution, Effect, Numbers, SymbolicMotion, amount
 from elastic_arm.errors import EffectError
 
 # rad/s within which its dry friction turns over. As that of one joint does where velocities are differences of angles.
@@ -15,18 +10,11 @@ TURNING = 0.02
 TURNS = {"with": 1.0, "against": -1.0}
 
 
-def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
+def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
     """Inertia and friction of a motor that turns by w = dq_i +- dq_(i-1), as torques of both joints.
 
     With joint angles that are combinations of motor angles, q = C q_m, the torques of the joints are C^-T times those
     of the motors: what resists one motor resists every joint that turns it.
-
-    Parameters
-    ----------
-    motion, i
-        Symbols of the motion, and index of the joint.
-    p
-        `inertia` kg m2 at the joint, `viscous` Nm s/rad, `dry` Nm, and `turns`, "with" or "against".
     """
     if i == 0:
         raise EffectError(
@@ -47,11 +35,9 @@ EFFECT = Effect(
     signature="The torque of a wrist joint follows the motion of the next joint, and the other way round.",
     law=law,
     parameters=(
-        Parameter("dry", "Nm", 0.1, 100.0, neutral=0.0, least=0.0, example=(1.0, 3.0), meaning="F, of the motor"),
-        Parameter("viscous", "Nm s/rad", 0.1, 100.0, neutral=0.0, least=0.0, example=(1.0, 3.0), meaning="b"),
-        Parameter(
-            "inertia", "kg m²", 1e-3, 10.0, neutral=0.0, least=0.0, example=(0.01, 0.1), meaning="J, at the joint"
-        ),
+        amount("dry", "Nm", 0.1, 100.0, "F, of the motor", example=(1.0, 3.0)),
+        amount("viscous", "Nm s/rad", 0.1, 100.0, "b", example=(1.0, 3.0)),
+        amount("inertia", "kg m²", 0.001, 10.0, "J, at the joint", example=(0.01, 0.1)),
     ),
     choices=(Choice("turns", ("with", "against"), "with"),),
     sides=("motor",),

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Collection, Iterator
+import itertools
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
+
+import numpy as np
 
 from elastic_arm.errors import RobotError
 from elastic_arm.robot.mjcf.engine import engine
@@ -16,51 +19,27 @@ WORLD = 0
 
 @dataclass(frozen=True)
 class MjcfChain:
-    """The arm in a compiled model, by the model's ids.
+    """The arm in a compiled model, by the model's ids."""
 
-    Parameters
-    ----------
-    base
-        Body that the arm stands on.
-    joints
-        Hinges and slides from base to tip.
-    link_of
-        By body, the index of the link that it is part of; bodies outside the arm are missing.
-    held
-        Moving joints on the links that are no part of the chain, such as fingers.
-    """
-
-    base: int
-    joints: tuple[int, ...]
-    link_of: dict[int, int]
-    held: tuple[int, ...]
+    base: int  # body that the arm stands on
+    joints: tuple[int, ...]  # hinges and slides from base to tip
+    link_of: dict[int, int]  # by body, the index of the link that it is part of; bodies outside the arm are missing
+    held: tuple[int, ...]  # moving joints on the links that are no part of the chain, such as fingers
+    plays: Mapping[int, int]  # joint that is the play of another -> that one; held, too
 
 
 def find_chain(model: Any, chain: Chain | None) -> MjcfChain:
-    """Find the arm in a model.
-
-    Parameters
-    ----------
-    model
-        Compiled `MjModel`.
-    chain
-        Names of the first and the last body; without, the joints from the world to the last hinge before the model
-        branches: slides beyond it, and joints that are coupled to one another, are fingers. Where no hinge moves, the
-        slides are the arm.
-
-    Raises
-    ------
-    RobotError
-        If there are no such bodies, or what moves between them is no serial chain of hinges and slides.
-    """
+    """Find the arm in a model."""
     base, tip = _only_chain(model) if chain is None else _named(model, chain)
     path = _path(model, base, tip)
-    joints = [joint for body in path for joint in joints_of(model, body)]
+    plays = {play: joint for body in path for play, joint in _plays(model, joints_of(model, body))}
+    joints = [joint for body in path for joint in joints_of(model, body) if joint not in plays]
     if not joints:
         raise RobotError("no joint moves between base and tip", "Name the bodies of base and tip: --chain base:tip")
     for joint in joints:
         _require_axis(model, joint)
-    last_joint = {body: joints.index(joints_of(model, body)[-1]) for body in path if joints_of(model, body)}
+    own = {body: [joint for joint in joints_of(model, body) if joint in joints] for body in path}
+    last_joint = {body: joints.index(mine[-1]) for body, mine in own.items() if mine}
     link_of: dict[int, int] = {}
     for body in range(1, model.nbody):
         parent = int(model.body_parentid[body])
@@ -68,30 +47,32 @@ def find_chain(model: Any, chain: Chain | None) -> MjcfChain:
             link_of[body] = last_joint[body]
         elif parent in link_of:
             link_of[body] = link_of[parent]
-    held = tuple(j for body in link_of for j in joints_of(model, body) if j not in joints)
-    found = MjcfChain(base, tuple(joints), link_of, held)
+    held = tuple(j for body in link_of for j in joints_of(model, body) if j not in joints and j not in plays)
+    found = MjcfChain(base, tuple(joints), link_of, held, plays)
     _refuse_couplings(model, found)
     _refuse_actuators(model, found)
     return found
 
 
-def name_of(model: Any, kind: str, index: int) -> str:
-    """Return the name of a body, joint, actuator …; one made of its number where it has none.
+def _plays(model: Any, joints: Sequence[int]) -> Iterator[tuple[int, int]]:
+    """Yield hinges that are the play of one before them on the same body and axis: limited more narrowly, else free.
 
-    Parameters
-    ----------
-    model
-        Compiled `MjModel`.
-    kind
-        As MuJoCo's object types are called, in lower case.
-    index
-        Its id.
-
-    Raises
-    ------
-    RobotError
-        If the name is no text: XML may hold half a character, as &#xd800;.
+    Of two joints about one axis one is no freedom of its own; this is how MuJoCo's models have backlash.
     """
+    for joint, play in itertools.combinations(joints, 2):
+        if slides(model, play) != slides(model, joint) or not model.jnt_limited[play]:
+            continue
+        axis, other = (np.array(model.jnt_axis[k], dtype=float) for k in (play, joint))
+        apart = np.array(model.jnt_pos[play] - model.jnt_pos[joint], dtype=float)
+        coaxial = np.allclose(np.cross(axis, other), 0.0) and np.allclose(np.cross(axis, apart), 0.0)
+        width = [np.ptp(model.jnt_range[k]) if model.jnt_limited[k] else np.inf for k in (play, joint)]
+        driven = any(int(model.actuator_trnid[k, 0]) == play for k in range(len(model.actuator_trntype)))
+        if coaxial and width[0] < width[1] and not driven and not model.jnt_stiffness[play]:
+            yield play, joint
+
+
+def name_of(model: Any, kind: str, index: int) -> str:
+    """Return the name of a body, joint, actuator …; one made of its number where it has none."""
     mj = engine()
     try:
         name = mj.mj_id2name(model, getattr(mj.mjtObj, f"mjOBJ_{kind.upper()}"), index)
@@ -259,7 +240,7 @@ def _refuse_actuators(model: Any, chain: MjcfChain) -> None:
     """Refuse actuators whose torque at the chain's joints no formula of gain and bias gives."""
     mj = engine()
     on_joints = (int(mj.mjtTrn.mjTRN_JOINT), int(mj.mjtTrn.mjTRN_JOINTINPARENT))
-    for k in range(model.nu):
+    for k in range(len(model.actuator_trntype)):
         if int(model.actuator_trntype[k]) not in on_joints or int(model.actuator_trnid[k, 0]) not in chain.joints:
             continue
         name = name_of(model, "actuator", k)

@@ -24,22 +24,7 @@ class Refused(Exception):
 
 
 def compiled(path: Path, what: str) -> tuple[list[str], bytes]:
-    """Return what was left out, and the model or its file as bytes.
-
-    Parameters
-    ----------
-    path
-        The file.
-    what
-        "model" or "xml".
-
-    Raises
-    ------
-    Refused
-        If meshes are missing that bodies take their inertia from.
-    ValueError, mujoco.FatalError
-        If MuJoCo refuses it.
-    """
+    """Return what was left out, and the model or its file as bytes."""
     spec = mujoco.MjSpec.from_file(str(path))
     notes = _without_missing_files(spec, path.parent)
     model = spec.compile()

@@ -9,6 +9,7 @@ import re
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -60,45 +61,30 @@ def engine(what: str = "MJCF files need", extra: str = "mujoco") -> ModuleType:
     return mujoco
 
 
-def compiled(path: Path) -> tuple[Any, list[str]]:
+def compiled(path: Path) -> tuple[Any, list[str], bool]:
     """Compile an MJCF file, in a process of its own with limits of memory and time.
 
     Meshes and pictures whose files are not there are left out where every body states its inertia: then they are for
     the eye alone.
-
-    Returns
-    -------
-    model, notes
-        The compiled `MjModel`, and what was left out.
-
-    Raises
-    ------
-    RobotError
-        If MuJoCo refuses it, in its own words, or it is beyond the limits.
     """
     mj = engine()
     notes, content = _processed(path, "model")
     model = mj.MjModel.from_binary_path("model.mjb", {"model.mjb": content})
     if model.nbody > MOST_BODIES:
         raise RobotError(f"it has {model.nbody} bodies, {MOST_BODIES} are the limit", "Give the arm alone")
-    return model, notes
+    return model, notes, any(b"armature" in content for content in _sources(path))
 
 
 def saved(path: Path) -> str:
-    """Return an MJCF file as MuJoCo saves it: without includes, and with a line for each body, whatever made it.
-
-    Parameters
-    ----------
-    path
-        Of the file; see :func:`compiled` for errors.
-    """
+    """Return an MJCF file as MuJoCo saves it: without includes, and with a line for each body, whatever made it."""
     engine()
     return _processed(path, "xml")[1].decode()
 
 
 def _processed(path: Path, what: str) -> tuple[list[str], bytes]:
     """Return what was left out, and the compiled model or the saved file."""
-    _refuse_endless(path)
+    for _ in _sources(path):
+        pass
     command = [sys.executable, "-P", str(_PROCESS), str(path), str(MEMORY), str(SECONDS), what]
     try:
         run = subprocess.run(command, capture_output=True, timeout=PATIENCE * SECONDS, env=os.environ | _ONE_THREAD)
@@ -120,11 +106,12 @@ def _processed(path: Path, what: str) -> tuple[list[str], bytes]:
     return said["notes"], content
 
 
-def _refuse_endless(path: Path) -> None:
-    """Raise if the file, or one that it names, is a pipe or a device, for which MuJoCo would wait without end."""
+def _sources(path: Path) -> Iterator[bytes]:
+    """Yield the content of the file and of those that it names, but for meshes and pictures."""
     left, seen = [path], {path}
     while left:
         content = read_bytes(left.pop(), RobotError, "Give the path of an MJCF file.")
+        yield content
         folders = {path.parent, *(path.parent / _value(match) for match in _FOLDER.finditer(content))}
         for match in _FILE.finditer(content):
             name = _value(match)

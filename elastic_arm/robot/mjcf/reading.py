@@ -16,9 +16,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.errors import RobotError
-from elastic_arm.robot.description import Inertia, Joint, Limits, Robot
+from elastic_arm.robot.description import Inertia, Joint, Robot
 from elastic_arm.robot.kinematics import lumped, moved
 from elastic_arm.robot.mjcf.chain import MjcfChain, find_chain, joints_of, name_of, slides
+from elastic_arm.robot.mjcf.drives import (
+    controller_of,
+    joint_limits,
+    left_out,
+    motor_friction,
+    motor_inertia_and_damping,
+    torque_delays,
+)
 from elastic_arm.robot.mjcf.engine import compiled, engine
 from elastic_arm.robot.parts import located
 from elastic_arm.robot.urdf_elements import z_onto
@@ -29,24 +37,12 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class MjcfArm:
-    """An arm in a compiled MuJoCo model.
+    """An arm in a compiled MuJoCo model."""
 
-    Parameters
-    ----------
-    model
-        `MjModel`.
-    chain
-        Which of its bodies and joints are the arm.
-    qpos : (nq,)
-        Positions at which what is outside the chain is held; chain joints at their reference.
-    robot
-        The arm as data.
-    """
-
-    model: Any
-    chain: MjcfChain
-    qpos: Array
-    robot: Robot
+    model: Any  # `MjModel`
+    chain: MjcfChain  # which of its bodies and joints are the arm
+    qpos: Array  # (nq,) positions at which what is outside the chain is held; chain joints at their reference
+    robot: Robot  # the arm as data
 
     @property
     def positions(self) -> NDArray[np.intp]:
@@ -90,11 +86,11 @@ def open_mjcf(path: str | Path, chain: Chain | None = None, at: str | None = Non
     """
     path = Path(path)
     with located(f"{path}: "):
-        model, notes = compiled(path)
+        model, notes, armatures = compiled(path)
         found = find_chain(model, chain)
         qpos = _held_positions(model, found, at)
         name = getattr(model, "names", b"").split(b"\0", 1)[0].decode(errors="replace") or path.stem
-        return MjcfArm(model, found, qpos, _robot(name, model, found, qpos, notes))
+        return MjcfArm(model, found, qpos, _robot(name, model, found, qpos, notes, armatures))
 
 
 def _held_positions(model: Any, chain: MjcfChain, at: str | None) -> Array:
@@ -110,6 +106,8 @@ def _held_positions(model: Any, chain: MjcfChain, at: str | None) -> Array:
         else:
             for name, value in _assignments(at, model).items():
                 qpos[int(model.jnt_qposadr[mj.mj_name2id(model, mj.mjtObj.mjOBJ_JOINT, name)])] = value
+    for play in chain.plays:
+        qpos[int(model.jnt_qposadr[play])] = model.jnt_range[play].mean()
     addresses = [int(model.jnt_qposadr[joint]) for joint in chain.joints]
     qpos[addresses] = model.qpos0[addresses]
     return qpos
@@ -137,7 +135,7 @@ def _assignments(at: str, model: Any) -> Mapping[str, float]:
     return found
 
 
-def _robot(name: str, model: Any, chain: MjcfChain, qpos: Array, notes: list[str]) -> Robot:
+def _robot(name: str, model: Any, chain: MjcfChain, qpos: Array, notes: list[str], armatures: bool) -> Robot:
     mj = engine()
     data = mj.MjData(model)
     data.qpos[:] = qpos
@@ -154,10 +152,11 @@ def _robot(name: str, model: Any, chain: MjcfChain, qpos: Array, notes: list[str
         before = (np.linalg.inv(_base(data, chain)) if i == 0 else np.linalg.inv(previous)) @ frames[i]
         after = back @ np.linalg.inv(frames[i]) @ carriers[i]
         with located(f"joint {label!r}: "):
-            limits = _limits(model, joint)
             armature, _ = motor_inertia_and_damping(model, joint)
             link = _link_name(model, chain, i)
-            moving: dict[str, Any] = {"limits": limits, "armature": armature, "prismatic": slid}
+            moving: dict[str, Any] = {"limits": joint_limits(model, joint), "controller": controller_of(model, joint)}
+            # MuJoCo's default of zero states nothing where the file has no armature at all.
+            moving |= {"armature": armature if armature or armatures else None, "prismatic": slid}
             joints.append(Joint(label, link, bodies[i], before, after, **moving))
     if joints[-1].link.mass == 0.0:
         raise RobotError(f"body {joints[-1].link_name!r} has no mass", "Give it an <inertial>, or name a shorter chain")
@@ -228,50 +227,6 @@ def _link_bodies(model: Any, data: Any, chain: MjcfChain, carriers: list[Array])
     return [lumped(own) for own in parts]
 
 
-def motor_inertia_and_damping(model: Any, joint: int) -> tuple[float, float]:
-    """Return armature (kg m²) and damping (Nm s/rad) of a joint, with those of the actuator that brings its own."""
-    dof, actuator = int(model.jnt_dofadr[joint]), int(model.jnt_actuatorid[joint])
-    armature, damping = float(model.dof_armature[dof]), float(model.dof_damping[dof])
-    if actuator >= 0:
-        gear = float(model.actuator_gear[actuator, 0])
-        armature += gear**2 * float(model.actuator_armature[actuator])
-        damping += gear**2 * float(model.actuator_damping[actuator])
-    return armature, damping
-
-
-def torque_delays(model: Any, chain: MjcfChain) -> Array:
-    """Return by how much the recorded motor torque of each joint is late, (n,) s, as its sensor states it."""
-    found: Array = np.zeros(len(chain.joints))
-    for k in range(model.nsensor):
-        joint = int(model.sensor_objid[k])
-        if int(model.sensor_type[k]) == int(engine().mjtSensor.mjSENS_JOINTACTFRC) and joint in chain.joints:
-            found[chain.joints.index(joint)] = float(model.sensor_delay[k])
-    return found
-
-
-def drives_of(model: Any, joint: int) -> list[int]:
-    """Return the actuators that act on a joint."""
-    kinds = (int(engine().mjtTrn.mjTRN_JOINT), int(engine().mjtTrn.mjTRN_JOINTINPARENT))
-    return [
-        k for k in range(model.nu) if int(model.actuator_trntype[k]) in kinds and model.actuator_trnid[k, 0] == joint
-    ]
-
-
-def _limits(model: Any, joint: int) -> Limits:
-    lower, upper = (float(v) if model.jnt_limited[joint] else None for v in model.jnt_range[joint])
-    torques = []
-    for k in drives_of(model, joint):
-        gear = abs(float(model.actuator_gear[k, 0]))
-        if model.actuator_forcelimited[k]:
-            torques.append(gear * float(np.abs(model.actuator_forcerange[k]).max()))
-        elif model.actuator_ctrllimited[k] and not model.actuator_biasprm[k].any():
-            gain = abs(float(model.actuator_gainprm[k, 0]))
-            torques.append(gear * gain * float(np.abs(model.actuator_ctrlrange[k]).max()))
-    if model.jnt_actfrclimited[joint]:
-        torques.append(float(np.abs(model.jnt_actfrcrange[joint]).max()))
-    return Limits(position_min=lower, position_max=upper, torque=min(torques, default=0.0) or None)
-
-
 def _effects(model: Any, data: Any, chain: MjcfChain, carriers: list[Array], names: list[str]) -> list[dict[str, Any]]:
     """Return what MuJoCo adds to the rigid arm, as effects of the stated size."""
     flags = int(model.opt.disableflags)
@@ -280,15 +235,15 @@ def _effects(model: Any, data: Any, chain: MjcfChain, carriers: list[Array], nam
     for name, joint in zip(names, chain.joints, strict=True):
         dof, adr = int(model.jnt_dofadr[joint]), int(model.jnt_qposadr[joint])
         _, damping = motor_inertia_and_damping(model, joint)
-        stiffness, loss = float(model.jnt_stiffness[joint]), float(model.dof_frictionloss[dof])
+        stiffness = float(model.jnt_stiffness[joint])
+        loss = 0.0 if flags & off.mjDSBL_FRICTIONLOSS else float(model.dof_frictionloss[dof])
+        dry, excess, speed = motor_friction(model, joint)
+        spring = {"stiffness": stiffness, "rest": float(model.qpos_spring[adr])}
         stated: list[tuple[str, bool, dict[str, Any]]] = [
             ("viscous_friction", bool(damping) and not flags & off.mjDSBL_DAMPER, {"coefficient": damping}),
-            ("coulomb_friction", bool(loss) and not flags & off.mjDSBL_FRICTIONLOSS, {"torque": loss}),
-            (
-                "joint_spring",
-                bool(stiffness) and not flags & off.mjDSBL_SPRING,
-                {"stiffness": stiffness, "rest": float(model.qpos_spring[adr])},
-            ),
+            ("coulomb_friction", bool(loss + dry), {"torque": loss + dry}),
+            ("stribeck_friction", bool(excess), {"torque": excess, "speed": speed}),
+            ("joint_spring", bool(stiffness) and not flags & off.mjDSBL_SPRING, spring),
         ]
         found += [{"effect": effect, "joint": name, "parameters": p} for effect, there, p in stated if there]
     for name, delay in zip(names, torque_delays(model, chain).tolist(), strict=True):
@@ -319,12 +274,18 @@ def _compensation(
         centres = np.array([np.linalg.inv(carriers[i]) @ [*data.xipos[body], 1.0] for body in own])[:, :3]
         position = (masses @ centres / masses.sum()).tolist()
         parameters = {"mass": float(masses.sum()), "position": position}
-        found.append({"effect": "gravity_compensation", "joint": name, "parameters": parameters})
+        found.append({"effect": "carried_weight", "joint": name, "parameters": parameters})
     return found
 
 
 def _notes(model: Any, chain: MjcfChain) -> list[str]:
-    notes = []
+    notes = [note for joint in chain.joints for note in left_out(model, joint)]
+    for play, joint in chain.plays.items():
+        name, half = name_of(model, "joint", joint), 0.5 * float(np.ptp(model.jnt_range[play]))
+        notes.append(
+            f"joint {name_of(model, 'joint', play)} is play of ±{half:g} rad in {name}: it is held in its middle; with "
+            f"drives of some stiffness, in an arm file, it is backlash:{name}:half_gap={half:g}"
+        )
     if chain.held:
         names = ", ".join(name_of(model, "joint", joint) for joint in chain.held)
         notes.append(f"joints {names} are held, and their bodies are part of the link that they stand on")

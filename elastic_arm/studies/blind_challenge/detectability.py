@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from elastic_arm.dynamics import build_model
 from elastic_arm.effects import EFFECTS
-from elastic_arm.errors import SimulationError
+from elastic_arm.errors import EffectError, SimulationError
 from elastic_arm.estimation.band import Band
 from elastic_arm.estimation.equations import EquationSet
 from elastic_arm.estimation.observation import observe, widest_band
@@ -130,6 +130,13 @@ def sized(draft: SampledEffect, wanted: float, detectability: Detectability) -> 
             continue
         better = float(np.clip(amount * wanted / max(signal.distance, 1e-9), low, high))
         if abs(better / amount - 1.0) < NEAR:
-            return amount, signal
+            break
         amount = better
-    return amount, detectability.signal([draft.sized(amount)])
+    else:
+        signal = detectability.signal([draft.sized(amount)])
+    if signal.distance == 0.0:
+        raise EffectError(
+            f"{draft.fault.effect} does not act in the motion that was drawn, at {amount:g} either",
+            "Widen the plausible range of its parameters, or leave it out (--effect).",
+        )
+    return amount, signal

@@ -124,7 +124,7 @@ def sample_effect(effect: Effect, n: int, rng: np.random.Generator) -> SampledEf
     rng
         Draws joint, side, channels and parameters.
     """
-    joint = None if effect.scope in (Scope.ARM, Scope.LAST) else int(rng.integers(n))
+    joint = None if effect.scope in (Scope.ARM, Scope.LAST) else int(rng.integers(n - (effect.scope is Scope.BUT_LAST)))
     if effect.scope is Scope.EACH_OR_ARM and rng.random() < COMMON:
         joint = None
     choices: dict[str, Any] = {}

@@ -1,8 +1,15 @@
-"""A replay as a moving picture: the recorded arm as a ghost, and each model's arm on it, rendered by MuJoCo."""
+"""A replay as a moving picture: the recorded arm as a ghost, and each model's arm on it, rendered by MuJoCo.
+
+    python examples/replay_video.py BAG MODEL.xml [MODEL.xml …]
+
+It writes replay.webp, which browsers show: the first 10 s. MuJoCo renders through EGL, which needs no display
+($MUJOCO_GL chooses otherwise); links without a shape are drawn as capsules between the joints. Needs Pillow.
+"""
 
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -11,8 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.errors import OutputError
-from elastic_arm.mujoco.replaying import Replay, labels
-from elastic_arm.robot.mjcf import MjcfArm, engine
+from elastic_arm.mujoco.replaying import Replay, labels, replay
+from elastic_arm.recording import read_recording
+from elastic_arm.robot.mjcf import MjcfArm, engine, open_mjcf
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -179,3 +187,10 @@ def _opengl(model: Any) -> tuple[Any, Any]:
         ) from None
     mj.mjr_setBuffer(mj.mjtFramebuffer.mjFB_OFFSCREEN, context)
     return gl, context
+
+
+if __name__ == "__main__":
+    models = [open_mjcf(path) for path in sys.argv[2:]]
+    recording = read_recording(Path(sys.argv[1]))
+    names = zip(sys.argv[2:], models, strict=True)
+    write_video(Path("replay.webp"), models, [replay(recording, arm, name=path) for path, arm in names])

@@ -1,0 +1,136 @@
+"""What a written file does not hold of an arm: its size, the reason, and the torque that is missing without it.
+
+The torque is a root mean square while every joint swings by half a radian, or what its range allows, at 2 rad/s.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.dynamics import build_model
+from elastic_arm.effects import EffectInstance
+from elastic_arm.effects.effect_set import EffectSet
+from elastic_arm.effects.equations import ArmEquations
+from elastic_arm.errors import EffectError
+from elastic_arm.robot import Robot
+from elastic_arm.simulation.assembly import law_rows
+from elastic_arm.simulation.simulator import SIGN_SPEED
+
+Array = NDArray[np.float64]
+
+SWING, SPEED = 0.5, 2.0  # rad or m, rad/s: rates and accelerations as those of an excitation
+SAMPLES = 200
+
+
+@dataclass(frozen=True)
+class Left:
+    """A number or an effect of an arm that a file does not hold."""
+
+    # what, joint: its name, and the joint that it sits on; None for the whole arm
+    what: str
+    joint: str | None
+    numbers: Mapping[str, Any]  # name of each of its numbers -> value, with unit in `units`
+    reason: str  # why it is not there
+    units: Mapping[str, str] = field(default_factory=dict)
+    # by joint, root mean square of the torque that is missing, Nm; empty where it is none or not known
+    cost: Mapping[str, float] = field(default_factory=dict)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as plain data."""
+        plain = {k: list(v) if isinstance(v, tuple) else v for k, v in self.numbers.items()}
+        named = {"effect": self.what, "joint": self.joint, "parameters": plain, "units": dict(self.units)}
+        return named | {"reason": self.reason, "cost_nm": dict(self.cost)}
+
+
+def left_effects(robot: Robot, left: Iterable[tuple[EffectInstance, str]]) -> Iterator[Left]:
+    """Yield effects that a file of an arm does not hold, each with its reason."""
+    state = _Swing(robot)
+    for instance, reason in left:
+        units = {p.name: p.unit_at(instance.joint, robot.units) for p in instance.effect.parameters}
+        costs = state.cost(state.of_effect(instance))
+        yield Left(instance.effect.id, instance.joint, dict(instance.parameters), reason, units, costs)
+
+
+def left_numbers(
+    robot: Robot, reason: str, *, armatures: Sequence[float] = (), elasticity: bool = False
+) -> Iterator[Left]:
+    """Yield numbers that a file does not hold."""
+    state = _Swing(robot)
+    for i, joint in enumerate(robot.joints):
+        gear, unit = joint.transmission, joint.unit
+        if len(armatures) and armatures[i]:
+            missing = state.only(i, float(armatures[i]) * state.ddq[:, i])
+            inertia = {"armature": "kg" if joint.prismatic else "kg m²"}
+            yield Left("armature", joint.name, {"armature": float(armatures[i])}, reason, inertia, state.cost(missing))
+        if gear is not None and elasticity:
+            numbers = {"stiffness": gear.stiffness, "damping": gear.damping}
+            units = {"stiffness": unit("Nm/rad"), "damping": unit("Nm s/rad")}
+            yield Left("drive", joint.name, numbers, reason, units)
+        if gear is not None and gear.bearing is not None:
+            numbers = {"stiffness": gear.bearing.stiffness, "damping": gear.bearing.damping}
+            yield Left("bearing", joint.name, numbers, reason, {"stiffness": "Nm/rad", "damping": "Nm s/rad"})
+        if joint.controller is not None:
+            gains = {name: getattr(joint.controller, name) for name in ("mode", "kp", "kd", "ki")}
+            yield Left("controller", joint.name, gains, reason)
+
+
+def left_coupling(robot: Robot, reason: str) -> Iterator[Left]:
+    """Yield the coupling of links and spinning rotors, which mod3 has of an elastic arm and mod2 has not."""
+    state = _Swing(robot)
+    three, two = (build_model(robot, name, engine="numpy").inverse_dynamics(*state.motion) for name in ("mod3", "mod2"))
+    yield Left("inertia_coupling", None, {}, reason, {}, state.cost(three - two))
+
+
+class _Swing:
+    """An arm whose joints swing, and the torques that it takes."""
+
+    def __init__(self, robot: Robot) -> None:
+        self.robot, n = robot, robot.n
+        phases = SPEED * np.linspace(0.0, 2 * np.pi / SPEED, SAMPLES)[:, None] + np.arange(n)
+        limits = [joint.limits for joint in robot.joints]
+        low, high = ([getattr(one, end) for one in limits] for end in ("position_min", "position_max"))
+        spans = [None if a is None or b is None else (a, b) for a, b in zip(low, high, strict=True)]
+        size = np.array([SWING if span is None else min(SWING, 0.5 * (span[1] - span[0])) for span in spans])
+        middle = np.array([0.0 if span is None else 0.5 * (span[0] + span[1]) for span in spans])
+        q, dq = middle + size * np.sin(phases), size * SPEED * np.cos(phases)
+        self.ddq = -size * SPEED**2 * np.sin(phases)
+        sides = 2 if robot.elastic else 1
+        self.motion = tuple(np.tile(values, sides) for values in (q, dq, self.ddq))
+        rows = build_model(robot, engine="numpy").inverse_dynamics(*self.motion)
+        self.tau_m = rows.reshape(SAMPLES, sides, n).sum(axis=1)
+        if robot.elastic:
+            # The drives are wound by what the links need.
+            K = np.array([joint.transmission.stiffness for joint in robot.joints if joint.transmission])
+            self.motion[0][:, n:] += rows[:, :n] / K
+
+    def only(self, i: int, torque: Array) -> Array:
+        """Return torques (N, n) that are zero but for one joint's (N,)."""
+        found = np.zeros((SAMPLES, self.robot.n))
+        found[:, i] = torque
+        return found
+
+    def of_effect(self, instance: EffectInstance) -> Array:
+        """Return what an effect adds to the left side of (1), (N, dof); nothing where it does not act by a law."""
+        none = np.zeros((SAMPLES, self.robot.n))
+        try:
+            equations = ArmEquations(self.robot)
+            effects = EffectSet([instance], self.robot, duration=1.0)
+            law = law_rows(equations, effects)
+        except EffectError:
+            return none
+        z, speed = np.zeros(int(effects.z.numel())), np.full(2 * self.robot.n, SIGN_SPEED)
+        given = (equations.nominal, effects.numbers(), speed)
+        samples = zip(*self.motion, self.tau_m, strict=True)
+        return np.array([np.array(law(x, dx, ddx, z, tau, *given)[0]).ravel() for x, dx, ddx, tau in samples])
+
+    def cost(self, rows: Array) -> dict[str, float]:
+        """Return root mean squares by joint, both sides of a joint together, of those that feel any."""
+        torque = rows.reshape(SAMPLES, -1, self.robot.n).sum(axis=1)
+        sizes = np.sqrt(np.mean(torque**2, axis=0))
+        named = zip(self.robot.joint_names, sizes.tolist(), strict=True)
+        return {name: float(f"{size:.4g}") for name, size in named if size > 1e-9 * max(1.0, sizes.max())}

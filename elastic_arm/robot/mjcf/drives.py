@@ -1,0 +1,142 @@
+"""What drives the joints of a compiled MuJoCo model: motor inertia, friction in motors, delays, limits, controllers."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.robot.description import JointController, Limits
+from elastic_arm.robot.mjcf.chain import MjcfChain, name_of
+from elastic_arm.robot.mjcf.engine import engine
+
+Array = NDArray[np.float64]
+
+
+def motor_inertia_and_damping(model: Any, joint: int) -> tuple[float, float]:
+    """Return armature (kg m²) and damping (Nm s/rad) of a joint, with those of the actuator that brings its own."""
+    dof, actuator = int(model.jnt_dofadr[joint]), int(model.jnt_actuatorid[joint])
+    armature, damping = float(model.dof_armature[dof]), float(model.dof_damping[dof])
+    if actuator >= 0:
+        gear = float(model.actuator_gear[actuator, 0])
+        armature += gear**2 * float(model.actuator_armature[actuator])
+        damping += gear**2 * float(model.actuator_damping[actuator])
+    return armature, damping
+
+
+def torque_delays(model: Any, chain: MjcfChain) -> Array:
+    """Return by how much the recorded motor torque of each joint is late, (n,) s, as its sensor states it."""
+    found: Array = np.zeros(len(chain.joints))
+    for k in range(model.nsensor):
+        joint = int(model.sensor_objid[k])
+        if int(model.sensor_type[k]) == int(engine().mjtSensor.mjSENS_JOINTACTFRC) and joint in chain.joints:
+            found[chain.joints.index(joint)] = float(model.sensor_delay[k])
+    return found
+
+
+def drives_of(model: Any, joint: int) -> list[int]:
+    """Return the actuators that act on a joint."""
+    kinds = (int(engine().mjtTrn.mjTRN_JOINT), int(engine().mjtTrn.mjTRN_JOINTINPARENT))
+    # Not model.nu: an actuator may have several inputs.
+    return [
+        k for k, kind in enumerate(model.actuator_trntype) if int(kind) in kinds and model.actuator_trnid[k, 0] == joint
+    ]
+
+
+def joint_limits(model: Any, joint: int) -> Limits:
+    lower, upper = (float(v) if model.jnt_limited[joint] else None for v in model.jnt_range[joint])
+    torques = []
+    for k in drives_of(model, joint):
+        gear = abs(float(model.actuator_gear[k, 0]))
+        if model.actuator_forcelimited[k]:
+            torques.append(gear * float(np.abs(model.actuator_forcerange[k]).max()))
+        elif model.actuator_ctrllimited[k] and not model.actuator_biasprm[k].any():
+            gain = abs(float(model.actuator_gainprm[k, 0]))
+            torques.append(gear * gain * float(np.abs(model.actuator_ctrlrange[k]).max()))
+    if model.jnt_actfrclimited[joint]:
+        torques.append(float(np.abs(model.jnt_actfrcrange[joint]).max()))
+    return Limits(position_min=lower, position_max=upper, torque=min(torques, default=0.0) or None)
+
+
+def controller_of(model: Any, joint: int) -> JointController | None:
+    """Return the controller that the one actuator of a joint is, tau = kp (r - q) + kd (dr - dq) + ki int(r - q).
+
+    An actuator of gain g and bias b1 q + b2 dq follows angles where g = -b1, and speeds where g = -b2.
+    """
+    kind = _servo(model, joint)
+    if kind is None:
+        return None
+    mode, k = kind
+    gear, own = float(model.actuator_gear[k, 0]), model.actuator_biasprm[k]
+    gains = {"kp": -float(own[1]), "kd": -float(own[2])}
+    if int(model.actuator_gaintype[k]) == int(engine().mjtGain.mjGAIN_PID):
+        gains["ki"] = float(model.actuator_gainprm[k, 0])
+    torque = abs(gear) * float(np.abs(model.actuator_forcerange[k]).max()) if model.actuator_forcelimited[k] else None
+    scaled: dict[str, Any] = {name: gear**2 * gain for name, gain in gains.items()}
+    return JointController(mode, delay=float(model.actuator_delay[k]), torque=torque or None, **scaled)
+
+
+def _servo(model: Any, joint: int) -> tuple[str, int] | None:
+    """Return "position", "velocity" or "both", and the actuator; None where it is no such controller."""
+    mj, drives = engine(), drives_of(model, joint)
+    if len(drives) != 1:
+        return None
+    k = drives[0]
+    gain, bias, still = float(model.actuator_gainprm[k, 0]), model.actuator_biasprm[k], int(model.actuator_dyntype[k])
+    b0, b1, b2 = (float(value) for value in bias[:3])
+    if int(model.actuator_biastype[k]) != int(mj.mjtBias.mjBIAS_AFFINE) or b0 or min(-b1, -b2) < 0.0:
+        return None
+    if int(model.actuator_gaintype[k]) == int(mj.mjtGain.mjGAIN_PID):
+        # No limit of the integral, and none of how fast the set-point moves.
+        return None if model.actuator_dynprm[k, :2].any() else ("both", k)
+    if int(model.actuator_gaintype[k]) != int(mj.mjtGain.mjGAIN_FIXED) or still != int(mj.mjtDyn.mjDYN_NONE):
+        return None
+    if b1 and gain == -b1:
+        return "position", k
+    return ("velocity", k) if b2 and not b1 and gain == -b2 else None
+
+
+def motor_friction(model: Any, joint: int) -> tuple[float, float, float]:
+    """Return dry friction (Nm), its excess at standstill (Nm) and Stribeck speed (rad/s) of the motors of a joint."""
+    dry, excess, speed = 0.0, 0.0, 0.0
+    for k in _dc_motors(model, joint):
+        gear, (coulomb, static, stribeck) = abs(float(model.actuator_gear[k, 0])), model.actuator_biasprm[k, 3:6]
+        if model.actuator_dynprm[k, 5] and gear:  # the stiffness of LuGre's bristles; without, it has no friction
+            dry, excess, speed = dry + gear * coulomb, excess + gear * (static - coulomb), stribeck / gear
+    return float(dry), float(excess), float(speed)
+
+
+def left_out(model: Any, joint: int) -> list[str]:
+    """Return what the model states of the drives of a joint that the description does not hold, a sentence each."""
+    notes, label = [], name_of(model, "joint", joint)
+    dc, drives = _dc_motors(model, joint), drives_of(model, joint)
+    for k in dc:
+        name, gear = name_of(model, "actuator", k), abs(float(model.actuator_gear[k, 0]))
+        amplitude, waves = (float(v) for v in model.actuator_biasprm[k, :2])
+        if model.actuator_dynprm[k, 5]:
+            notes.append(
+                f"LuGre friction of actuator {name} is read as Coulomb and Stribeck friction of {label}: its bristles "
+                "are left out, and in MuJoCo it acts with the actuator alone"
+            )
+        if amplitude:
+            notes.append(
+                f"cogging of actuator {name}, {gear * amplitude:g} Nm at {label} and {waves:g} waves a turn of its "
+                "rotor, is left out: torque_ripple needs an arm file with transmissions"
+            )
+        notes.append(f"actuator {name} is driven by voltage: a recorded motor torque is that of its current")
+    fed_back = [k for k in drives if k not in dc and (model.actuator_biasprm[k].any() or model.actuator_dyntype[k])]
+    if fed_back and _servo(model, joint) is None:
+        names = ", ".join(name_of(model, "actuator", k) for k in fed_back)
+        notes.append(
+            f"the controller of {label} ({names}) is left out: it is not kp (r - q) + kd (dr - dq) + ki int(r - q) of "
+            "one actuator"
+        )
+    if hasattr(model, "jnt_springyield") and float(model.jnt_springyield[joint]):
+        notes.append(f"the spring of {label} yields at {float(model.jnt_springyield[joint]):g}: that is left out")
+    return notes
+
+
+def _dc_motors(model: Any, joint: int) -> list[int]:
+    kind = getattr(engine().mjtBias, "mjBIAS_DCMOTOR", None)  # of MuJoCo 3.6 and later
+    return [k for k in drives_of(model, joint) if kind is not None and int(model.actuator_biastype[k]) == int(kind)]
