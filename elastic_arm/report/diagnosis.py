@@ -175,7 +175,7 @@ def _unexplained(found: Diagnosis, context: DiagnosisContext) -> list[Block]:
 
 def _determined(found: Diagnosis) -> list[Imperfection]:
     """Return the numbers of which the recordings say clearly more than their priors, as narrow as trust makes them."""
-    trust = TRUST[max(found.trust, key=lambda name: found.trust[name])][0] if found.trust else 1.0
+    trust = TRUST[max(found.trust, key=lambda name: found.trust[name])].factor if found.trust else 1.0
     return [one for one in found.imperfections if one.std < DETERMINED * trust * one.prior_std]
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from elastic_arm.diagnosis import Question, diagnose
 from elastic_arm.diagnosis.context import DiagnosisContext
-from elastic_arm.diagnosis.inference.prediction import HORIZONS, Prediction, predict
+from elastic_arm.diagnosis.prediction import HORIZONS, Prediction, predict
 from elastic_arm.effects import parse
 from elastic_arm.recording import Recording
 from tests.helpers.effect_samples import INSTANCES
