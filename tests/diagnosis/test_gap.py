@@ -57,7 +57,7 @@ def test_a_slow_effect_below_the_noise_of_the_band_is_plain_in_its_octave() -> N
 
 
 def test_shrink_is_the_share_of_power_over_noise_that_is_gone() -> None:
-    """Half the amplitude is three quarters of the power; rows count by their power, and the interval holds the share."""
+    """Half the amplitude is three quarters of the power; rows count by their power; the interval holds the share."""
     sine, slow = 2.0 * np.sin(2 * np.pi * 3.0 * T), 1.0 * np.sin(2 * np.pi * 0.7 * T)
     before = measured(sine + white(3), slow + white(4), white(5))
     found = shrink(before, measured(sine / 2 + white(3), slow + white(4), white(5)))

@@ -129,7 +129,7 @@ def test_the_corrected_arm_has_what_was_known_and_what_was_found() -> None:
 
 
 def test_a_size_is_as_uncertain_as_the_set_of_causes_is() -> None:
-    """Of two sets with 5 and 7 Nm at odds of 3 to 1 the mean is 5.5, and the spread between them adds to the deviation."""
+    """5 and 7 Nm in two sets at odds of 3 to 1 have the mean 5.5, and their spread adds to the deviation."""
     sets = [(p, {"torque": ParameterEstimate(v, 0.1, "Nm")}) for p, v in ((0.6, 5.0), (0.2, 7.0))]
     size = averaged(sets)["torque"]
     assert size.value == pytest.approx(5.5)

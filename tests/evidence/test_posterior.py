@@ -19,7 +19,9 @@ ROUGH = TRUST["rough"].factor
 CONSTANT = 0.5 * len(Y) * np.log(2 * np.pi)  # that the evidence leaves out
 
 
-def dense(columns: np.ndarray, std: np.ndarray, mean: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+def dense(
+    columns: np.ndarray, std: np.ndarray, mean: np.ndarray, v: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, float]:
     """Return posterior mean, covariance and ln p(y) of y ~ N(columns mean, v + columns std² columns')."""
     S = np.linalg.inv(columns.T @ (columns / v[:, None]) + np.diag(std**-2.0))
     x = S @ (columns.T @ (Y / v) + mean / std**2)

@@ -39,7 +39,7 @@ def test_a_terms_price_and_gain_add_up_to_the_score() -> None:
 
 
 def test_what_a_screen_foresees_is_what_the_fit_gains() -> None:
-    """At the noise of the fit the gain of every kind of term is the difference of the two scores, at the scale it proposes."""
+    """At the noise of the fit the gain of every kind of term is what its proposal adds to the score, to rounding."""
     data = model(quiet(RNG) + 0.3 * COLUMNS[:, 0], N)
     terms = [
         term("one", COLUMNS[:, 1], 0.4, odds=3.0),
