@@ -213,15 +213,17 @@ def print_diagnosis(found: Diagnosis, folder: Path) -> None:
 
 def _print_causes(causes: Sequence[Cause]) -> None:
     table = Table(box=None, header_style="bold", pad_edge=False)
-    for heading in ("cause", "joint", "side", "size", "gap", "probability"):
-        right = heading in ("gap", "probability")
-        table.add_column(heading, no_wrap=heading != "size", justify="right" if right else "left")
-    between = "\n" if out.is_terminal else ", "  # on a screen a line for a parameter; in a pipe a line for a cause
+    # On a screen a line for a parameter, the sides below the joint; in a pipe a line for a cause.
+    where, between = (("joint, side",), "\n") if out.is_terminal else (("joint", "side"), ", ")
+    for heading in ("cause", *where, "size"):
+        table.add_column(heading, no_wrap=heading != "size")
+    for heading in ("gap", "probability"):
+        table.add_column(heading, no_wrap=True, justify="right")
     for cause in causes:
-        name, joint = escape(cause.effect), escape(cause.joint or "whole arm")
-        sides = between.join(sides_text(cause).split(", "))
-        shares = alone_text(cause), probability_text(cause.confidence)
-        table.add_row(name, joint, sides, escape(cause_size(cause, between)), *shares)
+        place = [escape(cause.joint or "whole arm"), sides_text(cause)]
+        at = ["\n".join(place)] if out.is_terminal else place
+        size, shares = escape(cause_size(cause, between)), (alone_text(cause), probability_text(cause.confidence))
+        table.add_row(escape(cause.effect), *at, size, *shares)
     out.print(table)
 
 

@@ -161,7 +161,7 @@ def _cause(found: Diagnosis, cause: Cause, k: int, context: DiagnosisContext) ->
 
 def _unexplained(found: Diagnosis, context: DiagnosisContext) -> list[Block]:
     rows = [[p.joint, p.side, p.regime.replace("_", " "), p.rmse] for p in found.unexplained]
-    first = found.unexplained[0]
+    first = max(found.unexplained, key=lambda p: p.rmse / found.noise[p.joint, p.side])
     sides, n = context.validate.layout.sides, len(found.joints)
     row = sides.index(first.side) * n + found.joints.index(first.joint)
     added = "all causes together" if found.causes else None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import pytest
@@ -9,7 +10,7 @@ import pytest
 from elastic_arm.diagnosis import Question, diagnose
 from elastic_arm.diagnosis.context import DiagnosisContext
 from elastic_arm.diagnosis.prediction import HORIZONS, Prediction, predict
-from elastic_arm.effects import parse
+from elastic_arm.effects import Effect, parse
 from elastic_arm.recording import Recording
 from tests.helpers.effect_samples import INSTANCES
 from tests.helpers.gap_recordings import ROBOT, motions, record
@@ -17,18 +18,18 @@ from tests.helpers.gap_recordings import ROBOT, motions, record
 pytestmark = pytest.mark.slow(20)
 
 
-def context(*recordings: Recording, model: str = "mod3") -> DiagnosisContext:
-    """What a diagnosis without any effect to find leaves."""
-    found = diagnose([recordings[0]], Question(ROBOT, model, effects=()), [recordings[1]]).context
+def context(*recordings: Recording, effects: Sequence[Effect] = ()) -> DiagnosisContext:
+    """What a diagnosis with these effects to find leaves."""
+    found = diagnose([recordings[0]], Question(ROBOT, effects=tuple(effects)), [recordings[1]]).context
     assert found is not None
     return found
 
 
-def predicted(*effects: str, known: tuple[str, ...] | None = None, model: str = "mod3") -> Prediction:
+def predicted(*effects: str, known: tuple[str, ...] | None = None) -> Prediction:
     """Prediction errors of an arm with effects, all of them known or only some."""
     recordings = [record(motion, *effects, seed=k) for k, motion in enumerate(motions())]
-    known = effects if known is None else known
-    return predict(context(*recordings, model=model), [parse(text, ROBOT) for text in known])
+    acting = [parse(text, ROBOT) for text in (effects if known is None else known)]
+    return predict(context(*recordings, effects=[one.effect for one in acting]), acting)
 
 
 @pytest.fixture(scope="module")

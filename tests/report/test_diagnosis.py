@@ -96,11 +96,11 @@ def test_report_of_a_clean_arm_speaks_of_no_cause(tmp_path: Path) -> None:
 
 def test_gap_without_an_effect_for_it_is_drawn_as_unexplained(tmp_path: Path) -> None:
     """With nothing in the catalogue that could explain it, the report shows where the gap is and what it looks like."""
-    recordings = [record(motion, ERROR, seed=k) for k, motion in enumerate(motions())]
+    recordings = [record(motion, FRICTION, seed=k) for k, motion in enumerate(motions())]
     found = diagnose([recordings[0]], Question(ROBOT, effects=()), [recordings[1]])
     page = write_gap_report(tmp_path / "report.html", found).read_text()
     assert found.verdict == "unknown" and "What is not explained" in page
-    assert "joint_1, drive side: where most is left" in page
+    assert "joint_2, motor side: where most is left" in page
 
 
 def test_arm_with_the_causes_in_it_has_no_gap_left(two_causes: Diagnosis) -> None:
@@ -148,7 +148,7 @@ def test_causes_are_readable_on_a_narrow_screen(two_causes: Diagnosis, monkeypat
     lines = shown(found, Path("diagnosis"), monkeypatch, width=80, force_terminal=True)
     assert max(map(len, lines)) <= 80
     told = "\n".join(lines)
-    for words in ("joint_torque_offset +lwr_0_joint +motor +offset -0.666 ± 0.026 Nm", "base_tilt +whole arm",
+    for words in ("joint_torque_offset +lwr_0_joint +offset -0.666 ± 0.026 Nm", "base_tilt +whole arm",
                   "x -0.0167 ± 0.0012 rad", "y -0.0071 ± 0.0014 rad"):  # fmt: skip
         assert re.search(words, told), told
     assert "…" not in told
