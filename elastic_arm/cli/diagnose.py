@@ -100,10 +100,9 @@ def diagnose_command(
     Writes diagnosis.json and report.html. Where causes were found, robot.yaml:
     the arm with them, for `simulate --robot`, and its MJCF or URDF with the
     numbers changed. Where causes are not separated, separating_trajectory.yaml:
-    what to record next, for `simulate --trajectory` and the trajectory node. Of
-    several recordings it states what changed between them. With --against, how
-    far the first is from a simulated one, and which effect is in one alone. Exit
-    status 0 whatever the verdict, 2 for unusable input.
+    what to record next, for `simulate --trajectory` and the trajectory node. With
+    --against, how far the first is from a simulated one, and which effect is in
+    one alone. Exit status 0 whatever the verdict, 2 for unusable input.
 
     Examples:
 

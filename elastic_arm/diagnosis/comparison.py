@@ -26,7 +26,7 @@ Name = tuple[str, str | None]  # effect and joint
 
 
 @dataclass(frozen=True)
-class Finding:
+class SizeFound:
     """An effect in one recording: how probably it is there, and its size where any set that was met holds it."""
 
     probability: float
@@ -49,8 +49,8 @@ class ComparedEffect:
 
     effect: str
     joint: str | None
-    real: Finding
-    simulated: Finding
+    real: SizeFound
+    simulated: SizeFound
 
     @property
     def where(self) -> str:
@@ -147,10 +147,10 @@ def compare(
     return SimulationComparison(simulated.source, difference, effects)
 
 
-def _finding(found: Diagnosis, name: Name) -> Finding:
+def _finding(found: Diagnosis, name: Name) -> SizeFound:
     for cause in found.causes:
         if (cause.effect, cause.joint) == name:
-            return Finding(cause.confidence, cause.parameters)
+            return SizeFound(cause.confidence, cause.parameters)
     assert found.context is not None
     explanation = found.context.explanation
     probability, first = 0.0, None
@@ -159,11 +159,11 @@ def _finding(found: Diagnosis, name: Name) -> Finding:
             probability += p
             first = max(first or (p, keys), (p, keys), key=lambda one: one[0])
     if first is None:
-        return Finding(0.0, {})
+        return SizeFound(0.0, {})
     fit = explanation.search.met[first[1]]
     term = next(t for t in fit.optional if t.key[:2] == name)
     parameters, _ = estimated(fit, term, explanation.linear.problem.numbers, explanation.linear.values)
-    return Finding(probability, parameters)
+    return SizeFound(probability, parameters)
 
 
 def _apart(one: ParameterEstimate, other: ParameterEstimate) -> float:

@@ -251,7 +251,7 @@ class Diagnosis:
     notes
         What the reader should know besides.
     prediction, proposal
-        How far ahead the model sees, and the motion that tells causes from their alternatives.
+        How far ahead the model sees, and the motion that separates causes from their alternatives.
     context
         What figures are drawn from; not written.
     """
