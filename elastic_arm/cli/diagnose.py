@@ -33,8 +33,7 @@ from elastic_arm.cli.outputs import claim_folder
 from elastic_arm.diagnosis import Priors, Question, diagnose, follow_up
 from elastic_arm.diagnosis.comparison import SimulationComparison, compare
 from elastic_arm.diagnosis.corrected_robot import deviations, repaired_robot
-from elastic_arm.diagnosis.next_motion import Proposal
-from elastic_arm.diagnosis.result import SEPARATING, Cause, Diagnosis
+from elastic_arm.diagnosis.result import SEPARATING, Cause, Diagnosis, Proposal
 from elastic_arm.diagnosis.words import (
     alone_text,
     cause_sentence,

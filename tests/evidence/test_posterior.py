@@ -35,9 +35,7 @@ def test_posterior_and_evidence_are_those_of_dense_formulas() -> None:
     one, two = term("one", X[:, :1], 2.0, mean=np.array([0.3])), term("two", X, 0.7)
     fit = model(Y, N, mean=mean, name="rough").fit([one, two])
     std = np.array([ROUGH, ROUGH, ROUGH, 2.0, 0.7, 0.7])
-    x, S, evidence = dense(
-        np.hstack([N, X[:, :1], X]), std, np.concatenate([mean, [0.3, 0.0, 0.0]]), np.ones(len(Y))
-    )
+    x, S, evidence = dense(np.hstack([N, X[:, :1], X]), std, np.concatenate([mean, [0.3, 0.0, 0.0]]), np.ones(len(Y)))
     np.testing.assert_allclose(fit.numbers, x[:3], rtol=1e-8)
     np.testing.assert_allclose(fit.number_covariance, S[:3, :3], rtol=1e-7, atol=1e-12)
     np.testing.assert_allclose(np.concatenate([fit.beta(one), fit.beta(two)]), x[3:], rtol=1e-8)
