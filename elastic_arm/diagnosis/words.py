@@ -222,11 +222,12 @@ def trust_text(trust: Mapping[str, float]) -> str:
 def cause_size(cause: Cause, between: str = ", ") -> str:
     """Return a cause's parameters, and the channels it acts in, as text; those that were stated as "from → to"."""
     several = [choice.name for choice in cause.instance.effect.choices if choice.several]
-    sizes = estimates_text(cause.parameters, between)
-    if cause.stated is not None:
-        stated = between.join(f"{value:.4g}" for value in cause.stated.values() if isinstance(value, float))
-        sizes = f"{stated} → {sizes}"
-    parts = [sizes, *(chosen(cause.instance.parameters[name]) for name in several)]
+    sizes = []
+    for name, e in cause.parameters.items():
+        stated = (cause.stated or {}).get(name)
+        first = f"{stated:.4g} → " if isinstance(stated, float) else ""
+        sizes.append(f"{name} {first}{size_text(e.value, e.std, e.unit)}")
+    parts = [*sizes, *(chosen(cause.instance.parameters[name]) for name in several)]
     return between.join(part for part in parts if part) or "no free size"
 
 

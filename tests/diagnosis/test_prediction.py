@@ -10,7 +10,7 @@ import pytest
 from elastic_arm.diagnosis import Question, diagnose
 from elastic_arm.diagnosis.context import DiagnosisContext
 from elastic_arm.diagnosis.prediction import HORIZONS, Prediction, predict
-from elastic_arm.effects import Effect, parse
+from elastic_arm.effects import EFFECTS, Effect, parse
 from elastic_arm.recording import Recording
 from tests.helpers.effect_samples import INSTANCES
 from tests.helpers.gap_recordings import ROBOT, motions, record
@@ -95,6 +95,19 @@ def test_half_the_friction_leaves_about_half_the_error() -> None:
     found = predicted("coulomb_friction:joint_2:torque=10", known=("coulomb_friction:joint_2:torque=5",))
     assert found.before is not None and found.after is not None
     assert found.after["joint_2", "motor"][-1] / found.before["joint_2", "motor"][-1] == pytest.approx(0.5, abs=0.1)
+
+
+def test_a_cause_takes_the_place_of_what_the_description_states_of_it() -> None:
+    """Friction stated ten times too large is replaced by what was found, not added to it."""
+    truth = "coulomb_friction:joint_2:torque=6"
+    stated = ROBOT.with_(effects=(parse("coulomb_friction:joint_2:torque=60", ROBOT).to_dict(),))
+    recordings = [record(motion, truth, seed=k) for k, motion in enumerate(motions())]
+    question = Question(stated, effects=(EFFECTS["coulomb_friction"],))
+    found = diagnose([recordings[0]], question, [recordings[1]])
+    assert found.context is not None
+    prediction = predict(found.context, [cause.instance for cause in found.causes])
+    assert prediction.before is not None and prediction.after is not None
+    assert prediction.after["joint_2", "motor"][-1] < 0.01 * prediction.before["joint_2", "motor"][-1]
 
 
 def test_without_motor_torque_nothing_is_predicted_and_the_reason_is_said() -> None:

@@ -95,7 +95,7 @@ def test_what_a_description_states_goes_from_its_number_to_the_one_found() -> No
     written = replace(one, stated={"torque": 60.0}).to_dict()
     assert (written["from"], written["to"]) == ({"torque": 60.0}, {"torque": 6.0})
     assert "the description states torque 60 Nm, the arm has torque 6.00 ± 0.12 Nm" in cause_sentence(one, "mod3")
-    assert cause_size(one) == "60 → torque 6.00 ± 0.12 Nm"
+    assert cause_size(one) == "torque 60 → 6.00 ± 0.12 Nm"
 
 
 def test_a_decided_alternative_names_the_file_and_others_their_motion() -> None:
