@@ -16,6 +16,7 @@ import json
 import shutil
 import tempfile
 import time
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -27,7 +28,6 @@ from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import StoragePlugin, Writer
 
 from elastic_arm.recording import Recording, Side, message_types, read_recording, write_recording
-from elastic_arm.recording.storage.checksum import crc32_for
 from elastic_arm.recording.storage.mcap import open_mcap
 from elastic_arm.recording.storage.mcap_sink import COMPRESSIONS
 from elastic_arm.recording.storage.unpacking import unpack_chunk
@@ -84,9 +84,8 @@ def unpack(folder: Path) -> None:
 def least(folder: Path, numbers: int) -> None:
     """Unpack all chunks, take their checksums, and fill new memory with as many numbers as the messages hold."""
     file = open_mcap(next(folder.glob("*.mcap")))
-    crc32 = crc32_for(sum(chunk.size for chunk in file.chunks))
     for chunk in file.chunks:
-        crc32(unpack_chunk(file.buffer[chunk.begin : chunk.end], chunk.compression, chunk.size))
+        zlib.crc32(unpack_chunk(file.buffer[chunk.begin : chunk.end], chunk.compression, chunk.size).data)
     np.empty(numbers).fill(0.0)
 
 

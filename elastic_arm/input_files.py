@@ -21,6 +21,8 @@ SHOWN_FAULTS = 5
 LARGEST = 50_000_000  # bytes
 DEEPEST = 50  # collections in each other
 MOST_NODES = 500_000  # entries of a YAML file, aliases written out
+# First and last line of a YAML file that the suite wrote: one that is cut off may be YAML all the same.
+WHOLE_FROM, WHOLE_TO = "# Written by elastic_arm, whole up to the last line, which has three dots.", "..."
 LONGEST_NUMBER = 1000  # characters; the largest number has 309 digits, and Python writes out no more than 4300
 # Written in C where the library has it: in Python, metadata.yaml takes as long as a hundred thousand messages.
 _SAFE_LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
@@ -32,13 +34,7 @@ _TYPE = re.compile(r"(literal|list|dict|tuple|function-before)\[|(float|int|str|
 
 
 def refuse_truth(value: Any) -> Any:
-    """Return a value that is to be a number; Python takes yes for 1.
-
-    Raises
-    ------
-    ValueError
-        If it is yes or no.
-    """
+    """Return a value that is to be a number; Python takes yes for 1."""
     if isinstance(value, bool):
         raise ValueError("is yes or no, not a number")
     return value
@@ -66,17 +62,7 @@ _WANTED = {
 
 
 def read_bytes(path: str | Path, kind: type[ElasticArmError], remedy: str, most: int = LARGEST) -> bytes:
-    """Read a file of bounded size; never a pipe or a device, which may not end.
-
-    Parameters
-    ----------
-    path
-        The file.
-    kind, remedy
-        Of the error where it cannot be read.
-    most
-        Bytes that it may have.
-    """
+    """Read a file of bounded size; never a pipe or a device, which may not end."""
     problem = ""
     try:
         status = os.stat(path)
@@ -107,17 +93,7 @@ def _at_once(path: str, flags: int) -> int:
 
 
 def read_text(path: str | Path, kind: type[ElasticArmError], remedy: str, most: int = LARGEST) -> str:
-    """Read a text file.
-
-    Parameters
-    ----------
-    path
-        The file.
-    kind, remedy
-        Of the error where it cannot be read.
-    most
-        Bytes that it may have.
-    """
+    """Read a text file."""
     try:
         return read_bytes(path, kind, remedy, most).decode("utf-8")
     except UnicodeDecodeError:
@@ -125,18 +101,12 @@ def read_text(path: str | Path, kind: type[ElasticArmError], remedy: str, most: 
 
 
 def read_fields(path: str | Path, kind: type[ElasticArmError], remedy: str, most: int = LARGEST) -> dict[str, Any]:
-    """Read a YAML file that holds fields; an error of `kind` names file, line and reason where it does not.
-
-    Parameters
-    ----------
-    path
-        The file.
-    kind, remedy
-        Of the error where it is no text, no YAML, or holds no fields.
-    most
-        Bytes that it may have.
-    """
+    """Read a YAML file that holds fields; an error of `kind` names file, line and reason where it does not."""
     text = read_text(path, kind, remedy, most)
+    if text.startswith(WHOLE_FROM) and text.rstrip().rpartition("\n")[2] != WHOLE_TO:
+        raise kind(
+            f"{path}: is cut off: its last line is not {WHOLE_TO}", "Write it again, or mend it and add that line."
+        )
     try:
         content = parse_yaml(text)
     except yaml.YAMLError as error:
@@ -151,13 +121,7 @@ def read_fields(path: str | Path, kind: type[ElasticArmError], remedy: str, most
 
 
 def parse_yaml(text: str) -> Any:
-    """Return what a YAML text holds, within the limits of this module.
-
-    Raises
-    ------
-    yaml.YAMLError
-        If it is no YAML, nested too deeply, too large, or holds numbers or dates that are none.
-    """
+    """Return what a YAML text holds, within the limits of this module."""
     _check_yaml(text)
     return yaml.load(text, Loader=_Loader)
 
@@ -219,17 +183,7 @@ def _beyond(problem: str, event: yaml.Event) -> yaml.MarkedYAMLError:
 def explain(
     error: ValidationError, reference: str, called: Mapping[str, str] = MappingProxyType({})
 ) -> tuple[str, str]:
-    """Return what is wrong in words, each field's path and reason, and the remedy of the first.
-
-    Parameters
-    ----------
-    error
-        Of the model.
-    reference
-        Clause that names the description of the fields.
-    called
-        Other words for fields, and what these are called.
-    """
+    """Return what is wrong in words, each field's path and reason, and the remedy of the first."""
     # Of a value that may be of several types, what each of them misses comes as a fault of its own.
     faults = list({_field_path(fault["loc"]): fault for fault in error.errors(include_url=False)[::-1]}.values())[::-1]
     words = []

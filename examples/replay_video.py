@@ -8,6 +8,7 @@ It writes replay.webp, which browsers show: the first 10 s. MuJoCo renders throu
 
 from __future__ import annotations
 
+import io
 import os
 import sys
 from collections.abc import Iterator, Sequence
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 
 from elastic_arm.errors import OutputError
 from elastic_arm.mujoco.replaying import Replay, labels, replay
+from elastic_arm.output_files import write_result
 from elastic_arm.recording import read_recording
 from elastic_arm.robot.mjcf import MjcfArm, engine, open_mjcf
 
@@ -66,12 +68,9 @@ def write_video(path: Path, arms: Sequence[MjcfArm], found: Sequence[Replay]) ->
             draw.text((k * WIDTH + 10, 22), "recorded", fill=_web(GHOST))
             draw.text((k * WIDTH + 80, 22), "simulated", fill=_web(SIMULATED))
         pictures.append(image)
-    try:
-        pictures[0].save(
-            path, save_all=True, append_images=pictures[1:], duration=round(1000 / FRAMES_A_SECOND), loop=0, quality=80
-        )
-    except OSError as error:
-        raise OutputError(f"{path} cannot be written: {error}", "Name another folder with --out.") from error
+    film, duration = io.BytesIO(), round(1000 / FRAMES_A_SECOND)
+    pictures[0].save(film, "WEBP", save_all=True, append_images=pictures[1:], duration=duration, loop=0, quality=80)
+    write_result(path, film.getvalue())
 
 
 def _web(color: tuple[float, ...]) -> tuple[int, ...]:

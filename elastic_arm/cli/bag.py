@@ -15,13 +15,14 @@ from rich.table import Table
 
 from elastic_arm.cli.console import out, print_json, reports_errors
 from elastic_arm.cli.options import AtOption, ChainOption, Namespace, load_arm
-from elastic_arm.cli.outputs import Force, claim_bag, claim_file
+from elastic_arm.cli.outputs import Force, claim_bag, claim_folder
 from elastic_arm.cli.processes import require_ros
 from elastic_arm.errors import RecordingError
+from elastic_arm.output_files import write_result
 from elastic_arm.recording import read_recording
-from elastic_arm.recording.foreign.array_export import export_arrays
+from elastic_arm.recording.foreign.array_export import KINDS, export_arrays, export_paths
 from elastic_arm.recording.foreign.array_files import load_arrays
-from elastic_arm.recording.foreign.arrays import import_arrays
+from elastic_arm.recording.foreign.arrays import import_runs
 from elastic_arm.recording.foreign.channels import ChannelMap, load_channels
 from elastic_arm.recording.foreign.draft import Draft
 from elastic_arm.recording.foreign.guess import guess_mapping
@@ -104,7 +105,8 @@ def import_(
         Path, typer.Argument(help="Arrays: .npz, .csv, .mat, .parquet or .h5, or a folder.", show_default=False)
     ],
     out_folder: Annotated[
-        Path, typer.Option("--out", help="Bag to make; with --guess, the mapping file.", show_default=False)
+        Path,
+        typer.Option("--out", help="Bag to make, or folder of them; with --guess, the mapping.", show_default=False),
     ],
     mapping: Annotated[Path | None, typer.Option("--map", help="Mapping file (YAML).", show_default=False)] = None,
     guess: Annotated[bool, typer.Option("--guess", help="Write a draft of the mapping, to be read first.")] = False,
@@ -126,7 +128,7 @@ def import_(
         if mapping is not None or robot is None:
             raise typer.BadParameter("needs --robot, and no --map", param_hint="--guess")
         arm = load_arm(robot, chain, at)
-        draft = guess_mapping(load_arrays(arrays), arm.joint_names, arm.units.prismatic)
+        draft = guess_mapping(load_arrays(arrays, None), arm.joint_names, arm.units.prismatic)
         _write_draft(arrays, out_folder, draft)
         return
     if mapping is None:
@@ -134,32 +136,37 @@ def import_(
     chosen: Compression = next((name for name in COMPRESSIONS if name == compression), "zstd")
     if chosen != compression:
         raise typer.BadParameter(f"one of {', '.join(COMPRESSIONS)}", param_hint="--compression")
-    claim_bag(out_folder)
-    recording = import_arrays(arrays, mapping)
-    folder = write_recording(out_folder, recording, chosen)
-    summary = bag_info(folder)
-    summary = replace(summary, notes=[*summary.notes, *hardly_usable(recording)])
+    runs = import_runs(arrays, mapping)
+    folders = {name: out_folder / name for name in runs}
+    for folder in folders.values():
+        claim_bag(folder)
+    written = []
+    for name, recording in runs.items():
+        summary = bag_info(write_recording(folders[name], recording, chosen))
+        written.append(replace(summary, notes=[*recording.notes, *summary.notes, *hardly_usable(recording)]))
+        if not json:
+            _print_info(written[-1])
     if json:
-        print_json(summary.to_json())
-    else:
-        _print_info(summary)
+        print_json(written[0].to_json() if len(written) == 1 else {"bags": [bag.to_json() for bag in written]})
 
 
 @bag_app.command("export")
 @reports_errors
 def export(
     bag: BagPath,
-    file: Annotated[Path, typer.Option("--out", help="File: .csv, .npz or .parquet.", show_default=False)],
+    file: Annotated[Path, typer.Option("--out", help=f"File: {', '.join(KINDS)}.", show_default=False)],
+    joined: Annotated[bool, typer.Option("--joined", help="Bring all channels to one time base.")] = False,
     channels: Channels = None,
     force: Force = False,
 ) -> None:
-    """Write a bag as arrays: angles, velocities and torques on one time base.
+    """Write a bag as arrays, each side with its own stamps, and the mapping that imports them again.
 
     Example: elastic-arm bag export bags/excitation --out excitation.parquet
     """
-    claim_file(file, force=force)
-    names = export_arrays(read_recording(bag, _channels(channels)), file)
-    out.print(f"{escape(str(file))}: {escape(', '.join(names))}", soft_wrap=True)
+    claim_folder(file.parent, [path.name for path in export_paths(file, joined)], force=force)
+    recording = read_recording(bag, _channels(channels))
+    for line in (*export_arrays(recording, file, joined), *recording.notes):
+        out.print(escape(line), soft_wrap=True)
 
 
 @bag_app.command("replay")
@@ -206,10 +213,7 @@ def _write_draft(arrays: Path, file: Path, draft: Draft) -> None:
     """Write the draft of a mapping and print it, with what to do next."""
     if os.path.exists(file):
         raise RecordingError(f"{file} exists", "Give another --out, or move it away.")
-    try:
-        file.write_text(draft.to_yaml(), encoding="utf-8")
-    except OSError as error:
-        raise RecordingError(f"{file} cannot be written: {error.strerror}", "Choose another --out.") from None
+    write_result(file, draft.to_yaml(), remedy="Choose another --out.")
     out.print(escape(draft.to_yaml()), soft_wrap=True, highlight=False)
     if draft.missing:
         out.print(f"[yellow]to be filled in[/] {', '.join(draft.missing)}", soft_wrap=True)

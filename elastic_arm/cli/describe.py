@@ -14,10 +14,10 @@ from elastic_arm.cli.console import err, out, print_json, reports_errors
 from elastic_arm.cli.options import AtOption, ChainOption, RobotFile, load_arm
 from elastic_arm.cli.outputs import Force, claim_file
 from elastic_arm.dynamics import build_model
-from elastic_arm.errors import OutputError
 from elastic_arm.formatting import linear_unit
 from elastic_arm.identification.base_parameters import BaseParameters
 from elastic_arm.identification.base_regression import BaseRegression
+from elastic_arm.output_files import write_result
 from elastic_arm.robot import Robot, robot_to_dict, to_urdf
 
 GAINS = {"kp": "Nm/rad", "kd": "Nm s/rad", "ki": "Nm/(rad s)"}
@@ -53,7 +53,7 @@ def describe(
     told = build_model(robot, model)
     parameters = base_of(told)
     if urdf is not None:
-        _write(urdf, to_urdf(robot))
+        write_result(urdf, to_urdf(robot), remedy="Name another file with --urdf.")
     if json:
         print_json(_content(robot, model, len(told.parameters), parameters))
         return
@@ -144,11 +144,3 @@ def _content(robot: Robot, model: str, parameters: int, base: BaseParameters) ->
 
 def _short(value: float | None) -> str:
     return "–" if value is None or not np.isfinite(value) else f"{value:.4g}"
-
-
-def _write(path: Path, text: str) -> None:
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise OutputError(f"{path} cannot be written: {error.strerror}", "Name another file with --urdf.") from error

@@ -29,7 +29,7 @@ from elastic_arm.cli.options import (
     read_by_clock,
     require_bags,
 )
-from elastic_arm.cli.outputs import claim_folder
+from elastic_arm.cli.outputs import Force, claim_folder
 from elastic_arm.diagnosis import Priors, Question, diagnose, follow_up
 from elastic_arm.diagnosis.comparison import SimulationComparison, compare
 from elastic_arm.diagnosis.corrected_robot import deviations, repaired_robot
@@ -55,12 +55,14 @@ from elastic_arm.estimation.equations import SIDES
 from elastic_arm.evidence.priors import read_priors
 from elastic_arm.memory import keep_memory
 from elastic_arm.mujoco import Exported, Replay
+from elastic_arm.output_files import write_result
 from elastic_arm.recording import load_channels
 from elastic_arm.recording.inspection.differences import differences
 from elastic_arm.robot import Robot, save_robot
 
 ROBOT = "robot.yaml"
 COMPARISON = "comparison.json"
+RESULTS = ("diagnosis.json", "report.html", ROBOT, SEPARATING, COMPARISON)
 COLOURS = {"none": "green", "explained": "cyan", "unknown": "yellow"}
 
 Judges = Annotated[
@@ -92,6 +94,7 @@ def diagnose_command(
     against: Annotated[Path | None, typer.Option(metavar="BAG", help="The same commands, simulated.")] = None,
     out_dir: Annotated[Path, typer.Option("--out", help="Folder for the results.")] = Path("diagnosis"),
     replayed: Annotated[bool, typer.Option("--replay", help="Replay in MuJoCo, before and after (MJCF).")] = False,
+    force: Force = False,
     json: Annotated[bool, typer.Option("--json", help="Print diagnosis.json.")] = False,
 ) -> None:
     """Find where a recording and a model differ, which effect the model lacks, and how far the gap shrinks with it.
@@ -113,7 +116,7 @@ def diagnose_command(
     """
     keep_memory()
     require_bags([*bags, *(validate or [])])
-    claim_folder(out_dir, (), force=True)  # a diagnosis can be made again: an earlier one is replaced
+    claim_folder(out_dir, RESULTS, force=force)
     catalogue = Catalogue.default().with_files(effects_files or ())
     robot = load_arm(robot_file, chain, at, catalogue)
     correction = Correction(robot_file, chain, at, catalogue)
@@ -170,7 +173,7 @@ def write_diagnosis(
     for name in (ROBOT, SEPARATING, COMPARISON):
         (folder / name).unlink(missing_ok=True)
     if comparison is not None:
-        (folder / COMPARISON).write_text(json_text(comparison.to_dict(), indent=2, allow_nan=False) + "\n")
+        write_result(folder / COMPARISON, json_text(comparison.to_dict(), indent=2, allow_nan=False) + "\n")
     if ROBOT in _further(found):
         save_robot(repaired_robot(robot, found), folder / ROBOT)
     if found.proposal is not None and found.proposal.trajectory is not None and SEPARATING in _further(found):

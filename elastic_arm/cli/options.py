@@ -161,19 +161,11 @@ def read_by_clock(
     """
     # Not every command that takes these options reads a bag.
     from elastic_arm.recording import read_recording
-    from elastic_arm.recording.inspection.described_gravity import wrong_torques
-    from elastic_arm.recording.inspection.magnitudes import beyond_limits
-    from elastic_arm.recording.inspection.outliers import without_outliers
-    from elastic_arm.recording.inspection.plausibility import backward_torques, jumping_angles, wrong_velocities
-    from elastic_arm.recording.inspection.stuck_channels import clipped_torques, frozen, stuck
+    from elastic_arm.recording.inspection.check import doubts
 
     joints, arrival = robot.joint_names, clock is ClockChoice.arrival
     recording = read_recording(path, channels, joints, arrival=arrival, namespace=namespace)
-    whole = without_outliers(recording)
-    signs = (*backward_torques(whole), *wrong_torques(whole, robot))
-    found = (*stuck(whole), *frozen(recording), *clipped_torques(whole), *beyond_limits(whole, robot))
-    others = (finding.message for finding in found)
-    wrong = tuple(f"{path}: {words}." for words in (*wrong_velocities(whole), *jumping_angles(whole), *signs, *others))
+    wrong = tuple(f"{path}: {words}." for words in doubts(recording, robot))
     recording = replace(recording, notes=(*recording.notes, *wrong))
     if clock is ClockChoice.auto:
         return recording

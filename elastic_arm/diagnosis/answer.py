@@ -206,8 +206,11 @@ class Answer:
         """Return the effects that are likelier there than not, most important first, each with what it leaves alone."""
         found = []
         names = dict.fromkeys(_name(k) for _, fit in self.sets for k in fit.keys if k[0] != "law")
+        # One that the recording does not tell from others is there where they are together likelier than not.
+        best = {_name(k) for k in self.best.keys}
         for name in names:
-            if (p := self.probability(name)) > 0.5:
+            p = self.probability(name)
+            if p > 0.5 or (name in best and p + sum(self._instead(name).values()) > 0.5):
                 found.append(self._cause(name, p))
         found.sort(key=lambda one: -one[0].shrink)
         return found
@@ -244,15 +247,19 @@ class Answer:
         )
         return cause, alone
 
-    def _alternatives(self, name: Name, term: Term) -> Iterator[Alternative]:
-        """Yield what is there in the sets without a cause and not in the most probable one, most probable first."""
-        sure = {_name(k) for k in self.best.keys}
-        found: dict[Name, float] = {}
+    def _instead(self, name: Name) -> dict[Name, float]:
+        """Return the probabilities of what is there in the sets without a cause and not in the most probable one."""
+        best, found = {_name(k) for k in self.best.keys}, {}
         for p, fit in self.sets:
             own = {_name(k) for k in fit.keys if k[0] != "law"}
             if name not in own:
-                for other in own - sure:
+                for other in own - best:
                     found[other] = found.get(other, 0.0) + p
+        return found
+
+    def _alternatives(self, name: Name, term: Term) -> Iterator[Alternative]:
+        """Yield what is there in the sets without a cause and not in the most probable one, most probable first."""
+        found = self._instead(name)
         words = {c.effect: c.separated_by for c in term.feature.effect.confusions}
         for other, p in sorted(found.items(), key=lambda one: -one[1]):
             if p >= LISTED:

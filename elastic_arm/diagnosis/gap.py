@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from scipy.signal import periodogram
 from scipy.stats import chi2
 
-from elastic_arm.estimation.band import LowPass
 from elastic_arm.estimation.whitening import WhitenedData
 from elastic_arm.evidence.grams import OCTAVES
 
@@ -51,7 +50,7 @@ class Gap:
         """Measure residuals (N', R) of each stretch of recordings."""
         octaves, rows = len(OCTAVES) + 1, data.layout.rows
         power, noise, count = (np.zeros((rows, octaves)) for _ in range(3))
-        rate, low_pass = data.band.kept_rate, LowPass(data.band.cutoff, data.band.kept_rate)
+        rate = data.band.kept_rate
         total = sum(len(r) for r in residuals)
         for own, pure in zip(residuals, data.pure, strict=True):
             share = len(own) / total
@@ -60,9 +59,9 @@ class Gap:
             step = f[1] - f[0]
             sensors = np.stack(
                 [np.interp(f, pure.f, np.real(pure.covariance[:, r, r])) for r in range(rows)], axis=1
-            ) * (low_pass.gain(f)[:, None] ** 2 * 2.0 / pure.rate)
+            ) * (2.0 / pure.rate)
             for o in range(octaves):
-                there = octave == o
+                there = (octave == o) & (f <= data.band.cutoff)  # above, the band's filter takes a part
                 power[:, o] += share * density[there].sum(axis=0) * step
                 noise[:, o] += share * sensors[there].sum(axis=0) * step
                 count[:, o] += 2.0 * there.sum() / 1.5  # a Hann window correlates neighbours

@@ -15,6 +15,7 @@ from elastic_arm.effects.model import MODELS, EffectInstance
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.equations import SIDES
 from elastic_arm.formatting import JointUnits
+from elastic_arm.output_files import write_result
 
 if TYPE_CHECKING:
     from elastic_arm.diagnosis.context import DiagnosisContext
@@ -410,13 +411,8 @@ class Diagnosis:
         DiagnosisError
             If the file cannot be written.
         """
-        path = Path(path)
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(json.dumps(self.to_dict(), indent=2, allow_nan=False) + "\n", encoding="utf-8")
-        except OSError as error:
-            raise DiagnosisError(f"{path} cannot be written: {error.strerror}", "Choose another --out") from error
-        return path
+        text = json.dumps(self.to_dict(), indent=2, allow_nan=False)
+        return write_result(path, f"{text}\n", DiagnosisError, "Choose another --out")
 
     def _table(self, values: Mapping[Place, float | None]) -> dict[str, Any]:
         return {joint: {side: _plain(values.get((joint, side))) for side in SIDES} for joint in self.joints}

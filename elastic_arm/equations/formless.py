@@ -16,6 +16,7 @@ from scipy.signal import lfilter
 
 from elastic_arm.estimation.regressors import Signals
 from elastic_arm.estimation.whitening import WhitenedData
+from elastic_arm.robot import Transmission
 
 Array = NDArray[np.float64]
 Argument = Callable[[Signals], Array]
@@ -25,6 +26,7 @@ Argument = Callable[[Signals], Array]
 SPEEDS, TIMES, PLACES, ANGLES, LOADS = 10, 12, 16, 32, 12
 RELAXATIONS = (0.03, 0.1, 0.3, 1.0, 3.0)  # s; from a cycle of fast motion to a slow one
 SHARED = {"link": 1.0, "drive": 1.0, "motor": -1.0}
+WAVES = 6  # a turn
 DEGREE = 3  # of the splines
 MEAN = 30.0  # prior standard deviation of a law's mean over that of a spline; convention
 
@@ -59,15 +61,17 @@ class GeneralLaw:
         return placed(data, self.side, self.joint, parts)
 
 
-def general_laws(sets: Sequence[WhitenedData], joint: int) -> list[GeneralLaw]:
+def general_laws(sets: Sequence[WhitenedData], joint: int, gear: Transmission | None = None) -> list[GeneralLaw]:
     """Return the general laws of a joint.
 
     Parameters
     ----------
     sets
-        Of identification and validation: they span the functions' arguments.
+        Of the recordings: they span the functions' arguments.
     joint
         Its index.
+    gear
+        Its transmission: some laws repeat with its turns.
     """
     n, sides = sets[0].layout.n, sets[0].layout.sides
     found = []
@@ -88,6 +92,12 @@ def general_laws(sets: Sequence[WhitenedData], joint: int) -> list[GeneralLaw]:
         found.append(
             GeneralLaw(joint, "drive", "its load some time before", _scaled(sets, _relaxed(load, RELAXATIONS)))
         )
+    if "link" in sides or "drive" in sides:
+        found.append(GeneralLaw(joint, "sensor", "its load", _splines(sets, _load(joint), LOADS)))
+    elastic = sets[0].parts[0].signals.values["x"].shape[1] > n
+    for side in (side for side in ("drive", "motor") if gear is not None and elastic and side in sides):
+        for turn, ratio in (("wave generator", gear.harmonic_drive_ratio), ("rotor", gear.r_tot)):
+            found.append(GeneralLaw(joint, side, f"the turn of its {turn}", _waves(_signal("x", n + joint), ratio)))
     if n > 1:
         found.append(GeneralLaw(joint, "sensor", "the loads of other joints", _scaled(sets, _loads_but(joint))))
     return found
@@ -130,6 +140,17 @@ def _loads_but(joint: int) -> Argument:
 def _root(argument: Argument) -> Argument:
     """Return the root of a magnitude: friction bends most at low speed."""
     return lambda signals: np.sqrt(np.abs(argument(signals)))
+
+
+def _waves(angle: Argument, ratio: float) -> Argument:
+    """Return waves of a turn that is so many times an angle."""
+    turns = np.arange(1, WAVES + 1) * ratio
+
+    def shapes(signals: Signals) -> Array:
+        phase = angle(signals)[:, None] * turns
+        return np.hstack([np.sin(phase), np.cos(phase)])
+
+    return shapes
 
 
 def _times(factor: Argument, shapes: Argument) -> Argument:

@@ -90,9 +90,10 @@ def largest_value(feature: Feature, parameter: Parameter, sets: Sequence[Whitene
     """
     if not parameter.exceeded_by or feature.joint is None:
         return np.inf
-    joint, n = feature.equations.robot.joint_names.index(feature.joint), sets[0].layout.n
-    positions = np.concatenate([part.signals.values["x"] for data in sets for part in data.parts])
-    return WOUND * float(np.median(np.abs(positions[:, n + joint] - positions[:, joint])))
+    joint = feature.equations.robot.joint_names.index(feature.joint)
+    # As the load winds it: what encoders read has their noise.
+    wound = np.concatenate([part.signals.values["wound"][:, joint] for data in sets for part in data.parts])
+    return WOUND * float(np.median(np.abs(wound)))
 
 
 def scaling(feature: Feature, acting: Sequence[ActingEffect]) -> Feature:

@@ -10,14 +10,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.effects.equations import ArmEquations
+from elastic_arm.effects.parameters import Parameter
 from elastic_arm.equations.channels import gains, lags
 from elastic_arm.equations.number_columns import calibrated_parameters, features_at, inertial_columns, nuisance_columns
+from elastic_arm.equations.places import largest_value
 from elastic_arm.equations.robot_at import nearest_robot
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.known_torques import ActingEffect
@@ -25,6 +28,14 @@ from elastic_arm.estimation.whitening import WhitenedData
 from elastic_arm.evidence.problem import Observations, Problem
 
 Array = NDArray[np.float64]
+
+
+class Motions(NamedTuple):
+    """What depends on the motion alone: data, columns of the inertial numbers, and by how much channels were moved."""
+
+    data: WhitenedData
+    inertial: list[Array]
+    late: dict[str, Array]
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,14 +53,18 @@ class Linearisation:
     which
         0 for the recordings that are fitted, 1 for those that judge.
     near
-        The same recordings beside other numbers: what depends on the motion alone is taken from them.
+        What depends on the motion alone, of the same recordings beside other numbers.
+    cache
+        What was made of it.
     """
 
     problem: Problem
     values: Array
     acting: tuple[ActingEffect, ...]
     which: int = 0
-    near: WhitenedData | None = field(default=None, repr=False)
+    near: Motions | None = field(default=None, repr=False)
+    cache: dict[str, Any] = field(default_factory=dict, init=False, repr=False)
+    _most: dict[tuple[object, str], float] = field(default_factory=dict, init=False, repr=False)
 
     @cached_property
     def model(self) -> Model:
@@ -81,17 +96,32 @@ class Linearisation:
             predicted=True,
             sticking_removed=True,
             acting=self.acting,
-            near=self.near,
+            near=None if self.near is None else self.near.data,
         )
+
+    @cached_property
+    def inertial(self) -> list[Array]:
+        """Columns (N', R, K) of the inertial numbers of each stretch, which depend on the motion alone."""
+        near = self.near
+        if near is not None and near.late.keys() == self.late.keys():
+            moved = max((float(np.abs(self.late[k] - near.late[k]).max()) for k in self.late), default=0.0)
+            alike = [len(y) for y in near.data.y] == [len(y) for y in self.data.y]
+            if alike and moved * self.observed[0].rate < 1.0:
+                return near.inertial
+        return inertial_columns(self.model, self.data, self.problem.numbers, self.problem.directions)
+
+    @property
+    def motions(self) -> Motions:
+        """What another linearisation may take."""
+        return Motions(self.data, self.inertial, self.late)
 
     @cached_property
     def plain_numbers(self) -> list[Array]:
         """Columns (N', R, K) of the numbers of each stretch, Nm for one standard deviation."""
         p = self.problem
-        inertial = inertial_columns(self.model, self.data, p.numbers, p.directions)
         features = features_at(self.model, p.numbers, self.acting)
         return nuisance_columns(
-            self.model, p.robot, self.data, p.numbers, inertial, features, p.indices[self.which]
+            self.model, p.robot, self.data, p.numbers, self.inertial, features, p.indices[self.which]
         )
 
     @cached_property
@@ -102,6 +132,13 @@ class Linearisation:
     def columns(self, feature: Feature, theta: Sequence[float] = ()) -> Array:
         """Return the whitened columns (rows, k) of an effect."""
         return self.data.whiten(self.data.plain(feature, theta))
+
+    def most(self, feature: Feature, parameter: Parameter) -> float:
+        """Return the largest value of a nonlinear number that the recordings allow."""
+        key = feature.key, parameter.name
+        if key not in self._most:
+            self._most[key] = largest_value(feature, parameter, (self.data,))
+        return self._most[key]
 
     def placed(self, features: Sequence[Feature]) -> list[Feature]:
         """Return effects on the arm at these values."""

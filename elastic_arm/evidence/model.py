@@ -129,7 +129,6 @@ class Screen:
         self.own = [bands.products(self.X[:, i:j], self.X[:, i:j]) for i, j in zip(self.at[:-1], self.at[1:], strict=True)]
         self.single = np.flatnonzero(sizes == 1)
         self.squares = np.stack([self.own[k][:, 0, 0] for k in self.single], axis=1) if len(self.single) else None
-        self.is_law = np.array([t.kind == "law" for t in self.terms], dtype=bool)
         self._with: dict[object, Array] = {}
 
     def _with_term(self, term: Term) -> Array:
@@ -140,19 +139,18 @@ class Screen:
     def gains(self, fit: Fit) -> Array:
         """Return what each term would gain beside a fit (T,) nats, its prior odds paid, and pick sizes of laws."""
         w, x, S = 1.0 / fit.found.v, fit.found.x, fit.found.S
-        k = fit.model.basis[0].shape[1]
+        at = fit.model.basis[0].shape[1]
         rows = [np.tensordot(w, self.with_base[:, 1:], 1)]
-        b = w @ self.with_base[:, 0] - x[:k] @ rows[0]
-        at = k
+        # Products of what is left with each column, band by band.
+        left = self.with_base[:, 0] - np.einsum("bkp,k->bp", self.with_base[:, 1:], x[:at], optimize=True)
         for t in fit.terms:
-            own = np.tensordot(w, self._with_term(t), 1)
-            if t.offset is not None:
-                b = b - own[0]
-                own = own[1:]
-            rows.append(own)
-            b = b - x[at : at + t.count] @ own
+            with_term, first = self._with_term(t), int(t.offset is not None)
+            if first:
+                left = left - with_term[:, 0]
+            rows.append(np.tensordot(w, with_term[:, first:], 1))
+            left = left - np.einsum("bkp,k->bp", with_term[:, first:], x[at : at + t.count])
             at += t.count
-        C = np.vstack(rows)
+        C, b = np.vstack(rows), w @ left
         SC = S @ C
         found = np.full(len(self.terms), -np.inf)
         self.chosen: dict[int, float] = {}
@@ -160,11 +158,29 @@ class Screen:
             columns = self.at[self.single]
             G = w @ self.squares - np.einsum("ij,ij->j", C[:, columns], SC[:, columns])
             found[self.single] = self._single(fit.model, np.maximum(G, 0.0), b[columns])
+            beta = np.array([self.terms[k].offset is not None for k in self.single]) * 1.0
+            beta = np.where(beta > 0.0, beta, self.mean)
+            less = 2.0 * left[:, columns] * beta - self.squares * beta**2
+            found[self.single] += self._quieter(fit, less)
         for t in np.setdiff1d(np.arange(len(self.terms)), self.single):
             own = slice(self.at[t], self.at[t + 1])
             G = np.tensordot(w, self.own[t], 1) - C[:, own].T @ SC[:, own]
             found[t] = self._several(fit.model, int(t), G, b[own])
+            term = self.terms[t]
+            first, beta = int(term.offset is not None), self.mean
+            whole = np.concatenate([np.ones(first), beta])
+            less = 2.0 * left[:, own] @ whole - np.einsum("bij,i,j->b", self.own[t], whole, whole)
+            found[t] += float(self._quieter(fit, less[:, None])[0])
         return found
+
+    @staticmethod
+    def _quieter(fit: Fit, less: Array) -> Array:
+        """Return what noise gains (T,) that is as much smaller as terms take off the squares of each band (B, T)."""
+        n, v, left = fit.model.bands.n[:, None], fit.found.v[:, None], fit.found.left[:, None]
+        now = np.maximum(left - less, 1e-9)
+        quiet = np.maximum(np.where(v > 1.0, now / n, 1.0), 1.0)
+        # Beyond what the same noise makes of it, which is counted already.
+        return np.sum(0.5 * (n * np.log(v / quiet) + left / v - now / quiet - (left - now) / v), axis=0)
 
     def _single(self, model: LinearModel, G: Array, b: Array) -> Array:
         terms = [self.terms[k] for k in self.single]
@@ -174,7 +190,7 @@ class Screen:
         low = np.array([-np.inf if t.offset is not None else t.low[0] for t in terms])
         high = np.array([np.inf if t.offset is not None else t.high[0] for t in terms])
         bounded = np.isfinite(low) | np.isfinite(high)
-        each = []
+        each, means = [], []
         for scale in SCALES:
             prior = scale * std
             variance = 1.0 / (G + prior**-2.0)
@@ -184,7 +200,9 @@ class Screen:
                 np.zeros(1), prior[bounded], low[bounded], high[bounded]
             )
             each.append(gain)
+            means.append(mean)
         best = np.argmax(each, axis=0)
+        self.mean = np.take_along_axis(np.array(means), best[None], axis=0)[0]
         for k, scale, free in zip(self.single, SCALES[best], ~fixed, strict=True):
             if free:
                 self.chosen[int(k)] = float(scale)
@@ -197,6 +215,7 @@ class Screen:
             e, z = np.maximum(e, 0.0), U.T @ b
             each = np.array([0.5 * np.sum(z**2 / (e + a**-2.0) - np.log1p(e * a * a)) for a in SIZES])
             self.chosen[t] = float(SIZES[int(np.argmax(each))])
+            self.mean = U @ (z / (e + self.chosen[t] ** -2.0))
             return float(logsumexp(each) - np.log(len(SIZES))) - term.price - model.doubt(term)
         each = []
         for scale in SCALES:
@@ -205,6 +224,8 @@ class Screen:
             Gs[np.diag_indices_from(Gs)] += 1.0
             each.append(float(0.5 * (b * D) @ np.linalg.solve(Gs, b * D) - 0.5 * np.linalg.slogdet(Gs)[1]))
         self.chosen[t] = float(SCALES[int(np.argmax(each))])
+        P = (self.chosen[t] * term.std) ** -2.0
+        self.mean = np.linalg.solve(G + np.diag(P), b)
         return max(each) - float(np.log(len(SCALES))) - term.price - model.doubt(term)
 
     def term(self, t: int) -> Term:
@@ -229,6 +250,8 @@ class LinearModel:
         (K,) prior means of the numbers' coefficients, whose standard deviation is the trust.
     trusted
         (K,) which of them the trust in the description scales; the others have 1.
+    moving
+        (K,) at which numbers' values the residuals are made; the others act linearly.
     always
         Terms that are known to be there.
     name
@@ -240,6 +263,7 @@ class LinearModel:
     bands: Bands
     mean: Array
     trusted: NDArray[np.bool_]
+    moving: NDArray[np.bool_]
     always: tuple[Term, ...] = ()
     name: str = ""
     _fits: dict[object, Fit] = field(default_factory=dict, init=False)

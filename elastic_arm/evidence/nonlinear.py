@@ -7,7 +7,7 @@ as the nonlinear numbers make them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,14 +15,13 @@ from numpy.typing import NDArray
 
 from elastic_arm.effects.parameters import Parameter
 from elastic_arm.estimation.effect_columns import Feature
+from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.model import Fit, LinearModel
 from elastic_arm.evidence.pool import linear_prior
 from elastic_arm.evidence.priors import SCALES
 from elastic_arm.evidence.term import Term
 
 Array = NDArray[np.float64]
-Columns = Callable[[Feature, Sequence[float]], Array]
-Largest = Callable[[str | None], float]  # Nm, of the torques of a joint
 
 STEP = 1e-3  # of derivatives, in the coordinates of the numbers over their ranges; numerical
 STEPS = 6  # of Gauss and Newton
@@ -44,42 +43,42 @@ def is_open(term: Term) -> bool:
     return whole or (feature.count == 1 and any(not p.integer for p in components(feature)))
 
 
-def axis(p: Parameter) -> tuple[float, float]:
+def axis(p: Parameter, high: float = np.inf) -> tuple[float, float]:
     """Return the coordinates of a parameter's range: logarithms where values are spread so."""
-    return (float(np.log(p.low)), float(np.log(p.high))) if p.logarithmic else (p.low, p.high)
+    high = max(min(p.high, high), p.low)
+    return (float(np.log(p.low)), float(np.log(high))) if p.logarithmic else (p.low, high)
 
 
-def moved(p: Parameter, value: float, step: float) -> float:
-    """Return a value after a step in its coordinate, within its range."""
-    return float(np.clip(value * np.exp(step) if p.logarithmic else value + step, p.low, p.high))
+def moved(p: Parameter, value: float, step: float, high: float = np.inf) -> float:
+    """Return a value after a step in its coordinate, within its range and below what recordings allow."""
+    return float(np.clip(value * np.exp(step) if p.logarithmic else value + step, p.low, max(min(p.high, high), p.low)))
 
 
-def tangent_term(columns: Columns, term: Term, theta: Sequence[float], size: float, largest: float) -> Term:
+def tangent_term(linear: Linearisation, term: Term, theta: Sequence[float], size: float) -> Term:
     """Return a term at some nonlinear numbers with its derivatives by them.
 
     Parameters
     ----------
-    columns
-        Makes columns of a feature.
+    linear
+        Residuals and their derivatives.
     term
         Of the effect.
     theta
         The numbers.
     size
         Coefficient of its one column there; 1 where that is known.
-    largest
-        Torque of its joint, Nm.
     """
     feature = term.feature
     assert feature is not None
-    own, found, mean, std, bounds, numbers = components(feature), [], [], [], [], []
-    X = columns(feature, theta)
-    for j, p in enumerate(own):
+    all_, found, mean, std, bounds, numbers = components(feature), [], [], [], [], []
+    X = linear.columns(feature, theta)
+    for j, p in enumerate(all_):
         if p.integer:
             continue
-        low, high = axis(p)
+        low, high = axis(p, linear.most(feature, p))
+        high = max(high, low + 1e-6)
         h = STEP * (high - low) if not p.logarithmic else STEP
-        ends = [columns(feature, [*theta[:j], moved(p, theta[j], s * h), *theta[j + 1 :]]) for s in (1.0, -1.0)]
+        ends = [linear.columns(feature, [*theta[:j], moved(p, theta[j], s * h), *theta[j + 1 :]]) for s in (1.0, -1.0)]
         found.append(size * (ends[0] - ends[1]).sum(axis=1) / (2.0 * h))
         here = float(np.log(theta[j])) if p.logarithmic else theta[j]
         mean.append((low + high) / 2.0 - here)
@@ -88,16 +87,16 @@ def tangent_term(columns: Columns, term: Term, theta: Sequence[float], size: flo
         numbers.append(j)
     tangents = np.stack(found, axis=1) if found else np.zeros((len(X), 0))
     if feature.fixed:
-        offset, linear, own_std, own_low, own_high = X.sum(axis=1), X[:, :0], *(np.zeros(0),) * 3
+        offset, own, own_std, own_low, own_high = X.sum(axis=1), X[:, :0], *(np.zeros(0),) * 3
     else:
-        offset, linear = None, X
-        own_std, own_low, own_high = linear_prior(feature, largest)
+        offset, own = None, X
+        own_std, own_low, own_high = linear_prior(feature, linear.problem.largest_at(feature.joint))
         own_std = own_std * term.scale
     least, most = np.array(bounds).reshape(-1, 2).T
     return Term(
         term.key,
         "effect",
-        np.hstack([linear, tangents]),
+        np.hstack([own, tangents]),
         np.concatenate([own_std, std]),
         odds=term.odds,
         grid=0.0 if feature.fixed else float(np.log(len(SCALES))),
@@ -133,28 +132,23 @@ def start_of(term: Term, fit: Fit) -> tuple[Feature, tuple[float, ...], float]:
 
 
 def refined(
-    model: LinearModel, columns: Columns, term: Term, others: Sequence[Term], near: Fit, largest: Largest
+    linear: Linearisation, model: LinearModel, term: Term, others: Sequence[Term], near: Fit
 ) -> tuple[Term, Fit]:
     """Return a term with its nonlinear numbers where they are most probable beside others, and the fit of all.
 
     Parameters
     ----------
-    model
+    linear, model
         The data.
-    columns
-        Makes columns of a feature.
     term, others
         The set.
     near
         A fit of a similar set.
-    largest
-        Of a joint's torques, Nm.
     """
     first = model.fit([*others, term], near)
     feature, theta, size = start_of(term, first)
-    own = largest(feature.joint)
     start = replace(term, feature=feature)
-    best = tangent_term(columns, start, theta, size, own)
+    best = tangent_term(linear, start, theta, size)
     fit = model.fit([*others, best], first)
     for _ in range(STEPS):
         step = _step(best, fit)
@@ -163,10 +157,11 @@ def refined(
         better = None
         for share in (1.0, 0.3):
             there = [
-                moved(p, v, share * s) for p, v, s in zip(components(feature), best.theta, step, strict=True)
+                moved(p, v, share * s, linear.most(feature, p))
+                for p, v, s in zip(components(feature), best.theta, step, strict=True)
             ]
             size = best.size if feature.fixed else float(fit.beta(best)[0])
-            one = tangent_term(columns, start, there, size, own)
+            one = tangent_term(linear, start, there, size)
             now = model.fit([*others, one], fit)
             if now.score > fit.score:
                 better = one, now

@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 from elastic_arm.codegen.parallel import share_out
 from elastic_arm.equations.numbers import Number
 from elastic_arm.equations.formless import general_laws
-from elastic_arm.equations.places import largest_value, scaling
+from elastic_arm.equations.places import scaling
 from elastic_arm.effects.model import Scope
 from elastic_arm.effects.parameters import Parameter
 from elastic_arm.estimation.effect_columns import Feature
-from elastic_arm.estimation.whitening import WhitenedData
 from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.priors import SIZES, WIDE
 from elastic_arm.evidence.term import Key, Term
@@ -82,7 +81,7 @@ def effect_terms(linear: Linearisation, features: Sequence[Feature]) -> list[Ter
         feature = scaling(feature, linear.acting)
         if feature.effect.scales_friction and not feature.friction:
             continue
-        points = starting_points(feature, linear.data)
+        points = starting_points(feature, linear)
         wanted += [(feature, point, float(np.log(len(points)))) for point in points]
 
     def made(one: tuple[Feature, tuple[float, ...], float]) -> Term:
@@ -121,7 +120,7 @@ def _relaxed(columns: Columns, feature: Feature, largest: float) -> Term:
     )
 
 
-def starting_points(feature: Feature, data: WhitenedData) -> list[tuple[float, ...]]:
+def starting_points(feature: Feature, linear: Linearisation) -> list[tuple[float, ...]]:
     """Return values of the nonlinear numbers from which a search may start."""
     components = [p for p in feature.searched for _ in range(p.size)]
     if not components:
@@ -129,7 +128,7 @@ def starting_points(feature: Feature, data: WhitenedData) -> list[tuple[float, .
     if len(components) > len(feature.searched):
         return [tuple((p.low + p.high) / 2 for p in components)]
     count = GRID if len(components) == 1 else COARSE
-    most = [largest_value(feature, p, (data,)) for p in components]
+    most = [linear.most(feature, p) for p in components]
     return list(product(*(_spread(p, m, count) for p, m in zip(components, most, strict=True))))
 
 
@@ -141,15 +140,13 @@ def _spread(parameter: Parameter, most: float, count: int) -> list[float]:
     return [float(v) for v in (np.geomspace if parameter.logarithmic else np.linspace)(low, high, count)]
 
 
-def number_terms(parameters: Sequence[Number], values: Array, N: Array) -> list[Term]:
+def number_terms(parameters: Sequence[Number], N: Array) -> list[Term]:
     """Return the terms of numbers of the arm and its sensors that are far off, by their ordinary columns.
 
     Parameters
     ----------
     parameters
         The numbers.
-    values
-        (k,) where the model stands, in standard deviations.
     N
         (rows, k) whitened columns for one standard deviation each.
     """
@@ -159,33 +156,34 @@ def number_terms(parameters: Sequence[Number], values: Array, N: Array) -> list[
         if parameter.cause is None or not parameter.cause.effect.searched:
             continue
         key = parameter.cause.key
-        found.append(_number(parameter, values[k], N, key, unit[:, [k]]))
+        found.append(_number(parameter, N, key, unit[:, [k]]))
         if parameter.is_of_link:
             own = [i for i, p in enumerate(parameters) if p.is_of_link and p.joint == parameter.joint]
-            found.append(_number(parameter, values[k], N, key, unit[:, own]))
+            found.append(_number(parameter, N, key, unit[:, own]))
         if parameter.cause.effect.scope is Scope.EACH_OR_ARM:
             together.setdefault((key[0], None, key[2]), []).append(k)
     for key, own in together.items():
         if len(own) > 1:
             first = parameters[own[0]]
             moves = sum(unit[:, [k]] * first.prior_std / parameters[k].prior_std for k in own)
-            found.append(_number(first, values[own[0]], N, key, moves))
+            found.append(_number(first, N, key, moves))
     return found
 
 
-def _number(parameter: Number, value: float, N: Array, key: Key, moves: Array) -> Term:
+def _number(parameter: Number, N: Array, key: Key, moves: Array) -> Term:
     """Return the term of numbers that move by (K, k) for each coefficient, the first of them a parameter."""
     count = moves.shape[1]
     low = np.full(count, -np.inf)
     if parameter.unit == "1" and parameter.neutral == 1.0:
-        low[0] = -0.98 / parameter.prior_std - value  # ratios are positive
+        low[0] = -0.98 / parameter.prior_std  # ratios are positive
     std = np.full(count, WIDE)
     return Term(key, "number", N @ moves, std, low=low, feature=parameter.cause, what=moves)
 
 
-def law_terms(data: WhitenedData) -> list[Term]:
+def law_terms(linear: Linearisation) -> list[Term]:
     """Return the laws without a form, their size open (:func:`sized`)."""
-    laws = [law for joint in range(data.layout.n) for law in general_laws((data,), joint)]
+    data, joints = linear.data, linear.problem.robot.joints
+    laws = [law for j, joint in enumerate(joints) for law in general_laws((data,), j, joint.transmission)]
 
     def made(law) -> Term:
         X = data.whiten(law.plain(data))

@@ -43,7 +43,7 @@ class Trust(NamedTuple):
 
 # A simulation is as measured, an identified arm as calibrated, drawings and catalogues are as built; convention.
 TRUST = {
-    "as measured": Trust(1e-3, 0.3, 0.1, 1e-3),
+    "as measured": Trust(1e-5, 0.3, 0.1, 1e-3),
     "as calibrated": Trust(0.2, 0.3, 1e-6, 0.1),
     "as built": Trust(1.0, 0.3, 1e-6, 0.1),
     "rough": Trust(4.0, 0.1, 1e-6, 0.1),

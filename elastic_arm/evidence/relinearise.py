@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.effects.model import SensorEffect
+from elastic_arm.equations.places import scaling
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.known_torques import ActingEffect
 from elastic_arm.evidence.grams import Bands
@@ -23,6 +24,9 @@ from elastic_arm.evidence.search import Search
 from elastic_arm.evidence.term import Key, Term
 
 Array = NDArray[np.float64]
+
+STEPS = 6  # of Gauss and Newton beside a set
+EXACT = 0.1  # factor of the trust below which the numbers of a description lie where it has them; numerical
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,8 +64,12 @@ def explain(problem: Problem, *, refit: bool) -> Explanation:
     refit
         Whether the description cannot be as measured.
     """
-    linear = Linearisation(problem, np.zeros(len(problem.numbers)), ())
-    found = _descended(linear, None, refit)
+    described = Linearisation(problem, np.zeros(len(problem.numbers)), ())
+    found = None if refit else _descended(described, None, "as measured", refit)
+    if found is None or found.best.model.name != "as measured":
+        # Off everywhere: where its numbers lie alone, there is less to mistake for an effect.
+        alone = _descended(described, None, "as built", refit)
+        found = alone if found is None else _better(alone, found)
     tried: set[frozenset[Key]] = set()
     for _ in range(ELSEWHERE):
         # Exchanged at this linearisation, a set whose numbers lie elsewhere is judged by columns that are not its own.
@@ -69,16 +77,20 @@ def explain(problem: Problem, *, refit: bool) -> Explanation:
         if other is None:
             break
         tried.add(other.keys)
-        again = _descended(found.linear, other, refit)
-        better, worse = (again, found) if again.best.score > found.best.score else (found, again)
-        better.search.take(worse.search.met.values())
-        found = replace(better, log=(*found.log, "elsewhere:", *again.log))
+        found = _better(found, _descended(found.linear, other, other.model.name, refit))
     return found
+
+
+def _better(one: Explanation, other: Explanation) -> Explanation:
+    """Return the more probable of two explanations, with the sets and the steps of both."""
+    better, worse = (one, other) if one.best.score >= other.best.score else (other, one)
+    better.search.take(worse.search.met.values())
+    return replace(better, log=(*one.log, "elsewhere:", *other.log))
 
 
 def _elsewhere(found: Explanation, tried: Set[frozenset[Key]]) -> Fit | None:
     """Return the likeliest set with a number more than an ordinary deviation from where the most probable one has it."""
-    moving = np.array([p.moves_model for p in found.linear.problem.numbers], dtype=bool)
+    moving = _moving(found.linear.problem)
     sets = (
         fit
         for keys, fit in found.search.met.items()
@@ -89,56 +101,95 @@ def _elsewhere(found: Explanation, tried: Set[frozenset[Key]]) -> Fit | None:
     return max(sets, key=lambda fit: fit.score, default=None)
 
 
-def _descended(linear: Linearisation, before: Fit | None, refit: bool) -> Explanation:
+def _descended(linear: Linearisation, before: Fit | None, trust: str, refit: bool) -> Explanation:
     """Return the most probable set beside which the linearisation stays."""
-    problem, log, whole = linear.problem, [], False
-    moving = np.array([p.moves_model for p in problem.numbers], dtype=bool)
-    limits = np.array([p.limit for p in problem.numbers])
-    if before is not None:
-        linear = _moved(linear, before, moving, limits)
+    log, whole = [], False
     for n in range(ROUNDS):
-        found = _explained(linear, before, refit, whole=whole)
+        linear = _settled(linear, before, trust)
+        found = _explained(linear, before, trust, refit, whole=whole)
         log += [f"{n}: {line}" for line in found.log]
-        best = found.best
-        deviations = np.abs(best.numbers) / np.sqrt(np.diag(best.number_covariance))
-        settled = before is not None and before.keys == best.keys and np.max(deviations[moving], initial=0.0) < 1.0
-        if settled and whole:
+        same = before is not None and before.keys == found.best.keys and not _far(found.best)
+        if same and whole:
             break
-        # Laws without a form and the moves that take long come where the linearisation has settled.
-        whole = whole or settled or n == ROUNDS - 2
-        before = best
-        if not settled and n < ROUNDS - 1:
-            linear = _moved(linear, best, moving, limits)
-    return replace(found, log=tuple(log))
+        # Laws without a form and the moves that take long come where the set stays: elsewhere they follow its error.
+        before, trust, whole = found.best, found.best.model.name, whole or same or n == ROUNDS - 2
+    return replace(found, best=max(found.search.met.values(), key=lambda fit: fit.score), log=tuple(log))
 
 
-def _moved(linear: Linearisation, fit: Fit, moving: NDArray[np.bool_], limits: Array) -> Linearisation:
-    """Return the linearisation where a fit puts the numbers."""
-    values = np.where(moving, np.clip(linear.values + fit.numbers, -limits, limits), 0.0)
-    return Linearisation(linear.problem, values, _acting(fit), near=linear.data)
+def _settled(linear: Linearisation, before: Fit | None, trust: str) -> Linearisation:
+    """Return the linearisation where the numbers are most probable beside a set, by Gauss and Newton."""
+    if before is not None and _far(before):
+        linear = _moved(linear, before)
+    best: tuple[Linearisation, Fit] | None = None
+    for _ in range(STEPS):
+        if before is None and TRUST[trust].factor < EXACT:
+            return linear
+        model = linear_model(linear, trust)
+        fit = model.fit([] if before is None else _again(before, linear))
+        if best is not None and fit.score < best[1].score - 1.0:
+            linear = _moved(best[0], best[1], share=0.3)  # too far
+            best = None
+            continue
+        best = linear, fit
+        if not _far(fit):
+            break
+        linear = _moved(linear, fit)
+    return linear if best is None else best[0]
 
 
-def _explained(linear: Linearisation, before: Fit | None, refit: bool, *, whole: bool) -> Explanation:
+def _moving(problem: Problem) -> NDArray[np.bool_]:
+    """Return at which numbers' values (K,) the residuals are made."""
+    return np.array([p.moves_model for p in problem.numbers], dtype=bool)
+
+
+def _far(fit: Fit) -> bool:
+    """Whether a number is further from the linearisation than its deviation."""
+    steps = np.abs(fit.numbers) / np.sqrt(np.diag(fit.number_covariance))
+    return bool(np.max(steps[fit.model.moving], initial=0.0) > 1.0)
+
+
+def _moved(linear: Linearisation, fit: Fit, share: float = 1.0) -> Linearisation:
+    """Return the linearisation a share of the way to where a fit puts the numbers."""
+    limits = np.array([p.limit for p in linear.problem.numbers])
+    there = np.clip(linear.values + share * fit.numbers, -limits, limits)
+    return Linearisation(linear.problem, np.where(fit.model.moving, there, 0.0), _acting(fit), near=linear.motions)
+
+
+def linear_model(linear: Linearisation, trust: str) -> LinearModel:
+    """Return the data at a linearisation; made once."""
+    if "model" not in linear.cache:
+        linear.cache["model"] = LinearModel(
+            linear.data.white,
+            linear.numbers,
+            Bands(linear.data),
+            -linear.values,
+            np.array([p.is_number for p in linear.problem.numbers], dtype=bool),
+            _moving(linear.problem),
+            tuple(known_terms(linear)[0]),
+            trust,
+        )
+    return linear.cache["model"].trusting(trust)
+
+
+def _screens(linear: Linearisation, model: LinearModel, *, laws: bool) -> list[Screen]:
+    """Return what may be added, laws without a form apart; made once."""
+    if "screen" not in linear.cache:
+        linear.cache["screen"] = Screen(model.grams, pool_of(linear))
+    if laws and "laws" not in linear.cache:
+        linear.cache["laws"] = Screen(model.grams, _chosen_among(law_terms(linear)))
+    return [linear.cache["screen"], *([linear.cache["laws"]] if laws else [])]
+
+
+def _explained(linear: Linearisation, before: Fit | None, trust: str, refit: bool, *, whole: bool) -> Explanation:
     """Return the most probable set at a linearisation, from the one found at another."""
     trusts = {name: one for name, one in TRUST.items() if not (refit and name == "as measured")}
-    trust = next(iter(trusts)) if before is None else before.model.name
-    always, off = known_terms(linear)
-    pool = [*pool_of(linear, laws=whole), *(t.with_odds(float(np.log(len(off)))) for t in off)]
-    model = LinearModel(
-        linear.data.white,
-        linear.numbers,
-        Bands(linear.data),
-        -linear.values,
-        np.array([p.is_number for p in linear.problem.numbers], dtype=bool),
-        tuple(always),
-        trust,
-    )
-    screen, log = Screen(model.grams, pool), []
-    terms = [] if before is None else _again(before, linear, pool)
+    model, log = linear_model(linear, trust), []
+    screens = _screens(linear, model, laws=whole)
+    terms = [] if before is None else _again(before, linear)
     # The trust in the description that is most probable beside the set, and the set beside it, until both stay.
     tried: dict[str, Search] = {}
     while trust not in tried:
-        search = Search(model.trusting(trust), screen, linear.columns, linear.problem.largest_at)
+        search = Search(linear, model.trusting(trust), screens)
         tried[trust], best = search, search.run(terms, whole=whole)
         log += [f"{trust}: {line}" for line in search.log]
         terms = best.optional
@@ -153,19 +204,20 @@ def _explained(linear: Linearisation, before: Fit | None, refit: bool, *, whole:
     return Explanation(linear, search, best, {k: float(np.exp(v - total)) for k, v in scores.items()}, tuple(log))
 
 
-def pool_of(linear: Linearisation, *, laws: bool) -> list[Term]:
-    """Return all that may be there, with its prior odds: small for each kind, shared by those that could be."""
+def pool_of(linear: Linearisation) -> list[Term]:
+    """Return the effects, numbers and stated effects that may be there, each kind with equal odds among its own."""
     problem = linear.problem
     kinds = (
         effect_terms(linear, linear.placed(problem.candidates)),
-        number_terms(problem.numbers, linear.values, linear.numbers),
-        law_terms(linear.data) if laws else [],
+        number_terms(problem.numbers, linear.numbers),
+        known_terms(linear)[1],
     )
-    found = []
-    for terms in kinds:
-        each = float(np.log(max(len({t.key for t in terms}), 1)))
-        found += [t.with_odds(each) for t in terms]
-    return found
+    return [t for terms in kinds for t in _chosen_among(terms)]
+
+
+def _chosen_among(terms: Sequence[Term]) -> list[Term]:
+    each = float(np.log(max(len({t.key for t in terms}), 1)))
+    return [t.with_odds(each) for t in terms]
 
 
 def known_terms(linear: Linearisation) -> tuple[list[Term], list[Term]]:
@@ -219,16 +271,30 @@ def _acting(fit: Fit) -> tuple[ActingEffect, ...]:
     return tuple(found.values())
 
 
-def _again(fit: Fit, linear: Linearisation, pool: Sequence[Term]) -> list[Term]:
+def _again(fit: Fit, linear: Linearisation) -> list[Term]:
     """Return the terms of a fit at another linearisation."""
-    alike = {(t.kind, t.key, t.count, t.theta): t for t in pool}
+    stated = {t.key: t for t in known_terms(linear)[1]} if any(t.kind == "stated" for t in fit.optional) else {}
     found = []
     for t in fit.optional:
-        if t.kind == "effect" and t.tangents:
-            (feature,) = linear.placed([t.feature])
-            size = 1.0 if feature.fixed else float(fit.beta(t)[0])
-            largest = linear.problem.largest_at(feature.joint)
-            found.append(tangent_term(linear.columns, replace(t, feature=feature), theta_of(t, fit), size, largest))
-        elif same := alike.get((t.kind, t.key, t.count, t.theta)):
-            found.append(replace(same, std=t.std, grid=t.grid, scale=t.scale, ident=t.ident))
+        if t.kind == "number":
+            found.append(replace(t, columns=linear.numbers @ t.what))
+        elif t.kind == "law":
+            found.append(replace(t, columns=linear.data.whiten(t.what.plain(linear.data))))
+        elif t.kind == "stated":
+            found.append(replace(t, columns=stated[t.key].columns))
+        else:
+            found.append(_effect_again(t, fit, linear))
     return found
+
+
+def _effect_again(t: Term, fit: Fit, linear: Linearisation) -> Term:
+    """Return the term of an effect at another linearisation."""
+    (feature,) = linear.placed([t.feature])
+    feature = scaling(feature, linear.acting)
+    if t.tangents:
+        size = 1.0 if feature.fixed else float(fit.beta(t)[0])
+        return tangent_term(linear, replace(t, feature=feature), theta_of(t, fit), size)
+    X = linear.columns(feature, t.theta)
+    if t.offset is not None:
+        return replace(t, offset=X.sum(axis=1), feature=feature)
+    return replace(t, columns=X[:, : t.count], feature=feature)

@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.model import Fit, LinearModel, Screen
-from elastic_arm.evidence.nonlinear import Columns, Largest, is_open, refined
+from elastic_arm.evidence.nonlinear import is_open, refined
 from elastic_arm.evidence.priors import MOST, RELATED, SHORT, TRIED, WORTH
 from elastic_arm.evidence.term import Key, Term
 
@@ -28,18 +29,13 @@ class Search:
 
     Parameters
     ----------
-    model, screen
+    linear, model, screens
         The data, and all that may be added.
-    columns
-        Makes columns of a feature.
-    largest
-        Of a joint's torques, Nm.
     """
 
+    linear: Linearisation
     model: LinearModel
-    screen: Screen
-    columns: Columns
-    largest: Largest
+    screens: Sequence[Screen]
     met: dict[frozenset[Key], Fit] = field(default_factory=dict)
     _refined: dict[tuple[Key, frozenset[Key]], Term] = field(default_factory=dict)
     log: list[str] = field(default_factory=list)
@@ -89,15 +85,14 @@ class Search:
 
         At the noise of the fit a term gains less than beside its own: as little as a share of what is needed is tried.
         """
-        gains, have = self.screen.gains(fit), fit.keys | without
-        found: list[Term] = []
-        gains = np.where(self.screen.is_law & (not self._whole), -np.inf, gains)
-        for t in np.argsort(-gains):
-            if len(found) == count or not np.isfinite(gains[t]) or gains[t] < SHORT * needed:
+        gained = [(gain, screen, t) for screen in self.screens for t, gain in enumerate(screen.gains(fit))]
+        have, found = fit.keys | without, list[Term]()
+        for gain, screen, t in sorted(gained, key=lambda one: -one[0]):
+            if len(found) == count or not gain >= SHORT * needed:
                 break
-            key = self.screen.terms[t].key
+            key = screen.terms[t].key
             if key not in have:
-                found.append(self.screen.term(int(t)))
+                found.append(screen.term(t))
                 have = have | {key}
         return found
 
@@ -107,7 +102,7 @@ class Search:
             return self._keep(self.model.fit([*terms, more], near))
         key = (more.key, frozenset(t.ident for t in terms))
         if key not in self._refined:
-            self._refined[key], fit = refined(self.model, self.columns, more, terms, near, self.largest)
+            self._refined[key], fit = refined(self.linear, self.model, more, terms, near)
             return self._keep(fit)
         return self._keep(self.model.fit([*terms, self._refined[key]], near))
 

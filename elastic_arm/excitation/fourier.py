@@ -15,11 +15,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
 from elastic_arm.errors import ExcitationError
 from elastic_arm.input_files import read_fields
+from elastic_arm.output_files import write_result, yaml_text
 
 Array = NDArray[np.float64]
 
@@ -136,13 +136,7 @@ class FourierTrajectory:
             "ramp": self.ramp,
             **{name: getattr(self, name).tolist() for name in ("q0", "a", "b")},
         }
-        try:
-            Path(path).parent.mkdir(parents=True, exist_ok=True)
-            Path(path).write_text(yaml.safe_dump(content, sort_keys=False, width=120), encoding="utf-8")
-        except OSError as error:
-            raise ExcitationError(
-                f"{path}: cannot be written ({error.strerror})", "Give a file in a folder you may write to"
-            ) from error
+        write_result(path, yaml_text(content), ExcitationError, "Give a file in a folder you may write to")
 
     def _with(self, **changes: Any) -> FourierTrajectory:
         return FourierTrajectory(**{**vars(self), **changes})

@@ -15,6 +15,7 @@ from elastic_arm.formatting import JointUnits
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.least_squares import Fit
 from elastic_arm.identification.verdict import Excitation, checked, directions, relative_std, remarks, verdicts
+from elastic_arm.output_files import write_result
 from elastic_arm.robot import Robot, save_robot
 
 Array = NDArray[np.float64]
@@ -151,13 +152,7 @@ class Identification:
         """
         text = json.dumps(self.to_dict(), indent=1, allow_nan=False)
         if path is not None:
-            try:
-                Path(path).parent.mkdir(parents=True, exist_ok=True)
-                Path(path).write_text(text + "\n", encoding="utf-8")
-            except OSError as error:
-                raise IdentificationError(
-                    f"{path} cannot be written: {error.strerror}", "Choose another folder."
-                ) from None
+            write_result(path, text + "\n", IdentificationError, "Choose another folder.")
         return text
 
     @staticmethod

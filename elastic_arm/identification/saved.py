@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import zipfile
 from dataclasses import asdict
@@ -18,6 +19,7 @@ from elastic_arm.estimation.smoother import Smoother
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.least_squares import Blocks
 from elastic_arm.identification.verdict import MotionStatistics
+from elastic_arm.output_files import write_result
 
 Array = NDArray[np.float64]
 SCHEMA = "elastic_arm/identifier/1"
@@ -84,11 +86,9 @@ def write_sums(path: str | Path, equations: BaseRegression, sums: Sums) -> None:
         "clock": None if sums.clock is None else asdict(sums.clock),
     }
     hi, lo = (np.array([gram[k] for gram in blocks.grams]) for k in (0, 1))
-    try:
-        with Path(path).open("wb") as file:
-            np.savez(file, head=np.array(json.dumps(head)), hi=hi, lo=lo, known_noise=np.array(blocks.known_noise))
-    except OSError as error:
-        raise IdentificationError(f"{path} cannot be written: {error.strerror}", "Choose another folder.") from None
+    packed = io.BytesIO()
+    np.savez(packed, head=np.array(json.dumps(head)), hi=hi, lo=lo, known_noise=np.array(blocks.known_noise))
+    write_result(path, packed.getvalue(), IdentificationError, "Choose another folder.")
 
 
 def recorded_in(path: str | Path) -> Recorded:

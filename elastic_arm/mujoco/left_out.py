@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.dynamics import build_model
-from elastic_arm.effects import EffectInstance
+from elastic_arm.effects import EffectInstance, SensorEffect
 from elastic_arm.effects.effect_set import EffectSet
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.errors import EffectError
@@ -52,7 +52,8 @@ def left_effects(robot: Robot, left: Iterable[tuple[EffectInstance, str]]) -> It
     state = _Swing(robot)
     for instance, reason in left:
         units = {p.name: p.unit_at(instance.joint, robot.units) for p in instance.effect.parameters}
-        costs = state.cost(state.of_effect(instance))
+        # What sensors make of the truth is no torque that the arm lacks.
+        costs = {} if isinstance(instance.effect, SensorEffect) else state.cost(state.of_effect(instance))
         yield Left(instance.effect.id, instance.joint, dict(instance.parameters), reason, units, costs)
 
 

@@ -7,9 +7,10 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from elastic_arm.errors import OutputError, RobotError
+from elastic_arm.errors import RobotError
 from elastic_arm.input_files import read_bytes
 from elastic_arm.mujoco.shape import ShapedXml, insert_first
+from elastic_arm.output_files import write_result
 
 FOLDERS = ("meshdir", "texturedir", "assetdir")
 
@@ -81,11 +82,7 @@ class ShapedMjcf:
                 include.set("file", name)
             elif elsewhere:
                 include.set("file", _relative(file, main.parent))
-        try:
-            target.write_text(tree.text(), encoding="utf-8")
-        except OSError as error:
-            raise OutputError(f"{target} cannot be written: {error.strerror}", "Name another file.") from error
-        return [target, *written]
+        return [write_result(target, tree.text()), *written]
 
     def _needs_copy(self, file: Path, elsewhere: bool) -> bool:
         inner = list(self._trees[file].root.iter("include"))

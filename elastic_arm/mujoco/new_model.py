@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.effects import Catalogue, EffectInstance
-from elastic_arm.errors import OutputError
 from elastic_arm.mujoco.changes import six, text_of
 from elastic_arm.mujoco.left_out import left_coupling, left_effects, left_numbers
 from elastic_arm.mujoco.mjcf_export import Exported
 from elastic_arm.mujoco.stated_arm import StatedArm, stated_arm
+from elastic_arm.output_files import write_result
 from elastic_arm.robot import Inertia, Robot
 from elastic_arm.robot.kinematics import link_radius
 from elastic_arm.robot.urdf_export import bodies_with_components
@@ -58,11 +58,7 @@ def export_new_mjcf(
     left = [*left_effects(robot, effects), *left_numbers(robot, "the new file has no such number")]
     if robot.elastic:
         left += left_coupling(robot, "the new file is mod2, whose rotors spin on the ground")
-    try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        out.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise OutputError(f"{out} cannot be written: {error.strerror}", "Name another file.") from error
+    write_result(out, text)
     return Exported((out,), (), tuple(left), units=robot.units)
 
 

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from elastic_arm.effects import Catalogue, EffectInstance, robot_effects
 from elastic_arm.effects.library.base_tilt import TILT
-from elastic_arm.errors import OutputError, RobotError
+from elastic_arm.errors import RobotError
 from elastic_arm.input_files import read_bytes
 from elastic_arm.mujoco.changes import (
     Change,
@@ -27,6 +27,7 @@ from elastic_arm.mujoco.left_out import Left, left_effects, left_numbers
 from elastic_arm.mujoco.mjcf_export import Exported, require_same_joints
 from elastic_arm.mujoco.shape import ShapedXml, append_last
 from elastic_arm.mujoco.stated_arm import StatedArm, stated_arm
+from elastic_arm.output_files import write_result
 from elastic_arm.robot import Inertia, Robot, parse_urdf, to_urdf
 from elastic_arm.robot.kinematics import moved
 from elastic_arm.robot.parts import located, nearest_tensor
@@ -97,11 +98,7 @@ def export_urdf(
         if base is not None and not tilts and not np.allclose(before.gravity, after.gravity, rtol=0.0, atol=1e-9):
             raise RobotError("gravity changes, and a URDF does not state it", "Tilt the joint that carries the base")
         _check(document.text(), chain, after)
-    try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        out.write_text(document.text(), encoding="utf-8")
-    except OSError as error:
-        raise OutputError(f"{out} cannot be written: {error.strerror}", "Name another file.") from error
+    write_result(out, document.text())
     listed = [*left_effects(numbers, left), *_numbers_left(robot, numbers, before, after)]
     return Exported((out,), tuple(changes), tuple(listed), units=robot.units)
 

@@ -18,6 +18,7 @@ from std_srvs.srv import SetBool, Trigger
 from elastic_arm.diagnosis.live import ResidualLevels, Window, answering
 from elastic_arm.effects import Catalogue
 from elastic_arm.effects.text import known_effects
+from elastic_arm.errors import OutputError
 from elastic_arm.nodes.support import graph
 from elastic_arm.nodes.support.collecting import Collector
 from elastic_arm.nodes.support.gap_messages import diagnosis_message, in_words, residual_messages
@@ -27,6 +28,7 @@ from elastic_arm.nodes.support.parameters import declare, declare_texts
 from elastic_arm.nodes.support.running import LONGEST_REST, run
 from elastic_arm.nodes.support.wire import NANOSECONDS
 from elastic_arm.nodes.support.worker_process import Answer, WorkerProcess
+from elastic_arm.output_files import write_result
 from elastic_arm.recording import topics
 from elastic_arm.robot import load_robot
 
@@ -216,10 +218,9 @@ class GapMonitorNode(ManagedNode):
             return response
         file = Path(self._folder) / "diagnosis.json"
         try:
-            file.parent.mkdir(parents=True, exist_ok=True)
-            file.write_text(json.dumps(self._found, indent=2) + "\n", encoding="utf-8")
-        except OSError as error:
-            response.message = f"{file} cannot be written: {error.strerror}"
+            write_result(file, json.dumps(self._found, indent=2) + "\n")
+        except OutputError as error:
+            response.message = error.problem
             return response
         response.success, response.message = True, f"the last diagnosis was written to {file}"
         return response

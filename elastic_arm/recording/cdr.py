@@ -43,30 +43,17 @@ class Numbers:
 
 @dataclass
 class Layout:
-    """Where everything lies in a message.
+    """Where everything lies in a message."""
 
-    Parameters
-    ----------
-    size
-        Length of the message in bytes.
-    numbers
-        By path: `header.stamp.sec`, `position`, `points.0.velocities`.
-    strings
-        Lists of strings, by path.
-    text
-        Single strings, by path: where their bytes begin and end. Only their lengths are the layout's.
-    fixed
-        The bytes (begin, end) that must agree for another message to have this layout and these names.
-    words
-        What they hold: (begin, dtype, value).
-    """
-
-    size: int
+    size: int  # length of the message in bytes
+    # by path: `header.stamp.sec`, `position`, `points.0.velocities`
     numbers: dict[str, Numbers] = field(default_factory=dict)
-    strings: dict[str, list[str]] = field(default_factory=dict)
+    strings: dict[str, list[str]] = field(default_factory=dict)  # lists of strings, by path
+    # single strings, by path: where their bytes begin and end. Only their lengths are the layout's.
     text: dict[str, tuple[int, int]] = field(default_factory=dict)
+    # the bytes (begin, end) that must agree for another message to have this layout and these names
     fixed: list[tuple[int, int]] = field(default_factory=list)
-    words: list[tuple[int, str, int]] = field(default_factory=list)
+    words: list[tuple[int, str, int]] = field(default_factory=list)  # what they hold: (begin, dtype, value)
 
     def learn(self, pattern: memoryview) -> None:
         """Keep what `pattern`, a message of this layout, has in its fixed bytes."""
@@ -101,30 +88,14 @@ class Layout:
         return same
 
     def values(self, spans: Spans, path: str) -> NDArray:
-        """(N, count) numbers of field `path` in messages of this layout.
-
-        Raises
-        ------
-        KeyError
-            If the messages have no such field of numbers.
-        """
+        """(N, count) numbers of field `path` in messages of this layout."""
         numbers = self.numbers[path]
         found = np.empty((len(spans), numbers.count), numbers.dtype)
         self.values_into(spans, path, found)
         return found
 
     def values_into(self, spans: Spans, path: str, target: NDArray) -> None:
-        """Put what :meth:`values` returns into `target`, (N, count) contiguous.
-
-        Parameters
-        ----------
-        spans
-            (N,) messages of this layout.
-        path
-            Of the field.
-        target
-            (N, count) of the field's type.
-        """
+        """Put what :meth:`values` returns into `target`, (N, count) contiguous."""
         numbers = self.numbers[path]
         if numbers.count and len(target):
             # One opaque item per message is copied faster than `count` numbers.
@@ -133,20 +104,7 @@ class Layout:
 
 
 def layout_of(data: memoryview, type_name: str, store: TypeFields) -> Layout:
-    """Find the layout of one message.
-
-    Parameters
-    ----------
-    data
-        The message as CDR bytes, with its encapsulation header.
-    type_name, store
-        Its type, and the definitions of it and of what it is made of.
-
-    Raises
-    ------
-    RecordingError
-        If the bytes do not hold a message of that type.
-    """
+    """Find the layout of one message."""
     if len(data) < _ORIGIN or data[0] != 0 or data[1] not in (0, 1):
         raise RecordingError(f"a {type_name} message is not plain CDR", "Record with serialization format cdr.")
     walker = _Walker(data, store, "<" if data[1] else ">")
@@ -160,13 +118,7 @@ def layout_of(data: memoryview, type_name: str, store: TypeFields) -> Layout:
 
 
 class Layouts:
-    """The layouts met so far among the messages of one type.
-
-    Parameters
-    ----------
-    type_name, store
-        The type and its definition.
-    """
+    """The layouts met so far among the messages of one type."""
 
     def __init__(self, type_name: str, store: TypeFields) -> None:
         self.type_name, self.store = type_name, store
@@ -175,13 +127,7 @@ class Layouts:
         self._walked = 0
 
     def groups(self, spans: Spans) -> Iterator[tuple[Layout, Offsets | None]]:
-        """Yield the layouts that occur among messages, each with the indices of its messages; None for all of them.
-
-        Raises
-        ------
-        RecordingError
-            If a message does not fit its type.
-        """
+        """Yield the layouts that occur among messages, each with the indices of its messages; None for all of them."""
         # Nearly always all messages of a block are like those before: then nothing has to be picked out.
         if self._latest is not None and self._latest.matches(spans).all():
             yield self._latest, None
@@ -201,10 +147,8 @@ class Layouts:
             if layout.matches(one).all():
                 return layout
         if sum(map(len, self.known.values())) >= limits.LAYOUTS or self._walked > limits.LAYOUT_FIELDS:
-            raise RecordingError(
-                f"its messages differ in more than {limits.LAYOUTS} ways in their names and lengths",
-                "Stop publishers that change the names or the number of joints.",
-            )
+            problem = f"its messages differ in more than {limits.LAYOUTS} ways in their names and lengths"
+            raise RecordingError(problem, "Stop publishers that change the names or the number of joints.")
         layout = layout_of(pattern, self.type_name, self.store)
         layout.learn(pattern)
         self._walked += len(layout.fixed) + len(layout.numbers)

@@ -10,7 +10,7 @@ from elastic_arm.recording import cdr, limits, message_types
 from elastic_arm.recording.series import Piece, Series
 from elastic_arm.recording.sides import Stamps
 from elastic_arm.recording.spans import Spans
-from elastic_arm.recording.storage.interface import BagFile, Block
+from elastic_arm.recording.storage.bag import BagFile, Block
 from elastic_arm.recording.storage.metadata import Topic
 
 _SECONDS, _NANOSECONDS = "header.stamp.sec", "header.stamp.nanosec"
@@ -19,13 +19,7 @@ _FIRST = 1024  # messages that a table holds at first, when nothing is known
 
 
 class Decoder:
-    """Decodes the messages of one topic.
-
-    Parameters
-    ----------
-    topic, type_name
-        Of the messages.
-    """
+    """Decodes the messages of one topic."""
 
     def __init__(self, topic: str, type_name: str) -> None:
         self.topic, self.type_name = topic, type_name
@@ -34,22 +28,7 @@ class Decoder:
         self._tables: dict[int, _DecodedColumns] = {}
 
     def add(self, file: BagFile, channel: int, block: Block) -> None:
-        """Decode the messages of one channel in a block.
-
-        Parameters
-        ----------
-        file
-            The file of the block, for the type of the messages.
-        channel
-            One whose topic is :attr:`topic`.
-        block
-            That holds the messages.
-
-        Raises
-        ------
-        RecordingError
-            If a message does not fit its type, is beyond the limits, or all of them do not fit into the memory.
-        """
+        """Decode the messages of one channel in a block."""
         spans, log_ns = block.spans(channel).in_a_row(), block.log_ns(channel)
         rows = np.arange(self._count, self._count + len(log_ns))
         expected = file.expected(channel)
@@ -110,17 +89,7 @@ class _DecodedColumns:
             self.values[path] = np.empty((capacity, numbers.count), numbers.dtype)
 
     def append(self, spans: Spans, rows: Stamps, log_ns: Stamps) -> None:
-        """Decode messages; `rows` are their places among the topic's messages.
-
-        Parameters
-        ----------
-        spans
-            (N,) messages of this table's layout.
-        rows
-            (N,) their places among the topic's messages.
-        log_ns
-            (N,) their arrival times.
-        """
+        """Decode messages; `rows` are their places among the topic's messages."""
         spot = slice(self.count, self.count + len(rows))
         self._reserve(spot.stop)
         self.columns["rows"][spot], self.columns["log_ns"][spot] = rows, log_ns

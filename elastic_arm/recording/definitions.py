@@ -8,7 +8,8 @@ Everything here takes time in proportion to the length of the text.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
+from itertools import pairwise
 from typing import Any
 
 from rosbags.interfaces import Nodetype
@@ -30,30 +31,15 @@ _MEMBER = re.compile(
 _TOKEN = re.compile(
     r'//[^\n]*|/\*(?:[^*]|\*(?!/))*(?:\*/)?|"(?:\\.|[^"\\])*"?|' + rf"'[^'\n]*'|{_NAME}|::|\d[\w.]*|\S", re.DOTALL
 )
-_WORD = re.compile(r"\w+")
 # What ROS 2 sends of a message without fields.
 _EMPTY: list[Any] = [("structure_needs_at_least_one_member", (Nodetype.BASE, ("uint8", 0)))]
 _MODULES = 8  # nested in each other
+_BRACES = {"{": 1, "}": -1}
 _BRACKETS = {"<": 1, ">": -1, "[": 1, "]": -1}
 
 
 def parse_definition(type_name: str, encoding: str, text: str) -> Typesdict:
-    """Return the fields of a type and of all that it is made of.
-
-    Parameters
-    ----------
-    type_name
-        `package/msg/Type`.
-    encoding
-        "ros2msg" or "ros2idl".
-    text
-        The definition as the bag holds it.
-
-    Raises
-    ------
-    RecordingError
-        If it is no definition by the grammar, or beyond the limits of :mod:`elastic_arm.recording.limits`.
-    """
+    """Return the fields of a type and of all that it is made of."""
     try:
         if not _TYPE_NAME.fullmatch(type_name):
             raise _Unusable(f"{type_name[:60]!r} is no name of a type")
@@ -68,16 +54,12 @@ def parse_definition(type_name: str, encoding: str, text: str) -> Typesdict:
         found = {name: (constants, fields or _EMPTY) for name, (constants, fields) in found.items()}
         _check_depth(found)
     except _Unusable as error:
-        raise RecordingError(
-            f"the definition of message type {type_name[:60]!r} in the bag cannot be read: {error}",
-            "Record again with the definitions of ROS.",
-        ) from None
+        problem = f"the definition of message type {type_name[:60]!r} in the bag cannot be read: {error}"
+        raise RecordingError(problem, "Record again with the definitions of ROS.") from None
     except (TypesysError, ValueError, RecursionError) as error:
         reason = "it does not follow the grammar" if "\n" in str(error) else str(error)[:80]
-        raise RecordingError(
-            f"the definition of message type {type_name!r} in the bag cannot be read: {reason}",
-            "Record again with the definitions of ROS.",
-        ) from None
+        problem = f"the definition of message type {type_name!r} in the bag cannot be read: {reason}"
+        raise RecordingError(problem, "Record again with the definitions of ROS.") from None
     return found
 
 
@@ -109,36 +91,21 @@ def _plain_msg(text: str) -> str:
 
 
 def _plain_idl(text: str) -> str:
-    """Return the structs and typedefs of an IDL text, each in its modules, and nothing else."""
-    tokens = _tokens(text)
-    modules: list[str] = []
-    constants: dict[str, str] = {}
-    plain: list[str] = []
-    types = fields = 0
-    for word in tokens:
-        if word == "module":
-            modules.append(_identifier(tokens))
-            _expect(tokens, "{")
-            if len(modules) > _MODULES:
-                raise _Unusable(f"more than {_MODULES} modules in each other")
-            continue
-        if word == "}" and modules:
-            modules.pop()
-            _expect(tokens, ";")
-            continue
-        statement = [word, *_statement(tokens)]
-        if word == "const":
-            *_, name, equals, value = ["", "", *statement]
-            if equals == "=" and value.isdecimal():
-                constants[name] = value
-        elif word in ("struct", "typedef"):
-            types, fields = types + 1, fields + sum(map(statement.count, ";,["))
-            _check_counts(types, fields)
-            nested = _joined(_checked(statement, constants))
-            plain.append("".join(f"module {name} {{ " for name in modules) + f"{nested};" + " };" * len(modules))
-        else:
-            raise _Unusable(f"{word[:60]!r} is neither module, struct, typedef nor const")
-    return "\n".join(plain)
+    """Return an IDL text without comments and annotations, within bounds that keep the library's parser quick."""
+    words = list(_tokens(text))
+    _check_counts(words.count("struct") + words.count("typedef"), sum(map(words.count, ";,[")))
+    depth, inner, scopes = 0, 0, 0
+    for before, word in pairwise(["", *words]):
+        depth += _BRACES.get(word, 0)
+        inner += _BRACKETS.get(word, 0)
+        scopes = scopes + 1 if word == "::" else scopes if re.fullmatch(_NAME, word) and before == "::" else 0
+        if not 0 <= depth <= _MODULES or not 0 <= inner <= 2 or scopes > _MODULES:
+            raise _Unusable(f"brackets, modules or names in more than {_MODULES} levels")
+        if not (re.fullmatch(rf"{_NAME}|\d[\w.]*|\".*\"|'.*'|::", word, re.DOTALL) or word in "{}[]<>,;=-+"):
+            raise _Unusable(f"{word[:60]!r} stands in it")
+        if before in ("[", ","):
+            _check_size(word)
+    return " ".join(words).replace(" :: ", "::")
 
 
 def _tokens(text: str) -> Iterator[str]:
@@ -165,62 +132,6 @@ def _tokens(text: str) -> Iterator[str]:
 
 def _skipped(line: str) -> bool:
     return bool(_SEPARATOR.fullmatch(line) or _HEAD.fullmatch(line))
-
-
-def _identifier(tokens: Iterator[str]) -> str:
-    name = next(tokens, "")
-    if not re.fullmatch(_NAME, name):
-        raise _Unusable(f"{name[:60]!r} is no name")
-    return name
-
-
-def _expect(tokens: Iterator[str], mark: str) -> None:
-    word = next(tokens, "the end")
-    if word != mark:
-        raise _Unusable(f"{word[:60]!r} stands where {mark!r} belongs")
-
-
-def _statement(tokens: Iterator[str]) -> Iterator[str]:
-    """Yield what follows up to the semicolon that ends it, braces included."""
-    depth = 0
-    for word in tokens:
-        depth += {"{": 1, "}": -1}.get(word, 0)
-        if word == ";" and not depth:
-            return
-        if depth not in (0, 1):
-            raise _Unusable("a struct within a struct")
-        yield word
-    raise _Unusable("it ends within a statement")
-
-
-def _checked(words: Sequence[str], constants: dict[str, str]) -> Iterator[str]:
-    """Yield the words of a struct or typedef, with the numbers in place of constants that give sizes."""
-    depth = scopes = 0
-    before = ""
-    for word in words:
-        depth += _BRACKETS.get(word, 0)
-        scopes += 1 if word == "::" else -scopes if word in ";,<>" else 0
-        if scopes > _MODULES:
-            raise _Unusable(f"a name in more than {_MODULES} modules")
-        if not 0 <= depth <= 2:
-            raise _Unusable("brackets in more than two levels")
-        if before in ("[", ",") and depth:
-            word = constants.get(word, word)
-            _check_size(word)
-        if not (re.fullmatch(_NAME, word) or word.isdecimal() or word in "{}[]<>,;" or word == "::"):
-            raise _Unusable(f"{word[:60]!r} within a struct")
-        yield word
-        before = word
-
-
-def _joined(words: Iterator[str]) -> str:
-    """Return words as text: blanks where two names would grow together."""
-    text: list[str] = []
-    for word in words:
-        if text and _WORD.match(word) and text[-1] not in ("::", "<", "["):
-            text.append(" ")
-        text.append(word)
-    return "".join(text)
 
 
 def _check_size(text: str) -> None:

@@ -39,24 +39,12 @@ RECORD_BYTES = 50
 
 
 def chunk_bytes() -> int:
-    """Return how many bytes one chunk may unpack to, and one message of a database may have.
-
-    Raises
-    ------
-    RecordingError
-        If the environment holds no number.
-    """
+    """Return how many bytes one chunk may unpack to, and one message of a database may have."""
     return _configured("ELASTIC_ARM_MAX_CHUNK_MB", CHUNK_MB)
 
 
 def unpacked_bytes() -> int:
-    """Return how many bytes all that is packed in a file may unpack to.
-
-    Raises
-    ------
-    RecordingError
-        If the environment holds no number.
-    """
+    """Return how many bytes all that is packed in a file may unpack to."""
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     return _configured("ELASTIC_ARM_MAX_UNPACKED_MB", max(int(MEMORY_SHARE * memory) // MEGABYTE, CHUNK_MB))
 

@@ -37,13 +37,7 @@ def known(type_name: str) -> bool:
 
 
 def definition(type_name: str) -> tuple[str, str]:
-    """Return the full ros2msg text of a type, with all it is made of, and its RIHS01 hash.
-
-    Raises
-    ------
-    RecordingError
-        If the type is not known.
-    """
+    """Return the full ros2msg text of a type, with all it is made of, and its RIHS01 hash."""
     store = typestore()
     if not known(type_name):
         raise RecordingError(f"message type {type_name} is not known", "Give its definition with the topic.")
@@ -72,16 +66,9 @@ def _defined(name: str, encoding: str, text: str) -> TypeFields:
 
 
 def types_of(topic: Topic) -> TypeFields:
-    """Return the types that a topic's messages are made of: as the bag defines them, or else the known ones.
-
-    Raises
-    ------
-    RecordingError
-        If the definition cannot be read, or is missing and the type is not a known one.
-    """
+    """Return the types that a topic's messages are made of: as the bag defines them, or else the known ones."""
     types = _defined(topic.type_name, topic.encoding, topic.definition)
     if topic.type_name not in types.fielddefs:
-        raise RecordingError(
-            f"message type {topic.type_name} is not defined in the bag", "Record it with its definition."
-        )
+        problem = f"message type {topic.type_name} is not defined in the bag"
+        raise RecordingError(problem, "Record it with its definition.")
     return types

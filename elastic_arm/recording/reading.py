@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -16,12 +17,13 @@ from elastic_arm.recording.decoding import Decoder
 from elastic_arm.recording.foreign.channels import ChannelMap, load_channels
 from elastic_arm.recording.foreign.mapping import mapped_side
 from elastic_arm.recording.inspection.quality import check_times, checked
-from elastic_arm.recording.namespaces import choose_namespace, local_name
+from elastic_arm.recording.inspection.report import Finding, Severity
+from elastic_arm.recording.joint_names import matched_names
 from elastic_arm.recording.recording import Recording
-from elastic_arm.recording.series import Piece, Series
+from elastic_arm.recording.series import Series
 from elastic_arm.recording.sides import Side, joints_with
-from elastic_arm.recording.storage.bag import Bag, open_bag
-from elastic_arm.recording.storage.interface import BagFile, Block
+from elastic_arm.recording.storage.bag import Bag, BagFile, Block, open_bag
+from elastic_arm.recording.storage.messages import topics_of
 from elastic_arm.recording.timebase.joining import pair
 from elastic_arm.recording.topics import (
     JOINT_STATES,
@@ -39,49 +41,28 @@ _POINT = {
     "position": "points.0.positions",
     "velocity": "points.0.velocities",
     "acceleration": "points.0.accelerations",
+    "effort": "points.0.effort",
 }
 
 
 @dataclass
 class Content:
-    """The topics of one or several bags.
+    """The topics of one or several bags."""
 
-    Parameters
-    ----------
-    series, decoders
-        By topic, those requested; the series once all is read.
-    robot_description
-        The last URDF on /robot_description.
-    topics
-        All topics that have messages, with their types.
-    messages
-        Number of messages on all topics.
-    damage
-        What was wrong with the bags.
-    namespace
-        Of the arm; names in `series` and `decoders` are those within it.
-    """
-
-    series: dict[str, Series] = field(default_factory=dict)
+    series: dict[str, Series] = field(default_factory=dict)  # By topic, those requested; the series once all is read
     decoders: dict[str, Decoder] = field(default_factory=dict)
-    robot_description: str | None = None
-    topics: dict[str, str] = field(default_factory=dict)
-    messages: int = 0
-    damage: list[str] = field(default_factory=list)
-    namespace: str = ""
+    robot_description: str | None = None  # The last URDF on /robot_description
+    topics: dict[str, str] = field(default_factory=dict)  # All topics that have messages, with their types
+    messages: int = 0  # Number of messages on all topics
+    damage: list[str] = field(default_factory=list)  # What was wrong with the bags
+    remarks: list[str] = field(default_factory=list)  # What cannot be known of the bags, and is no damage
+    promised: int | None = None  # Number of messages by metadata.yaml; None where it does not say
+    source: str = ""  # The bags by name; their torque channels that are currents times a torque constant
+    currents: tuple[str, ...] = ()
+    namespace: str = ""  # Of the arm; names in `series` and `decoders` are those within it
 
     def take(self, file: BagFile, block: Block, wanted: Collection[str]) -> None:
-        """Decode a block.
-
-        Parameters
-        ----------
-        file
-            The file of the block.
-        block
-            Messages of any topics.
-        wanted
-            The topics to decode; of the others messages are counted alone.
-        """
+        """Decode the wanted topics of a block; the messages of the others are counted alone."""
         for channel, count in block.counts().items():
             topic = file.topic(channel)
             self.topics[topic.name] = topic.type_name
@@ -124,80 +105,129 @@ def read_recording(
     RecordingError
         Naming what is missing or wrong: which topic, joint, field, time; and what to do.
     """
+    if isinstance(channels, str | Path):
+        channels = load_channels(channels)
+    content = open_content(path, channels, namespace)
+    return recording_of(content, channels, joints, arrival=arrival)[0]
+
+
+def open_content(
+    path: str | Path | Sequence[str | Path],
+    channels: ChannelMap | None,
+    namespace: str | None,
+    *,
+    strict: bool = True,
+) -> Content:
+    """Decode what a recording is made of; with `strict` a damaged chunk raises, otherwise it is skipped and noted."""
     paths = [path] if isinstance(path, str | Path) else list(path)
     if not paths:
         raise RecordingError("no bag was given", "Name at least one.")
-    if isinstance(channels, str | Path):
-        channels = load_channels(channels)
-    bags = [open_bag(each) for each in paths]
-    source = ", ".join(str(bag.path) for bag in bags)
     if channels is not None and namespace is not None:
         raise RecordingError("a channel map and a namespace are given", "Name whole topics in the map.")
+    bags = [open_bag(each) for each in paths]
     chosen = choose_namespace(bags, namespace) if channels is None else ""
-    source += f" ({chosen})" if chosen else ""
-    content = read_content(bags, _CONTRACT if channels is None else channels.topics(), namespace=chosen)
-    if arrival:
-        content.series = {topic: series.by_arrival() for topic, series in content.series.items()}
-    try:
-        recording = _contract_recording(content, joints) if channels is None else _mapped_recording(content, channels)
-    except RecordingError as error:
-        raise RecordingError(f"{source}: {error.problem}", error.remedy) from None
-    if channels is not None and joints is not None:
-        recording = recording.select(joints)
-    if channels is None:
-        recording = replace(recording, currents=tuple(dict.fromkeys(name for bag in bags for name in bag.currents())))
-    return replace(recording, source=source, notes=(*content.damage, *recording.notes))
+    return read_content(bags, _CONTRACT if channels is None else channels.topics(), strict, chosen)
 
 
 def read_content(bags: Sequence[Bag], wanted: Collection[str], strict: bool = True, namespace: str = "") -> Content:
-    """Decode the topics `wanted`; with `strict` a damaged chunk raises, otherwise it is skipped and noted.
-
-    Parameters
-    ----------
-    bags
-        Opened bags, parts of one recording.
-    wanted
-        The topics to decode.
-    strict
-        Raise for a damaged chunk; otherwise skip it and note it.
-    namespace
-        Of the arm, as :func:`~elastic_arm.recording.namespaces.choose_namespace` returns it.
-
-    Raises
-    ------
-    RecordingError
-        If a chunk or message is damaged.
-    """
-    content = Content(namespace=namespace)
+    """Decode the topics `wanted` of opened bags, parts of one recording, for the arm in a namespace."""
+    names = ", ".join(str(bag.path) for bag in bags)
+    content = Content(source=f"{names} ({namespace})" if namespace else names, namespace=namespace)
     for bag in bags:
         for file in bag.files:
             for block in file.blocks(strict):
                 content.take(file, block, wanted)
         content.damage += bag.all_damage()
+        content.remarks += bag.remarks()
+        content.currents = tuple(dict.fromkeys((*content.currents, *bag.currents())))
+        if bag.metadata is not None and bag.metadata.message_count is not None:
+            content.promised = (content.promised or 0) + bag.metadata.message_count
     content.series = {topic: decoder.series() for topic, decoder in content.decoders.items()}
     return content
 
 
-def _mapped_recording(content: Content, channels: ChannelMap) -> Recording:
-    link, of_link = mapped_side(channels, "link", content.series)
-    motor, of_motor = mapped_side(channels, "motor", content.series)
-    return Recording(
-        tuple(channels.joints),
-        link,
-        motor,
-        robot_description=content.robot_description,
-        notes=(*of_link, *of_motor),
-        currents=channels.currents(),
+def choose_namespace(bags: Sequence[Bag], wanted: str | None = None) -> str:
+    """Return the namespace of the arm to read, "" for the root.
+
+    Where none is asked for, it is that of the topics without a namespace if they are there, and otherwise the only one
+    that holds states.
+    """
+    found = sorted(
+        {
+            topic.name.removesuffix(states)
+            for bag in bags
+            for topic in topics_of(bag.files)
+            for states in (JOINT_STATES, MOTOR_STATES)
+            if topic.name.endswith(states) and topic.type_name == TYPES[states]
+        }
     )
+    if wanted is None:
+        if len(found) > 1 and "" not in found:
+            source = ", ".join(str(bag.path) for bag in bags)
+            raise RecordingError(f"{source} holds {len(found)} arms: {', '.join(found)}", "Choose one: --namespace.")
+        return found[0] if found else ""
+    namespace = f"/{wanted.strip('/')}".rstrip("/")
+    if namespace not in found:
+        source = ", ".join(str(bag.path) for bag in bags)
+        held = ", ".join(name or "/" for name in found) or "none"
+        raise RecordingError(f"{source} holds no arm in the namespace {namespace or '/'}", f"There are: {held}.")
+    return namespace
 
 
-def _contract_recording(content: Content, wanted: Sequence[str] | None) -> Recording:
-    for topic, series in content.series.items():
-        if series.type_name != TYPES[topic]:
+def local_name(topic: str, namespace: str) -> str | None:
+    """Return the name of a topic within a namespace; None for a topic outside of it."""
+    if not namespace:
+        return topic
+    return topic.removeprefix(namespace) if topic.startswith(f"{namespace}/") else None
+
+
+def recording_of(
+    content: Content, channels: ChannelMap | None, joints: Sequence[str] | None, *, arrival: bool = False
+) -> tuple[Recording, list[Finding]]:
+    """Return the recording that decoded topics hold, and what had to be assumed or mended; its notes say so, too."""
+    source, series = content.source, content.series
+    if arrival or (channels is not None and channels.time != "header"):
+        series = {topic: each.by_arrival() for topic, each in series.items()}
+    found: list[Finding] = []
+    try:
+        if channels is None:
+            recording = _contract_recording(series, content, joints, found)
+        else:
+            recording = _mapped_recording(series, content, channels, found)
+            recording = recording if joints is None else recording.select(joints)
+    except RecordingError as error:
+        raise RecordingError(f"{source}: {error.problem}", error.remedy) from None
+    notes = tuple(dict.fromkeys((*content.damage, *(finding.message for finding in found), *recording.notes)))
+    return replace(recording, source=source, notes=notes), found
+
+
+def _note(found: list[Finding], words: str, code: str = "reading", severity: Severity = "note") -> None:
+    found.append(Finding(severity, code, words))
+
+
+def _mapped_recording(
+    series: Mapping[str, Series], content: Content, channels: ChannelMap, found: list[Finding]
+) -> Recording:
+    link, of_link = mapped_side(channels, "link", series)
+    motor, of_motor = mapped_side(channels, "motor", series)
+    command, of_command = mapped_side(channels, "command", series)
+    for words in (*of_link, *of_motor, *of_command):
+        _note(found, words)
+    for each in series.values():
+        found += each.findings
+    joints, urdf = tuple(channels.joints), content.robot_description
+    return Recording(joints, link, motor, command, robot_description=urdf, currents=channels.currents())
+
+
+def _contract_recording(
+    series: Mapping[str, Series], content: Content, wanted: Sequence[str] | None, found: list[Finding]
+) -> Recording:
+    for topic, each in series.items():
+        if each.type_name != TYPES[topic]:
             raise RecordingError(
-                f"{topic} has type {series.type_name}, not {TYPES[topic]}", "Describe it in a channel map."
+                f"{topic} has type {each.type_name}, not {TYPES[topic]}", "Describe it in a channel map."
             )
-    states = [content.series[topic] for topic in (JOINT_STATES, MOTOR_STATES) if topic in content.series]
+    states = [series[topic] for topic in (JOINT_STATES, MOTOR_STATES) if topic in series]
     if not states:
         listed = ", ".join(f"{topic} ({name})" for topic, name in content.topics.items()) or "no messages at all"
         raise RecordingError(
@@ -205,37 +235,44 @@ def _contract_recording(content: Content, wanted: Sequence[str] | None) -> Recor
             "Record one of them, or name in a channel map (--channels) the topics that hold the joints.",
         )
     joints = _joints(states, wanted, content.robot_description)
-    notes: list[str] = []
-    sides = {topic: _side(content.series.get(topic), joints, _STATE, notes) for topic in (JOINT_STATES, MOTOR_STATES)}
-    link, motor = _place_torques(sides[JOINT_STATES], sides[MOTOR_STATES], content, joints, notes)
-    reference = _reference(content.series.get(REFERENCE), joints, notes)
-    return Recording(joints, link, motor, reference, content.robot_description, notes=tuple(notes))
+    sides = {topic: _side(series.get(topic), joints, _STATE, found) for topic in (JOINT_STATES, MOTOR_STATES)}
+    link, motor = _place_torques(sides[JOINT_STATES], sides[MOTOR_STATES], series, joints, found)
+    reference = _reference(series.get(REFERENCE), joints, found)
+    called = joints if wanted is None else tuple(wanted)
+    if called != joints:
+        _note(found, f"{', '.join(joints)} are {', '.join(called)} by their names without what all of them share")
+    return Recording(called, link, motor, reference, content.robot_description, currents=content.currents)
 
 
 def _place_torques(
-    link: Side | None, motor: Side | None, content: Content, joints: tuple[str, ...], notes: list[str]
+    link: Side | None,
+    motor: Side | None,
+    series: Mapping[str, Series],
+    joints: tuple[str, ...],
+    found: list[Finding],
 ) -> tuple[Side | None, Side | None]:
     """Decide what /joint_states.effort measured, and take torques that stand in /joint_torques alone."""
-    sensed: Side | None = None
-    driven: Side | None = None
-    if JOINT_TORQUES in content.series:
-        sensed = _side(content.series[JOINT_TORQUES], joints, {"effort": "joint_torque"}, notes)
-        driven = _side(content.series[JOINT_TORQUES], joints, {"effort": "motor_torque"}, notes)
+    torques = series.get(JOINT_TORQUES)
+    sensed, driven = (_side(torques, joints, {"effort": name}, found) for name in ("joint_torque", "motor_torque"))
     if link is not None and link.effort is not None and motor is None and (sensed is None or sensed.effort is None):
-        notes.append(f"{JOINT_STATES}.effort was taken as the motor torque, as {MOTOR_STATES} was not recorded")
+        _note(found, f"{JOINT_STATES}.effort was taken as the motor torque, as {MOTOR_STATES} was not recorded")
         motor = Side(link.stamp_ns, effort=link.effort)
         link = replace(link, effort=None)
     if link is not None and link.effort is None and sensed is not None and sensed.effort is not None:
-        link, sensed, words = pair(link, sensed, f"{JOINT_TORQUES}.joint_torque", JOINT_STATES)
-        link = replace(link, effort=sensed.effort)
-        notes.extend(words)
-    if motor is None and driven is not None and driven.effort is not None:
-        motor = driven
-    elif motor is not None and motor.effort is None and driven is not None and driven.effort is not None:
-        motor, driven, words = pair(motor, driven, f"{JOINT_TORQUES}.motor_torque", MOTOR_STATES)
-        motor = replace(motor, effort=driven.effort)
-        notes.extend(words)
+        link = _with_torque(link, sensed, "joint_torque", JOINT_STATES, found)
+    if driven is not None and driven.effort is not None:
+        if motor is None:
+            motor = driven
+        elif motor.effort is None:
+            motor = _with_torque(motor, driven, "motor_torque", MOTOR_STATES, found)
     return link, motor
+
+
+def _with_torque(side: Side, torques: Side, name: str, topic: str, found: list[Finding]) -> Side:
+    side, torques, words = pair(side, torques, f"{JOINT_TORQUES}.{name}", topic)
+    for each in words:
+        _note(found, each)
+    return replace(side, effort=torques.effort)
 
 
 def _joints(states: Sequence[Series], wanted: Sequence[str] | None, urdf: str | None) -> tuple[str, ...]:
@@ -243,14 +280,14 @@ def _joints(states: Sequence[Series], wanted: Sequence[str] | None, urdf: str | 
     if not names:
         raise RecordingError(f"{states[0].topic} names no joints", "The publisher must fill the field name.")
     if wanted is not None:
-        there = set(names)
-        missing = [name for name in wanted if name not in there]
-        if missing:
+        matched = matched_names(wanted, names)
+        if matched is None:
+            missing = [name for name in wanted if name not in names]
             raise RecordingError(
                 f"joint {', '.join(missing)} was not recorded; there are {', '.join(names)}",
                 "Give the description of the recorded arm (--robot), or map its names in a channel map (--channels).",
             )
-        return tuple(wanted)
+        return tuple(matched)
     known = urdf_joints(urdf)
     recorded = set(names)
     if recorded <= set(known):
@@ -276,54 +313,67 @@ def urdf_joints(urdf: str | None) -> list[str]:
         return []
 
 
-def _side(series: Series | None, joints: tuple[str, ...], paths: dict[str, str], notes: list[str]) -> Side | None:
-    """Build a side from the messages that hold all of `joints` (a gripper may publish on the same topic)."""
+def _side(series: Series | None, joints: tuple[str, ...], paths: dict[str, str], found: list[Finding]) -> Side | None:
+    """Build a side from the messages that hold the joints, joined where several kinds have a part of them each."""
     if series is None:
         return None
+    side: Side | None = None
+    parts = series.holding(joints)
+    used = sum(part.count for part, _ in parts)
+    if used < series.count:
+        _note(found, f"{series.count - used} messages on {series.topic} that hold other joints were left out")
+    for part, names in parts:
+        own = _part(part, joints, names, paths)
+        found += [finding for finding in part.findings if finding not in found]
+        if side is None:
+            side = own
+            continue
+        side, own, words = pair(side, own, f"messages of {', '.join(names)}", "those of the other joints")
+        before = side.channels()
+        joined = {name: np.fmax(before.get(name, values), values) for name, values in own.channels().items()}
+        side = replace(side, **joined)
+        _note(found, f"{series.topic} holds messages of {', '.join(names)} apart from the others: they are joined")
+        for each in words:
+            _note(found, each)
+    assert side is not None
+    for name, values in side.channels().items():
+        there = joints_with(values)
+        if not there.any():
+            missing = f"{series.topic}.{paths[name]} is NaN throughout and counts as not recorded"
+            _note(found, missing, "nan_channel", "warning")
+            side = replace(side, **{name: None})  # type: ignore[arg-type]
+        elif not there.all():
+            without = ", ".join(joint for joint, one in zip(joints, there, strict=True) if not one)
+            _note(found, f"{series.topic}.{paths[name]} is not there for {without}", "absent_channel")
+    return checked(side, series.topic, joints)
 
-    wanted = frozenset(joints)
 
-    def whole(piece: Piece) -> bool:
-        return wanted <= set(piece.names)
-
-    if not all(whole(piece) for piece in series.pieces):
-        if not any(map(whole, series.pieces)):
-            _refuse_split(series, joints)
-        kept = series.keep(whole)
-        notes.append(f"{series.count - kept.count} messages on {series.topic} that hold other joints were left out")
-        series = kept
-    channels = {}
+def _part(series: Series, joints: Sequence[str], names: Sequence[str], paths: dict[str, str]) -> Side:
+    """Build a side of those joints that one kind of messages has; the others hold NaN."""
+    channels: dict[str, Any] = {}
     for name, path in paths.items():
-        values = series.columns(path, joints)
-        if values is not None and not joints_with(values).any():
-            notes.append(f"{series.topic}.{name} is NaN throughout and counts as not recorded")
-        elif values is not None:
-            channels[name] = values
-            without = [joint for joint, there in zip(joints, joints_with(values), strict=True) if not there]
-            notes += [f"{series.topic}.{name} is not there for {', '.join(without)}"] if without else []
-    return checked(Side(series.stamp_ns, **channels), series.topic, joints)
+        values = series.columns(path, names)
+        if values is not None and len(names) < len(joints):
+            table = np.full((len(values), len(joints)), np.nan)
+            table[:, [joints.index(joint) for joint in names]] = values
+            values = table
+        channels[name] = values
+    return Side(series.stamp_ns, **channels)
 
 
-def _refuse_split(series: Series, joints: tuple[str, ...]) -> None:
-    sets = sorted({", ".join(piece.names) for piece in series.pieces})
-    raise RecordingError(
-        f"no message on {series.topic} holds all of {', '.join(joints)}; there are {' | '.join(sets)}",
-        "Name the joints of the arm: give its robot description, or a channel map (--channels).",
-    )
-
-
-def _reference(series: Series | None, joints: tuple[str, ...], notes: list[str]) -> Side | None:
+def _reference(series: Series | None, joints: tuple[str, ...], found: list[Finding]) -> Side | None:
     """Build the reference; it is no measurement, so a useless one is left out with a note."""
     if series is None:
         return None
     try:
-        side = _side(series, joints, _POINT, notes)
+        side = _side(series, joints, _POINT, found)
         if side is None:
             return None
+        series, _ = series.holding(joints)[0]
         seconds, nanoseconds = (series.column(f"points.0.time_from_start.{part}", 0) for part in ("sec", "nanosec"))
         ahead = seconds.astype(np.int64) * 1_000_000_000 + nanoseconds.astype(np.int64)
         check_times(side.stamp_ns + ahead, REFERENCE)
         return replace(side, stamp_ns=side.stamp_ns + ahead)
     except RecordingError as error:
-        notes.append(f"{REFERENCE} was left out: {error.problem}")
+        _note(found, f"{REFERENCE} was left out: {error.problem}")
         return None

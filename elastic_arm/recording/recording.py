@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from elastic_arm.errors import RecordingError, require_kind
+from elastic_arm.recording.joint_names import matched_names
 from elastic_arm.recording.sides import ClockMode, Samples, Side
 from elastic_arm.recording.timebase.joining import join
 
@@ -83,13 +84,7 @@ class Recording:
         return (max(int(side.stamp_ns[-1]) for side in self._measured()) - self.start_ns) * 1e-9
 
     def samples(self) -> Samples:
-        """Bring both sides to one time base; see :func:`elastic_arm.recording.timebase.joining.join`.
-
-        Raises
-        ------
-        RecordingError
-            If neither side was recorded, the stamps do not advance, or the two do not overlap in time.
-        """
+        """Bring both sides to one time base; see :func:`elastic_arm.recording.timebase.joining.join`."""
         try:
             for side_name, side in self.measured().items():
                 if not (side.stamp_ns[1:] > side.stamp_ns[:-1]).all():
@@ -108,27 +103,25 @@ class Recording:
         return replace(self, **cut)
 
     def select(self, joints: Sequence[str]) -> Recording:
-        """Return the recording with the columns of `joints`, in that order.
-
-        Raises
-        ------
-        RecordingError
-            If a joint was not recorded.
-        """
-        unknown = [name for name in joints if name not in self.joints]
-        if unknown:
+        """Return the recording with the columns of `joints`, in that order."""
+        called = matched_names(joints, self.joints)
+        if called is None:
+            unknown = [name for name in joints if name not in self.joints]
             raise RecordingError(
                 f"{self.source or 'the recording'} has no joint {', '.join(unknown)}; it has {', '.join(self.joints)}",
                 "Use a robot description with these joint names, or give the names in a channel map (--channels).",
             )
         if tuple(joints) == self.joints:
             return self
-        columns = [self.joints.index(name) for name in joints]
+        notes = self.notes
+        if called != list(joints):
+            notes = (*notes, f"{', '.join(called)} are {', '.join(joints)} by their names without what all share")
+        columns = [self.joints.index(name) for name in called]
         cut: dict[str, Any] = {
             side_name: Side(side.stamp_ns, **{name: values[:, columns] for name, values in side.channels().items()})
             for side_name, side in self.sides().items()
         }
-        return replace(self, joints=tuple(joints), **cut)
+        return replace(self, joints=tuple(joints), notes=notes, **cut)
 
     def _measured(self) -> list[Side]:
         measured = [side for side in self.measured().values() if len(side)]
@@ -141,20 +134,7 @@ class Recording:
 
 
 def recordings_of(given: object, name: str = "recordings") -> list[Recording]:
-    """Return what was given as recordings, one or several, as a list.
-
-    Parameters
-    ----------
-    given
-        One or several of them.
-    name
-        Of the argument, for the error.
-
-    Raises
-    ------
-    RecordingError
-        If it is anything else.
-    """
+    """Return what was given as recordings, one or several, as a list."""
     several: Iterable[Any] = [given]
     if isinstance(given, Iterable) and not isinstance(given, str | bytes):
         several = given

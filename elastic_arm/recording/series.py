@@ -2,40 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.errors import RecordingError
+from elastic_arm.recording.inspection.quality import moment
+from elastic_arm.recording.inspection.report import Finding
 from elastic_arm.recording.sides import Array, Stamps
+from elastic_arm.recording.timebase.ordering import in_order
+
+Rows = NDArray[np.intp]
 
 
 @dataclass(frozen=True)
 class Piece:
-    """The messages of one layout.
+    """The messages of one layout."""
 
-    Parameters
-    ----------
-    rows
-        (m,) their places among the topic's messages, in file order.
-    log_ns
-        (m,) arrival times.
-    stamp_ns
-        (m,) header stamps; None where the type has no header.
-    names
-        What the message calls its columns; empty where it names none.
-    values
-        By field path: (m, columns).
-    """
-
-    rows: Stamps
-    log_ns: Stamps
-    stamp_ns: Stamps | None
-    names: tuple[str, ...]
-    values: dict[str, Array]
+    rows: Stamps  # (m,) their places among the topic's messages, in file order
+    log_ns: Stamps  # (m,) arrival times
+    stamp_ns: Stamps | None  # (m,) header stamps; None where the type has no header
+    names: tuple[str, ...]  # What the message calls its columns; empty where it names none
+    values: dict[str, Array]  # By field path: (m, columns)
 
     def whole(self) -> bool:
         """Whether these are all messages from the first to the last."""
@@ -45,20 +36,18 @@ class Piece:
         """Whether these messages carry numbers in field `path`."""
         return path in self.values and self.values[path].shape[1] > 0
 
+    def finite(self) -> NDArray[np.bool_]:
+        """Return which messages (m,) hold no number that is none, but in columns that mostly do."""
+        good = np.ones(len(self.rows), np.bool_)
+        for values in self.values.values():
+            each = np.isfinite(values)
+            good &= (each | (each.mean(axis=0) < 0.5)).all(axis=1)
+        return good
+
 
 @dataclass
 class Series:
-    """All messages of one topic.
-
-    Parameters
-    ----------
-    topic, type_name
-        Of the messages.
-    pieces
-        Their numbers, one piece per layout; nearly always there is one alone.
-    count
-        Number of messages.
-    """
+    """All messages of one topic, as pieces of one layout each; nearly always there is one alone."""
 
     topic: str
     type_name: str
@@ -72,16 +61,80 @@ class Series:
     def keep(self, wanted: Callable[[Piece], bool]) -> Series:
         """Return the series of those messages alone whose piece is `wanted`."""
         kept = [piece for piece in self.pieces if wanted(piece)]
+        if len(kept) == len(self.pieces):
+            return self
         rows = np.sort(np.concatenate([piece.rows for piece in kept])) if kept else np.empty(0, np.int64)
-        again = [
-            Piece(np.searchsorted(rows, piece.rows), piece.log_ns, piece.stamp_ns, piece.names, piece.values)
-            for piece in kept
-        ]
+        again = [replace(piece, rows=np.searchsorted(rows, piece.rows)) for piece in kept]
         return Series(self.topic, self.type_name, again, len(rows))
 
+    def holding(self, joints: Sequence[str]) -> list[tuple[Series, list[str]]]:
+        """Return as few kinds of messages as together name all joints, each with the joints to take from it."""
+        counts: dict[frozenset[str], int] = {}
+        for piece in self.pieces:
+            own = frozenset(piece.names) & set(joints)
+            counts[own] = counts.get(own, 0) + len(piece.rows)
+        left, found = set(joints), []
+        for own in sorted(counts, key=lambda own: (len(own), counts[own]), reverse=True):
+            if taken := own & left:
+                part = self.keep(lambda piece, own=own: own <= set(piece.names))  # type: ignore[misc]
+                found.append((part, [joint for joint in joints if joint in taken]))
+                left -= taken
+        if left:
+            missing = ", ".join(joint for joint in joints if joint in left)
+            raise RecordingError(
+                f"no message on {self.topic} names {missing}; there are {', '.join(self.names())}",
+                "Name the joints of the arm: give its robot description, or a channel map (--channels).",
+            )
+        return found
+
     @cached_property
-    def order(self) -> NDArray[np.intp] | slice:
-        """The messages in the order of their arrival."""
+    def _in_order(self) -> tuple[Stamps, Rows | slice, list[Finding]]:
+        """Stamps in order, where their messages stand, and what had to be done."""
+        for piece in self.pieces:
+            if piece.stamp_ns is None:
+                raise RecordingError(
+                    f"{self.topic} ({self.type_name}) has no header stamp",
+                    "Set 'time: arrival' in a channel map to use the arrival times.",
+                )
+        stamp_ns = self._gather(np.int64, lambda piece: piece.stamp_ns)
+        if (stamp_ns[1:] > stamp_ns[:-1]).all():
+            return stamp_ns, slice(None), []
+        stamp_ns, rows, found = in_order(stamp_ns, self.topic)
+        again = np.diff(stamp_ns, prepend=stamp_ns[0] - 1) == 0
+        if again.any():
+            stamp_ns, rows, words = self._once(stamp_ns, rows)
+            found.append(words)
+        return stamp_ns, rows, found
+
+    def _once(self, stamp_ns: Stamps, rows: Rows) -> tuple[Stamps, Rows, Finding]:
+        """Take one message of each stamp: the first that does not hold zeros alone."""
+        table = np.hstack([self._gather(np.float64, *_spread(self, path)) for path in self._paths()])[rows]
+        empty = ~np.nan_to_num(table).any(axis=1)
+        order = np.lexsort((np.arange(len(rows)), empty, stamp_ns))
+        first = np.diff(stamp_ns[order], prepend=stamp_ns[0] - 1) > 0
+        other = np.flatnonzero(~first)
+        one, two = table[order[other - 1]], table[order[other]]
+        differ = ~((one == two) | (np.isnan(one) & np.isnan(two))).all(axis=1)
+        at = moment(stamp_ns, int(order[other[0]]))
+        words = f"{self.topic} repeats a stamp {len(other)} times, first that of {at}"
+        if differ.any():
+            message = f"{words}, {differ.sum()} times with other numbers (two publishers?): the first of each is taken"
+        else:
+            message = f"{words}, with the same numbers: one of each is taken"
+        kept = np.sort(order[first])
+        severity = "warning" if differ.any() else "note"
+        return stamp_ns[kept], rows[kept], Finding(severity, "duplicate", message, topic=self.topic)  # type: ignore[arg-type]
+
+    @property
+    def findings(self) -> list[Finding]:
+        """What had to be done to bring the messages in order."""
+        return self._in_order[2]
+
+    @cached_property
+    def order(self) -> Rows | slice:
+        """Where the messages stand that are used, in the order of their stamps, or of their arrival without any."""
+        if all(piece.stamp_ns is not None for piece in self.pieces):
+            return self._in_order[1]
         log_ns = self._gather(np.int64, lambda piece: piece.log_ns)
         return slice(None) if np.all(log_ns[1:] >= log_ns[:-1]) else np.argsort(log_ns, kind="stable")
 
@@ -90,22 +143,10 @@ class Series:
         """(N,) arrival times."""
         return self._gather(np.int64, lambda piece: piece.log_ns)[self.order]
 
-    @cached_property
+    @property
     def stamp_ns(self) -> Stamps:
-        """(N,) header stamps.
-
-        Raises
-        ------
-        RecordingError
-            If the messages have none.
-        """
-        for piece in self.pieces:
-            if piece.stamp_ns is None:
-                raise RecordingError(
-                    f"{self.topic} ({self.type_name}) has no header stamp",
-                    "Set 'time: arrival' in a channel map to use the arrival times.",
-                )
-        return self._gather(np.int64, lambda piece: piece.stamp_ns)[self.order]
+        """(N,) header stamps, in order; a RecordingError if the messages have none, or all the same."""
+        return self._in_order[0]
 
     def names(self) -> list[str]:
         """Return all column names that occur, in the order of their appearance."""
@@ -120,26 +161,14 @@ class Series:
         return max((piece.values[path].shape[1] for piece in self.pieces if piece.has(path)), default=0)
 
     def columns(self, path: str, names: Sequence[str]) -> Array | None:
-        """Return field `path` for the columns named, (N, len(names)); None if no message carries it.
-
-        Raises
-        ------
-        RecordingError
-            If some messages carry it and others do not, or one of the names is missing.
-        """
+        """Return field `path` for the columns named, (N, len(names)); None if no message carries it."""
         if not self.has(path):
             return None
         wanted = tuple(names)
         return self._gather(np.float64, lambda piece: self._named(piece, path, wanted), len(wanted))[self.order]
 
     def column(self, path: str, index: int) -> Array:
-        """Return one column of field `path` by its place, (N,).
-
-        Raises
-        ------
-        RecordingError
-            If a message has no such column.
-        """
+        """Return one column of field `path` by its place, (N,); a RecordingError if a message has no such column."""
 
         def one(piece: Piece) -> Array:
             if not piece.has(path) or piece.values[path].shape[1] <= index:
@@ -152,17 +181,8 @@ class Series:
 
         return self._gather(np.float64, one)[self.order]
 
-    def all_columns(self) -> Iterator[tuple[str, str, Array]]:
-        """Yield field path, column name and (N,) values of everything recorded; NaN where messages lack it."""
-        for path in dict.fromkeys(path for piece in self.pieces for path in piece.values if piece.has(path)):
-            holding = [piece for piece in self.pieces if piece.has(path)]
-            width = max(piece.values[path].shape[1] for piece in holding)
-            # A field such as a duration belongs to the message, not to its joints.
-            of_joints = all(piece.values[path].shape[1] == len(piece.names) for piece in holding)
-            names = self.names() if of_joints else [f"number {index}" for index in range(width)]
-            spread = partial(_spread, path=path, names=names, of_joints=of_joints)
-            table = self._gather(np.float64, spread, len(names))[self.order]
-            yield from ((path, name, table[:, index]) for index, name in enumerate(names))
+    def _paths(self) -> list[str]:
+        return list(dict.fromkeys(path for piece in self.pieces for path in piece.values if piece.has(path)))
 
     def _named(self, piece: Piece, path: str, wanted: tuple[str, ...]) -> Array:
         if not piece.has(path):
@@ -178,7 +198,8 @@ class Series:
             )
         if piece.names == wanted:
             return values
-        places = _places(piece.names)
+        # The first place of a name that stands several times.
+        places = {name: place for place, name in reversed(list(enumerate(piece.names)))}
         missing = [name for name in wanted if name not in places]
         if missing:
             raise RecordingError(
@@ -196,20 +217,17 @@ class Series:
         return gathered
 
 
-def _spread(piece: Piece, path: str, names: Sequence[str], of_joints: bool) -> Array:
-    """Lay the columns of a piece under `names`, which are those of joints or places; NaN where it has none."""
-    table = np.full((len(piece.rows), len(names)), np.nan)
-    if piece.has(path):
-        values = piece.values[path]
-        own = piece.names if of_joints else names[: values.shape[1]]
-        places = _places(names)
-        table[:, [places[name] for name in own]] = values
-    return table
+def _spread(series: Series, path: str) -> tuple[Callable[[Piece], Array], int]:
+    """Return what lays the columns of a piece in a table with NaN where it has none, and the width of that."""
+    width = series.width(path)
 
+    def part(piece: Piece) -> Array:
+        table = np.full((len(piece.rows), width), np.nan)
+        if piece.has(path):
+            table[:, : piece.values[path].shape[1]] = piece.values[path]
+        return table
 
-def _places(names: Sequence[str]) -> dict[str, int]:
-    """Return where each name stands; the first place where it stands several times."""
-    return {name: place for place, name in reversed(list(enumerate(names)))}
+    return part, width
 
 
 def _at(piece: Piece) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,13 +72,7 @@ class Side:
 
 
 def _real(name: str, values: object) -> Array:
-    """Return numbers as an array of floats, NaN where an array is masked.
-
-    Raises
-    ------
-    RecordingError
-        If they are none, or complex.
-    """
+    """Return numbers as an array of floats, NaN where an array is masked."""
     try:
         if isinstance(values, np.ma.MaskedArray):
             values = np.ma.filled(values.astype(np.float64), np.nan)
@@ -91,13 +85,7 @@ def _real(name: str, values: object) -> Array:
 
 
 def _checked_stamps(values: object) -> Stamps:
-    """Return stamps as (N,) int64; whether they advance is for :class:`Recording` to say.
-
-    Raises
-    ------
-    RecordingError
-        If they are no such numbers.
-    """
+    """Return stamps as (N,) int64; whether they advance is for :class:`Recording` to say."""
     try:
         found = np.asarray(values)
     except ValueError:  # rows of unequal length
@@ -114,6 +102,18 @@ def joints_with(values: Array) -> NDArray[np.bool_]:
     if len(values) and not np.isnan(values[0]).any():
         return np.ones(values.shape[1], np.bool_)
     return np.asarray(~np.isnan(values).all(axis=0))
+
+
+def listed(joints: Sequence[str], chosen: Any) -> str:
+    """Return the names of the chosen joints (n,), as a mask, or that they are all."""
+    return "all joints" if np.all(chosen) else ", ".join(np.array(joints)[chosen])
+
+
+def span_of(values: Array) -> str:
+    """Return the smallest and the largest of some numbers as text; one where they are alike."""
+    # Three digits, and 1000 rather than 1e+03.
+    low, high = (f"{float(f'{end:.3g}'):g}" for end in (np.min(values), np.max(values)))
+    return low if low == high else f"{low} to {high}"
 
 
 @dataclass(frozen=True)

@@ -13,21 +13,11 @@ Offsets = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Spans:
-    """Messages among plain bytes.
+    """Messages among plain bytes."""
 
-    Parameters
-    ----------
-    buffer
-        The bytes.
-    begin
-        (N,) where each message begins; a slice where they are equally spaced.
-    size
-        (N,) their lengths in bytes.
-    """
-
-    buffer: Bytes
-    begin: Offsets | slice
-    size: Offsets
+    buffer: Bytes  # The bytes
+    begin: Offsets | slice  # (N,) where each message begins; a slice where they are equally spaced
+    size: Offsets  # (N,) their lengths in bytes
 
     def __len__(self) -> int:
         return len(self.size)
@@ -56,17 +46,6 @@ def column(buffer: Bytes, dtype: str | np.dtype, offsets: Offsets | slice, at: i
     """Return the items that lie at the same distance behind each of some places.
 
     A slice gives a strided view over the bytes (no copy), an index array a gathered copy.
-
-    Parameters
-    ----------
-    buffer
-        The bytes.
-    dtype
-        Type of the items.
-    offsets
-        (N,) the places.
-    at
-        The distance, in bytes.
     """
     if isinstance(offsets, slice):
         # The same as a slice of all places, in one step: this is called some twenty times a chunk.
@@ -76,19 +55,7 @@ def column(buffer: Bytes, dtype: str | np.dtype, offsets: Offsets | slice, at: i
 
 
 def place(buffer: Bytes, offsets: Offsets | slice, at: int, items: NDArray) -> None:
-    """Put items into a buffer, each at the same distance behind its place.
-
-    Parameters
-    ----------
-    buffer
-        The bytes to change.
-    offsets
-        (N,) the places.
-    at
-        The distance, in bytes.
-    items
-        (N,) items, or one alone that goes to all places.
-    """
+    """Put items into a buffer, each at the same distance behind its place."""
     _everywhere(buffer, items.dtype)[shifted(offsets, at)] = items
 
 
@@ -120,13 +87,7 @@ def offsets_of(where: Offsets | slice) -> Offsets:
 
 
 def by_value(values: NDArray) -> dict[int, NDArray[np.intp] | slice]:
-    """Return where each value stands in an array, in order; in one pass, however many different ones there are.
-
-    Parameters
-    ----------
-    values
-        (N,) whole numbers, such as the channel of each message.
-    """
+    """Return where each value stands in an array, in order; in one pass, however many different ones there are."""
     if not len(values):
         return {}
     if (values == values[0]).all():

@@ -26,27 +26,6 @@ class StreamWriter:
     Messages gather in a chunk; it is written when it is `flush_every` seconds old or holds `chunk_bytes`. A killed
     process loses that one chunk. A power cut loses what the system had not carried to the disk yet: every
     `sync_every` seconds it is flushed, in a thread of its own, as that can take longer than a queue of messages lasts.
-
-    Parameters
-    ----------
-    path
-        Folder to make; must not exist.
-    compression
-        "none", "lz4" or "zstd".
-    flush_every, sync_every
-        Seconds.
-    chunk_bytes
-        Size at which a chunk is written before its time.
-    max_bytes, max_seconds
-        Size and length of a file of the bag at which the next one begins; 0 for one file.
-    clock
-        Seconds, for tests; monotonic.
-
-    Raises
-    ------
-    RecordingError
-        Here and in every method: if the folder exists or cannot be written, or the disk is full. What was written
-        before is kept and readable.
     """
 
     def __init__(
@@ -89,17 +68,7 @@ class StreamWriter:
     def add_topic(
         self, name: str, type_name: str, definition: str | None = None, type_hash: str = "", qos: str | None = None
     ) -> None:
-        """Announce a topic before its first message.
-
-        Parameters
-        ----------
-        name, type_name
-            `/joint_states`, `sensor_msgs/msg/JointState`.
-        definition, type_hash
-            Full ros2msg text and RIHS01 hash; known ones by default.
-        qos
-            Offered quality of service as rosbag2 writes it (YAML); what the suite's nodes offer by default.
-        """
+        """Announce a topic before its first message."""
         if name in self._ids:
             return
         if definition is None:
@@ -110,17 +79,7 @@ class StreamWriter:
         self._sequence[channel] = 0
 
     def write(self, topic: str, data: bytes, log_ns: int, publish_ns: int | None = None) -> None:
-        """Take a message.
-
-        Parameters
-        ----------
-        topic
-            Announced before.
-        data
-            CDR bytes, with their encapsulation header.
-        log_ns, publish_ns
-            When it arrived and was sent.
-        """
+        """Take a message."""
         channel = self._ids[topic]
         sequence = self._sequence[channel]
         self._sequence[channel] = sequence + 1

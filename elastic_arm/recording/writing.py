@@ -15,6 +15,7 @@ import numpy as np
 import yaml
 
 from elastic_arm.errors import RecordingError
+from elastic_arm.output_files import write_result
 from elastic_arm.recording import cdr, message_types
 from elastic_arm.recording.inspection.quality import check_times
 from elastic_arm.recording.recording import Recording, recordings_of
@@ -38,23 +39,12 @@ _CHUNK_BYTES = 1 << 20
 
 @dataclass(frozen=True)
 class Stream:
-    """The messages of one topic to be written: all alike but for stamps and numbers.
+    """The messages of one topic to be written: all alike but for stamps and numbers."""
 
-    Parameters
-    ----------
-    topic
-        Its name.
-    stamp_ns
-        (N,) times of the messages.
-    template
-        One message as CDR bytes.
-    values
-        (N, count) numbers that replace those of the template, by field path.
-    """
-
-    topic: str
-    stamp_ns: Stamps
-    template: bytes
+    topic: str  # its name
+    stamp_ns: Stamps  # (N,) times of the messages
+    template: bytes  # one message as CDR bytes
+    # (N, count) numbers that replace those of the template, by field path
     values: dict[str, Array] = field(default_factory=dict)
 
     @property
@@ -63,19 +53,7 @@ class Stream:
         return MESSAGE_HEAD + len(self.template)
 
     def lay(self, buffer: Bytes, offsets: Offsets, rows: slice, channel: int) -> None:
-        """Lay messages into the bytes of a chunk.
-
-        Parameters
-        ----------
-        buffer
-            The bytes of the chunk.
-        offsets
-            (N,) where their records begin.
-        rows
-            Which messages.
-        channel
-            Of the topic in the file.
-        """
+        """Lay messages into the bytes of a chunk."""
         stamps = self.stamp_ns[rows]
         where = lay_messages(buffer, offsets, self.template, channel=channel, first=rows.start, stamp_ns=stamps)
         layout = cdr.layout_of(memoryview(self.template), TYPES[self.topic], message_types.typestore())
@@ -123,16 +101,12 @@ def write_recording(path: str | Path, recording: Recording, compression: Compres
         raise RecordingError("the recording holds no samples", "Nothing was written.")
     first_ns = min(int(stream.stamp_ns[0]) for stream in streams if len(stream.stamp_ns))
     if first_ns < 0:
-        raise RecordingError(
-            f"the recording begins at {first_ns * 1e-9:.6g} s, before time zero, and a bag has no such stamps",
-            "Add a constant to all times.",
-        )
+        problem = f"the recording begins at {first_ns * 1e-9:.6g} s, before time zero, and a bag has no such stamps"
+        raise RecordingError(problem, "Add a constant to all times.")
     last_ns = max(int(stream.stamp_ns[-1]) for stream in streams if len(stream.stamp_ns))
     if last_ns >= LAST_STAMP_NS:
-        raise RecordingError(
-            f"the recording ends at {last_ns * 1e-9:.10g} s; the stamps of ROS end at 2^31 s, in January 2038",
-            "Subtract a constant from all times.",
-        )
+        problem = f"the recording ends at {last_ns * 1e-9:.10g} s; the stamps of ROS end at 2^31 s, in January 2038"
+        raise RecordingError(problem, "Subtract a constant from all times.")
     if os.path.exists(folder):  # of a name that is too long Path.exists raises
         raise RecordingError(f"{folder} exists already", "Choose another name; nothing is overwritten.")
     sink = McapSink(folder / f"{folder.name}_0.mcap", compression)
@@ -153,35 +127,15 @@ def standard_topic(name: str) -> Topic:
 
 
 def finish_bag(sink: McapSink, before: Sequence[FileSummary] = (), currents: Sequence[str] = ()) -> None:
-    """Close the last file of a bag and write its metadata.yaml.
-
-    Parameters
-    ----------
-    sink
-        Of the last file.
-    before
-        The files that are finished.
-    currents
-        The torque channels that are motor currents times a torque constant.
-
-    Raises
-    ------
-    RecordingError
-        If the disk is full or the folder cannot be written.
-    """
+    """Close the last file of a bag and write its metadata.yaml."""
     information = metadata(sink.topics, [*before, sink.summary()], currents)
     # The same inside the file, for readers that are given it without its folder.
     inside = yaml.safe_dump(information, sort_keys=False)
     record, key = INSIDE
     sink.add_metadata(record, {key: inside, "ROS_DISTRO": "jazzy"})
     sink.finish()
-    file = sink.path.parent / METADATA
-    try:
-        file.write_text(yaml.safe_dump({METADATA_KEY: information}, sort_keys=False), encoding="utf-8")
-    except OSError as error:
-        raise RecordingError(
-            f"{file} cannot be written: {error.strerror}", "Free space, then check --repair."
-        ) from None
+    text = yaml.safe_dump({METADATA_KEY: information}, sort_keys=False)
+    write_result(sink.path.parent / METADATA, text, RecordingError, "Free space, then check --repair.")
 
 
 def _streams(recording: Recording) -> list[Stream]:

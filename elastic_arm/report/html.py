@@ -17,7 +17,7 @@ import matplotlib as mpl
 from matplotlib.figure import Figure as MplFigure
 
 from elastic_arm import __version__
-from elastic_arm.errors import OutputError
+from elastic_arm.output_files import write_result
 from elastic_arm.report.style import style
 
 _counter = itertools.count()
@@ -152,11 +152,4 @@ def write_report(path: str | Path, title: str, sections: Sequence[Section], *, s
         made=datetime.datetime.now().astimezone().strftime("%Y-%m-%d %H:%M"),
         version=__version__,
     )
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(page, encoding="utf-8")
-    except OSError as error:
-        raise OutputError(
-            f"the report {path} cannot be written: {error.strerror}", "Choose another folder with --out."
-        ) from error
-    return path
+    return write_result(path, page, remedy="Choose another folder with --out.")

@@ -21,6 +21,9 @@ def _number(value: Any) -> Any:
 
 
 Number = Annotated[float, BeforeValidator(_number), Field(allow_inf_nan=False)]
+# A limit that is infinite is none.
+Limit = Annotated[Number | None, BeforeValidator(lambda v: None if str(v).lstrip("+-").lower() in _ENDLESS else v)]
+_ENDLESS = ("inf", ".inf", "infinity")
 Vector = tuple[Number, Number, Number]
 Row = tuple[Number, Number, Number, Number]
 Matrix = tuple[Row, Row, Row, Row]
@@ -82,11 +85,11 @@ class DHEntry(_Entry):
 class LimitsEntry(_Entry):
     """Limits at the harmonic-drive output."""
 
-    position_min: Number | None = None
-    position_max: Number | None = None
-    velocity: Number | None = None
-    acceleration: Number | None = None
-    torque: Number | None = None
+    position_min: Limit = None
+    position_max: Limit = None
+    velocity: Limit = None
+    acceleration: Limit = None
+    torque: Limit = None
 
 
 class ControllerEntry(_Entry):

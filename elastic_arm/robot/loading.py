@@ -88,6 +88,13 @@ def load_robot(path: str | Path | None = None, chain: str | None = None, at: str
         raise RobotError(f"{path}: at {at} goes with an MJCF alone", "Leave it out, or give the MJCF.")
     if path.suffix.lower() in (".urdf", ".xml"):
         return read_urdf(path, ends)
+    if path.suffix.lower() == ".xacro":
+        urdf = f"{path.name.split('.')[0]}.urdf"
+        raise RobotError(f"{path} is a xacro, of which a URDF is made", f"Run: xacro {path} > {urdf}, and give that.")
+    if path.suffix.lower() == ".sdf":
+        raise RobotError(
+            f"{path} is an SDF", "Give the robot's URDF or MJCF; pysdf's sdf2urdf.py makes a URDF of an SDF."
+        )
     if chain is not None:
         raise RobotError(f"{path}: chain {chain} goes with a URDF or MJCF alone", "Leave it out, or give that file.")
     content = read_fields(path, RobotError, REMEDY)
@@ -161,7 +168,9 @@ def _overlaid(entry: OverlayEntry, folder: Path) -> Robot:
     for joint in robot.joints:
         with located(f"transmissions.{joint.name}."):
             given = entry.transmissions.get(joint.name)
-            joints.append(replace(joint, transmission=None if given is None else _transmission(given)))
+            gear = None if given is None else _transmission(given)
+            # The rotor of a transmission holds the motor's inertia.
+            joints.append(replace(joint, transmission=gear, armature=joint.armature if gear is None else None))
     robot = robot.with_(joints=tuple(joints))
     for name, limits in entry.limits.items():
         with located(f"limits.{name}: "):

@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from elastic_arm.errors import RobotError
+from elastic_arm.output_files import write_result, yaml_text
 from elastic_arm.robot.description import Component, Joint, Robot, Transmission
 
 
@@ -20,11 +20,8 @@ def save_robot(robot: Robot, path: str | Path) -> None:
     RobotError
         If the file cannot be written.
     """
-    text = yaml.safe_dump(robot_to_dict(robot), sort_keys=False, default_flow_style=None, width=120)
-    try:
-        Path(path).write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise RobotError(f"{path}: cannot be written ({error.strerror})", "Give a folder you may write to") from error
+    text = yaml_text(robot_to_dict(robot), default_flow_style=None)
+    write_result(path, text, RobotError, "Give a folder you may write to")
 
 
 def robot_to_dict(robot: Robot) -> dict[str, Any]:

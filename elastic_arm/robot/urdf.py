@@ -204,7 +204,9 @@ class _Reading:
 
     def _limits(self, element: ET.Element, name: str) -> Limits:
         limit = element.find("limit")
-        given = {} if limit is None else {k: number(v, f"joint {name!r}: limit {k}") for k, v in limit.items()}
+        # A limit that is infinite is none.
+        stated = {} if limit is None else {k: None if _endless(v) else v for k, v in limit.items()}
+        given = {k: None if v is None else number(v, f"joint {name!r}: limit {k}") for k, v in stated.items()}
         lower, upper = given.get("lower", 0.0), given.get("upper", 0.0)
         bounded = element.get("type") != "continuous" and lower != upper
         if element.get("type") == "continuous":
@@ -252,9 +254,13 @@ class _Reading:
                 continue
             if inertia is not None:
                 of = f"rotor inertia {inertia:g} kg m² by a ratio of {ratio:g}"
-                self._notes.append(f"joint {name!r}: {of} is its armature")
+                self._notes.append(f"<transmission> of joint {name!r}: {of} is its armature")
             elif ratio != 1.0:
                 self._notes.append(
-                    f"joint {name!r}: of its reduction of {ratio:g} nothing is taken, as no rotor inertia is stated "
-                    "(drake:rotor_inertia)"
+                    f"<transmission> of joint {name!r}: its reduction of {ratio:g} is left out, as no rotor inertia is "
+                    "stated (drake:rotor_inertia)"
                 )
+
+
+def _endless(text: str) -> bool:
+    return text.strip().lower().lstrip("+-") in ("inf", "infinity", ".inf")

@@ -12,7 +12,9 @@ from typer.testing import CliRunner, Result
 
 from elastic_arm.cli.bag import bag_app
 from elastic_arm.recording import read_recording, write_recording
-from tests.helpers.bags import two_sided
+from elastic_arm.recording.foreign.array_files import load_arrays
+from elastic_arm.recording.foreign.guess import guess_mapping
+from tests.helpers.bags import assert_equal, two_sided
 
 
 @pytest.fixture
@@ -87,3 +89,43 @@ def test_shipped_bags_have_nothing_wrong(name: str) -> None:
     checked = json.loads(run("check", bag, "--json").stdout)
     assert checked["findings"] == []
     assert "/reference" in run("info", bag).stdout
+
+
+def test_a_dataset_becomes_a_bag_an_episode_and_a_bag_becomes_arrays_and_the_same_bag(
+    tmp_path: Path, bag: Path
+) -> None:
+    """What is done is printed: rows left out, samples of each side, and the command that makes the bag again."""
+    t = np.arange(100) / 50.0
+    rows = [f"{k},{a},{np.sin(a)},{np.cos(a) if a != t[5] else ''}" for k in (0, 1) for a in t]
+    (tmp_path / "run.csv").write_text("run,t,q1,q2\n" + "\n".join(rows) + "\n")
+    draft = guess_mapping(load_arrays(tmp_path / "run.csv"), ["a", "b"])
+    (tmp_path / "map.yaml").write_text(draft.to_yaml())
+    done = run("import", tmp_path / "run.csv", "--map", tmp_path / "map.yaml", "--out", tmp_path / "bags")
+    assert done.exit_code == 0 and done.stdout.count("1 of 100 rows have holes on the link side") == 2
+    assert [len(read_recording(tmp_path / "bags" / f"run_{k}").link or ()) for k in (0, 1)] == [99, 99]
+    done = run("export", bag, "--out", tmp_path / "out" / "a.parquet")
+    assert done.exit_code == 0 and "2000 samples of the motor side" in done.stdout
+    command = done.stdout.partition("elastic-arm bag ")[2].partition(" makes")[0].split()
+    assert run(*command[:-1], tmp_path / "again").exit_code == 0
+    assert_equal(read_recording(tmp_path / "again"), read_recording(bag))
+    again = run("export", bag, "--out", tmp_path / "out" / "a.parquet")
+    assert again.exit_code == 2 and "overwrite them with --force" in again.output
+    assert run("export", bag, "--out", tmp_path / "out" / "a.parquet", "--force").exit_code == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "command"),
+    [
+        ("run.csv", "elastic-arm bag import {} --guess"),
+        ("episode.parquet", "elastic-arm bag import {} --guess"),
+        ("set/data/chunk/episode.parquet", "elastic-arm bag import {} --guess"),
+        ("run.bag", "rosbags-convert --src {} --dst run"),
+    ],
+)
+def test_what_is_no_bag_names_the_command_that_makes_one(tmp_path: Path, name: str, command: str) -> None:
+    """Tables, datasets and bags of ROS 1."""
+    (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+    (tmp_path / name).write_text("t,q\n0,1\n")
+    given = tmp_path / name.partition("/")[0]
+    done = run("check", given)
+    assert done.exit_code == 2 and command.format(given) in " ".join(done.output.split())

@@ -80,7 +80,7 @@ def states(topic: str, stamp_ns: Iterable[int], names: Sequence[str] = JOINTS) -
     """JointState messages whose numbers tell joint and row: position row + joint/10, velocity and effort beyond."""
     rows = []
     for row, stamp in enumerate(stamp_ns):
-        base = [row + JOINTS.index(name) / 10 for name in names]
+        base = [row + (JOINTS.index(name) if name in JOINTS else 5) / 10 for name in names]
         data = joint_state(int(stamp), names, base, [b + 0.01 for b in base], [b + 0.02 for b in base])
         rows.append((topic, JOINT_STATE, int(stamp), data))
     return rows

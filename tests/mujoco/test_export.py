@@ -211,7 +211,7 @@ def test_a_urdf_lists_what_it_has_no_number_for(tmp_path: Path) -> None:
     own = left["armature", "joint5"]
     # 0.5 rad at 2 rad/s: accelerations of 2 rad/s² times a sine.
     assert own.numbers == {"armature": 0.03} and own.cost == {"joint5": pytest.approx(0.03 * np.sqrt(2.0), rel=0.01)}
-    assert left["joint_spring", "joint2"].cost["joint2"] > 10.0
+    assert left["joint_spring", "joint2"].cost["joint2"] > 10.0 and not left["time_delay", "joint2"].cost
     elastic = export_urdf(load_robot(), None, tmp_path / "elastic.urdf")
     kinds = {one.what for one in elastic.left}
     assert kinds == {"armature", "drive", "bearing"}

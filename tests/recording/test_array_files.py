@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -10,9 +11,10 @@ import scipy.io
 import yaml
 
 from elastic_arm.errors import RecordingError
-from elastic_arm.recording import read_recording
+from elastic_arm.recording import Recording, read_recording
 from elastic_arm.recording.foreign.array_files import load_arrays
 from elastic_arm.recording.foreign.arrays import import_arrays
+from elastic_arm.recording.foreign.guess import guess_mapping
 from tests.helpers.bags import JOINT_STATE, JOINTS, joint_state, stamps, write_foreign
 
 KR300 = Path(__file__).parents[3] / "shared" / "data" / "kuka_kr300" / "run_A.mat"
@@ -196,17 +198,17 @@ def test_other_words_for_a_field_are_answered_with_its_name(tmp_path: Path) -> N
         ("t;q1;tau1\n0;0,1;1\n0,01;0,2;2\n", "line 2: '0,1' has a decimal comma"),
         ("0;0,1;1\n0,01;0,2;2\n", "line 1: '0,1' has a decimal comma"),
         ("t,q\n0,1\n\n1\n", "line 4: 1 columns, where the lines before have 2"),
-        ("t,q\n0,1\n1,abc\n", "line 3: 'abc' is no number"),
-        ("t,q\n0,1\n# made by hand\n1,abc\n", "line 4: 'abc' is no number"),
-        ("t,q\n0,1\n1,\n", "line 3: a number is missing"),
+        ("t,q\n0,1\n1,abc\n", "q: line 3: 'abc' is no number"),
+        ("t,q\n0,1\n# made by hand\n1,abc\n", "q: line 4: 'abc' is no number"),
         ("", "is empty"),
     ],
 )
 def test_a_table_that_cannot_be_read_is_told_by_line(tmp_path: Path, text: str, words: str) -> None:
     """With what to do, in words of the table."""
     (tmp_path / "run.csv").write_text(text)
+    mapping = {"times": {"rate": 100}, "joints": ["a"], "link": {"position": {"key": "q"}}, "ignore": ["t"]}
     with pytest.raises(RecordingError) as caught:
-        load_arrays(tmp_path / "run.csv")
+        import_arrays(tmp_path / "run.csv", write_yaml(tmp_path / "map.yaml", mapping))
     assert words in caught.value.problem and caught.value.remedy
 
 
@@ -216,10 +218,10 @@ def test_objects_are_no_numbers(tmp_path: Path, kind: str) -> None:
     ragged = np.array([1, "a", None], dtype=object)
     file = tmp_path / f"run.{kind}"
     np.savez(file, q=ragged) if kind == "npz" else np.save(file, ragged)
-    with pytest.raises(RecordingError, match="holds Python objects, no numbers"):
+    with pytest.raises(RecordingError, match="Object arrays cannot be loaded"):
         load_arrays(file)
     file.write_bytes(b"PK no archive")
-    with pytest.raises(RecordingError, match=f"is no .{kind} file"):
+    with pytest.raises(RecordingError, match="cannot be read"):
         load_arrays(file)
 
 
@@ -227,3 +229,83 @@ def test_semicolons_beside_commas_in_names_part_the_columns(tmp_path: Path) -> N
     """As spreadsheets write them."""
     (tmp_path / "run.csv").write_text("time, s;angle, rad\n0;1.5\n1;2.5\n")
     np.testing.assert_array_equal(load_arrays(tmp_path / "run.csv")["angle, rad"], [1.5, 2.5])
+
+
+def log(tmp_path: Path, text: str, decimal: str = ".", **more: object) -> Recording:
+    """The recording of one joint of a table with columns `Time [ms]` and `q`."""
+    (tmp_path / "run.csv").write_text(text)
+    joint = {"joints": ["a"], "link": {"position": {"key": "q"}}}
+    mapping = {"times": {"key": "Time [ms]"}, "decimal": decimal, **joint, **more}
+    return import_arrays(tmp_path / "run.csv", write_yaml(tmp_path / "map.yaml", mapping))
+
+
+@pytest.mark.parametrize("mark", [";", "\t", " "])
+def test_decimal_commas_are_read_where_the_mapping_has_them(tmp_path: Path, mark: str) -> None:
+    """Whatever parts the columns, and with a number that has no digits behind its comma."""
+    name = "Time [ms]" if mark != " " else "t"
+    text = mark.join([name, "q"]) + "\n" + "".join(f"{k}0,0{mark}{k},5\n" for k in range(5))
+    times = {"times": {"key": name, "unit": "ms"}}
+    side = log(tmp_path, text, ",", **times).link
+    assert side is not None and side.position is not None
+    np.testing.assert_array_equal(side.position[:, 0], np.arange(5) + 0.5)
+    np.testing.assert_array_equal(side.stamp_ns, np.arange(5) * 10_000_000)
+
+
+def test_a_row_of_units_blank_cells_and_texts_are_read(tmp_path: Path) -> None:
+    """Degrees by the row of units, rows with holes left out and counted, a text column refuses nothing."""
+    rows = "".join(f"{k},{'' if k == 3 else k},{'ok' if k else ''},true\n" for k in range(8))
+    run = log(tmp_path, "Time [ms],q,status,moving\nms,deg,-,-\n" + rows)
+    assert run.link is not None and run.link.position is not None
+    np.testing.assert_allclose(run.link.position[:, 0], np.deg2rad([0, 1, 2, 4, 5, 6, 7]))
+    np.testing.assert_array_equal(run.link.stamp_ns, np.array([0, 1, 2, 4, 5, 6, 7]) * 1_000_000)
+    assert run.notes == ("1 of 8 rows have holes on the link side and were left out of it",)
+
+
+@pytest.mark.parametrize("text", ["t,q,\n0,1,\n1,2,\n", "t,q\n0,1,\n1,2,\n", '"t","q"\n"0,0","1,0"\n"1,0","2,0"\n'])
+def test_marks_at_the_end_of_lines_and_numbers_in_quotes_are_read(tmp_path: Path, text: str) -> None:
+    """As loggers and spreadsheets write them."""
+    (tmp_path / "run.csv").write_text(text)
+    arrays = load_arrays(tmp_path / "run.csv", None)
+    assert list(arrays) == ["t", "q"]
+    np.testing.assert_array_equal(arrays["q"], [1.0, 2.0])
+
+
+def test_every_third_row_is_taken(tmp_path: Path) -> None:
+    """As of a log that repeats each sample."""
+    run = log(tmp_path, "Time [ms],q\n" + "".join(f"{k},{k // 3}\n" for k in range(30)), every=3)
+    assert run.link is not None and run.link.position is not None
+    np.testing.assert_array_equal(run.link.position[:, 0], np.arange(10))
+    np.testing.assert_array_equal(run.link.stamp_ns, np.arange(10) * 3_000_000)
+
+
+@pytest.mark.parametrize("name", ["torque [%]", "torque_%", "torque (percent)", "torque [counts]"])
+def test_a_share_of_a_torque_is_no_torque(tmp_path: Path, name: str) -> None:
+    """Without a unit in the mapping it is refused, and a guess asks how many Nm one is."""
+    t = np.arange(200) * 0.01
+    rows = "".join(f"{a},{np.sin(3 * a)},{np.cos(3 * a)}\n" for a in t)
+    (tmp_path / "run.csv").write_text(f"t,q,{name}\n{rows}")
+    word = name.split()[-1].strip("[]()").replace("torque_", "")
+    mapping: dict[str, object] = {"times": {"key": "t"}, "joints": ["a"], "link": {"position": {"key": "q"}}}
+    with pytest.raises(RecordingError, match=re.escape(f"is in {word}. Give effort a unit")):
+        bare = {**mapping, "motor": {"effort": {"key": name}}}
+        import_arrays(tmp_path / "run.csv", write_yaml(tmp_path / "map.yaml", bare))
+    draft = guess_mapping(load_arrays(tmp_path / "run.csv"), ["a"])
+    assert draft.missing == ["motor.effort.factor"] and f"how many Nm are one {word}" in draft.to_yaml()
+    (tmp_path / "map.yaml").write_text(draft.to_yaml())
+    with pytest.raises(RecordingError, match=r"motor\.effort\.factor"):
+        import_arrays(tmp_path / "run.csv", tmp_path / "map.yaml")
+    for factor, notes in ((0.5, 0), (1.0, 1)):
+        told = {**mapping, "motor": {"effort": {"key": name, "unit": "Nm", "factor": factor}}}
+        run = import_arrays(tmp_path / "run.csv", write_yaml(tmp_path / "map.yaml", told))
+        assert len(run.notes) == notes
+
+
+def test_units_in_names_are_those_of_the_channels(tmp_path: Path) -> None:
+    """Millinewtonmetres are a thousandth; a number in brackets counts, and is no unit."""
+    np.savez(tmp_path / "run.npz", **{"tau [mNm]": np.arange(5.0), "q[0]": np.arange(5.0)})
+    motor = {"position": {"key": ["q[0]"]}, "effort": {"key": ["tau [mNm]"]}}
+    mapping = {"times": {"rate": 100}, "joints": ["a"], "motor": motor}
+    run = import_arrays(tmp_path / "run.npz", write_yaml(tmp_path / "map.yaml", mapping))
+    assert run.motor is not None and run.motor.effort is not None
+    np.testing.assert_allclose(run.motor.effort[:, 0], np.arange(5.0) * 1e-3)
+    np.testing.assert_array_equal(run.motor.position[:, 0], np.arange(5.0))

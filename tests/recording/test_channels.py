@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from elastic_arm.errors import RecordingError
-from elastic_arm.recording import load_channels, message_types, read_recording
+from elastic_arm.recording import load_channels, message_types, read_recording, write_recording
 from elastic_arm.recording.foreign.arrays import load_array_map
 from elastic_arm.recording.foreign.channels import ChannelScale
 from elastic_arm.recording.inspection.check import check_bag
@@ -33,7 +33,7 @@ def test_the_documented_maps_are_valid(tmp_path: Path) -> None:
         content = yaml.safe_load(block)
         file = write_yaml(tmp_path / "map.yaml", content)
         kinds.append(type(load_array_map(file) if "times" in content else load_channels(file)).__name__)
-    assert kinds == ["ChannelMap", "ChannelMap", "ArrayMap"]
+    assert kinds == ["ChannelMap", "ChannelMap", "ChannelMap", "ArrayMap"]
 
 
 def test_names_units_signs_and_ratios_are_applied(tmp_path: Path) -> None:
@@ -113,6 +113,27 @@ def test_the_joint_torque_sensor_is_believed_when_a_map_says_so(tmp_path: Path) 
     assert samples.tau_m is None
 
 
+def test_commands_of_any_topic_are_the_reference(tmp_path: Path) -> None:
+    """A map's `command` is read as a side is, in its own units, and survives the suite's own bag."""
+    messages = [m for stamp in stamps(60) for m in states("/joint_states", [stamp])]
+    messages += [
+        ("/targets", JOINT_STATE, int(t), joint_state(t, ["x", "y"], [k, -k])) for k, t in enumerate(stamps(30))
+    ]
+    joints = {
+        JOINTS[k]: {"motor": {"position": {"topic": "/joint_states", "name": JOINTS[k]}},
+                    "command": {"position": {"topic": "/targets", "name": "xy"[k], "unit": "deg"}}}
+        for k in range(2)
+    }  # fmt: skip
+    bag = write_foreign(tmp_path / "bag", sorted(messages, key=lambda message: message[2]))
+    recording = read_recording(bag, write_yaml(tmp_path / "map.yaml", {"joints": joints}))
+    assert recording.reference is not None
+    np.testing.assert_allclose(recording.reference.position, np.deg2rad(np.outer(np.arange(30), [1, -1])))
+    np.testing.assert_array_equal(recording.reference.stamp_ns, stamps(30))
+    again = read_recording(write_recording(tmp_path / "own", recording)).reference
+    assert again is not None
+    np.testing.assert_array_equal(again.position, recording.reference.position)
+
+
 CHANNEL = {"topic": "/x"}
 
 
@@ -145,7 +166,7 @@ def test_wrong_channel_maps_are_refused_by_field(tmp_path: Path, content: object
     ("change", "words"),
     [
         ({"topic": "/nowhere"}, "no messages on /nowhere"),
-        ({"name": "elbow"}, "joint elbow is missing in 30 messages. Joints there: joint_1, joint_2, joint_3"),
+        ({"name": "elbow"}, "no message on /motor_states names elbow; there are joint_1, joint_2, joint_3"),
         ({"field": "torque"}, "no numbers in field 'torque'"),
         ({"field": "effort", "index": 7}, "no number 7 in field 'effort'"),
     ],

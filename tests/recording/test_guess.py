@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from elastic_arm.errors import RecordingError
+from elastic_arm.recording import Recording, Side, read_recording, write_recording
 from elastic_arm.recording.foreign.array_files import load_arrays
 from elastic_arm.recording.foreign.arrays import import_arrays, load_array_map
 from elastic_arm.recording.foreign.guess import guess_mapping
@@ -37,12 +38,13 @@ def test_a_draft_of_named_arrays_is_imported_as_it_is(tmp_path: Path) -> None:
 
 
 def test_the_names_of_robot_learners_are_known(tmp_path: Path) -> None:
-    """A dataset's state is the angles, its action the command, which is left out."""
+    """A dataset's state is the angles, its action what they were told."""
     tables = {"observation.state": Q, "observation.effort": TAU, "action": Q + 1e-3}
     np.savez(tmp_path / "run.npz", timestamp=T, **tables)
     draft = guess_mapping(load_arrays(tmp_path / "run.npz"), JOINTS)
-    taken = {guess.channel: guess.table.name for guess in draft.channels}
-    assert taken == {"position": "observation.state", "effort": "observation.effort"}
+    taken = {(guess.side, guess.channel): guess.table.name for guess in draft.channels}
+    state = {("link", "position"): "observation.state", ("motor", "effort"): "observation.effort"}
+    assert taken == {**state, ("command", "position"): "action"}
 
 
 def test_a_table_without_names_is_cut_by_its_derivatives(tmp_path: Path) -> None:
@@ -148,6 +150,8 @@ def test_a_single_axis_has_columns_of_one_name_each() -> None:
     draft = guess_mapping(arrays, ("axis",), prismatic=("axis",))
     found = {(guess.side, guess.channel): guess.unit for guess in draft.channels}
     assert found == {("link", "position"): "m", ("link", "velocity"): "m/s", ("motor", "effort"): "N"}
+    (stated,) = guess_mapping({"time": T, "position [mm]": Q[:, 0]}, ("axis",), prismatic=("axis",)).channels
+    assert stated.unit == "mm"
 
 
 def test_arrays_without_a_sample_are_refused() -> None:
@@ -222,3 +226,71 @@ def test_an_array_of_a_joint_without_a_sensor_is_ignored(tmp_path: Path) -> None
     assert taken.motor is not None and taken.motor.effort is not None
     np.testing.assert_allclose(taken.motor.effort[:, :2], TAU[:, :2])
     assert np.isnan(taken.motor.effort[:, 2]).all()
+
+
+def test_a_number_that_is_missing_makes_no_degrees(tmp_path: Path) -> None:
+    """One NaN among the angles, and one among the times."""
+    q, t = Q.copy(), T.copy()
+    q[10, 1] = t[20] = np.nan
+    np.savez(tmp_path / "run.npz", time=t, pos=q, vel=DQ, torque=TAU)
+    draft = guess_mapping(load_arrays(tmp_path / "run.npz"), JOINTS)
+    assert {guess.channel: guess.unit for guess in draft.channels} == {
+        "position": "rad",
+        "velocity": "rad/s",
+        "effort": "Nm",
+    }
+    (tmp_path / "map.yaml").write_text(draft.to_yaml())
+    taken = import_arrays(tmp_path / "run.npz", tmp_path / "map.yaml")
+    assert taken.notes[0] == "2 of 4000 rows have holes on the link side and were left out of it"
+
+
+@pytest.mark.parametrize("decimal", [".", ","])
+def test_names_with_brackets_and_units_give_a_mapping_that_is_read(tmp_path: Path, decimal: str) -> None:
+    """As a spreadsheet writes them, with decimal commas too: no name is taken for YAML or for a pattern."""
+    columns = {"Time [ms]": T * 1e3, **{f"Pos {j}: [deg]": np.degrees(Q[:, k]) for k, j in enumerate(JOINTS)}}
+    columns |= {"Temp [°C]": T, "# {note}": T}
+    rows = [";".join(f"{values[k]:.9f}" for values in columns.values()) for k in range(len(T))]
+    text = ";".join(columns) + "\n" + "\n".join(rows).replace(".", decimal) + "\n"
+    (tmp_path / "run.csv").write_text(text)
+    draft = guess_mapping(load_arrays(tmp_path / "run.csv", None), JOINTS)
+    (tmp_path / "map.yaml").write_text(draft.to_yaml())
+    taken = import_arrays(tmp_path / "run.csv", tmp_path / "map.yaml")
+    assert taken.link is not None
+    np.testing.assert_allclose(taken.link.position, Q, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("layout", ["flat", "a file a joint"])
+def test_folders_of_one_number_a_line(tmp_path: Path, layout: str) -> None:
+    """The numbers of all joints one after the other, or a file for each joint: the draft is imported as it is."""
+    folder = tmp_path / "run"
+    folder.mkdir()
+    np.savetxt(folder / "time.txt", T)
+    for name, values in {"pos": Q, "torque": TAU}.items():
+        if layout == "flat":
+            np.savetxt(folder / f"{name}.txt", values.ravel())
+        else:
+            for k in range(3):
+                np.savetxt(folder / f"{name}_{k + 1}.txt", values[:, k])
+    draft = guess_mapping(load_arrays(folder), JOINTS)
+    (tmp_path / "map.yaml").write_text(draft.to_yaml())
+    taken = import_arrays(folder, tmp_path / "map.yaml")
+    assert taken.link is not None and taken.motor is not None
+    np.testing.assert_allclose(taken.link.position, Q)
+    np.testing.assert_allclose(taken.motor.effort, TAU)
+
+
+@pytest.mark.parametrize(("own", "written"), [("fer_", "panda_"), ("fer_", ""), ("", "panda_")])
+def test_names_with_and_without_a_prefix_are_those_of_one_arm(tmp_path: Path, own: str, written: str) -> None:
+    """In columns of a table, in a recording and in a bag, which notes it."""
+    joints = [f"{own}joint{k + 1}" for k in range(3)]
+    columns = {f"{written}joint{k + 1}.pos": Q[:, k] for k in (2, 0, 1)}
+    draft = guess_mapping({"t": T, **columns}, joints)
+    assert [guess.table.keys for guess in draft.channels] == [tuple(f"{written}joint{k}.pos" for k in (1, 2, 3))]
+    recorded = Recording(tuple(f"{written}joint{k + 1}" for k in (2, 0, 1)), Side(np.arange(len(T)), Q[:, [2, 0, 1]]))
+    read = read_recording(write_recording(tmp_path / "bag", recorded), joints=joints)
+    for taken in (recorded.select(joints), read):
+        assert taken.joints == tuple(joints) and taken.link is not None
+        np.testing.assert_array_equal(taken.link.position, Q)
+        assert "by their names without what all" in taken.notes[-1]
+    with pytest.raises(RecordingError, match="no joint arm_1"):
+        recorded.select(["arm_1", "arm_2", "arm_3"])

@@ -85,7 +85,7 @@ def changed_zip(path: Path, at: int, value: int) -> None:
 
 def test_encrypted_and_strangely_packed_arrays_are_told_apart(tmp_path: Path) -> None:
     """Neither is called a MATLAB file."""
-    for at, value, words in ((6, 1, "is encrypted"), (8, 9, "packed in a way that numpy does not use")):
+    for at, value, words in ((6, 1, "is encrypted"), (8, 9, "compression method is not supported")):
         np.savez(tmp_path / "a.npz", t=np.arange(5.0))
         changed_zip(tmp_path / "a.npz", at, value)
         with pytest.raises(RecordingError, match=words):

@@ -121,7 +121,7 @@ def test_an_unknown_language_is_named() -> None:
 def test_no_definition_is_executed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Reading a bag with definitions neither registers them with the library nor calls exec, eval or compile."""
     bag = write_foreign(tmp_path / "bag", states("/joint_states", stamps(300)))
-    message_types.typestore()
+    read_recording(bag)  # imports what it needs
     message_types._defined.cache_clear()
 
     def forbidden(*_: object, **__: object) -> None:

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from elastic_arm.cli.options import ClockChoice, read_by_clock
 from elastic_arm.recording import Recording, Side, write_recording
 from elastic_arm.recording.inspection.check import check_bag
-from elastic_arm.recording.inspection.stuck_channels import clipped_torques, frozen, stuck
+from elastic_arm.recording.inspection.report import Finding
+from elastic_arm.recording.inspection.stuck_channels import channel_findings, frozen
 from elastic_arm.robot.synthetic import random_arm
 
 Array = NDArray[np.float64]
@@ -32,6 +33,11 @@ def recording(noise: float = 0.3, step: float = 0.5, limit: float = np.inf) -> R
     return Recording(NAMES, link=Side(stamp_ns, q, dq), motor=Side(stamp_ns, effort=torque))
 
 
+def found(samples: Recording, code: str) -> list[Finding]:
+    """Findings of one code, or of all that begin like it."""
+    return [finding for finding in channel_findings(samples) if finding.code.startswith(code)]
+
+
 def held(samples: Recording, rows: slice, begin: int | None = None) -> Recording:
     """The recording with all channels in some rows as they were at the first, or at sample `begin`."""
     kept = np.arange(COUNT)
@@ -48,8 +54,8 @@ def held(samples: Recording, rows: slice, begin: int | None = None) -> Recording
 @pytest.mark.parametrize("step", [0.0, 0.05, 0.5])
 def test_a_torque_at_the_end_of_its_range_is_named_with_its_share(noise: float, step: float) -> None:
     """Of the joint whose drive saturates, with the torque at which it does; peaks of the others are none."""
-    assert clipped_torques(recording(noise, step)) == []
-    (finding,) = clipped_torques(recording(noise, step, limit=50.0))
+    assert found(recording(noise, step), "clipped") == []
+    (finding,) = found(recording(noise, step, limit=50.0), "clipped")
     assert finding.code == "clipped"
     assert "motor effort sits at an end of its range while the joint moves: joint_2 for 1" in finding.message
     assert "% (-50): the drive" in finding.message and "joint_1" not in finding.message
@@ -61,7 +67,7 @@ def test_channels_that_hold_every_value_are_not_at_the_end_of_their_range(times:
     slow = recording(step=0.0)
     assert slow.motor is not None and slow.motor.effort is not None
     effort = slow.motor.effort[times * (np.arange(COUNT) // times)]
-    assert clipped_torques(replace(slow, motor=replace(slow.motor, effort=effort))) == []
+    assert found(replace(slow, motor=replace(slow.motor, effort=effort)), "clipped") == []
 
 
 def test_an_arm_at_rest_neither_freezes_nor_saturates() -> None:
@@ -74,7 +80,7 @@ def test_an_arm_at_rest_neither_freezes_nor_saturates() -> None:
     velocity, effort = still.link.velocity.copy(), np.array(still.motor.effort)
     velocity[2000:3000], effort[2000:3000] = 0.0, 80.0
     still = replace(still, link=replace(still.link, velocity=velocity), motor=replace(still.motor, effort=effort))
-    assert frozen(still) == clipped_torques(still) == []
+    assert frozen(still) == channel_findings(still) == []
 
 
 @pytest.mark.filterwarnings("error")
@@ -122,11 +128,11 @@ def _taken(side: Side, rows: NDArray[np.int_]) -> Side:
 def test_check_and_the_commands_that_fit_say_so(tmp_path: Path) -> None:
     """Findings of `bag check`, and notes of the recording that `identify` and `diagnose` read."""
     bag = write_recording(tmp_path / "bag", held(recording(limit=50.0), slice(1000, 1021)))
-    found = {finding.code: finding.message for finding in check_bag(bag).findings}
+    said = {finding.code: finding.message for finding in check_bag(bag).findings}
     arm = random_arm(3, np.random.default_rng(0), elastic=False)
     named = [replace(joint, name=name) for joint, name in zip(arm.joints, NAMES, strict=True)]
     notes = read_by_clock(bag, None, arm.with_(joints=tuple(named)), ClockChoice.auto).notes
-    assert {f"{bag}: {found[code]}." for code in ("clipped", "frozen")} <= set(notes)
+    assert {f"{bag}: {said[code]}." for code in ("clipped", "frozen")} <= set(notes)
 
 
 STUCK = {
@@ -155,7 +161,7 @@ def with_motor_encoders() -> Recording:
 def test_a_channel_that_holds_one_number_while_its_joint_moves_is_named(what: str, tmp_path: Path) -> None:
     """By the check, and as a note before anything is fitted; no channel of the recording as it was."""
     whole = with_motor_encoders()
-    assert stuck(whole) == []
+    assert found(whole, "stuck") == []
     name, channel, value, words = STUCK[what]
     side: Side = getattr(whole, name)
     values = side.channels()[channel].copy()
@@ -178,7 +184,7 @@ def test_joints_at_rest_hold_their_numbers() -> None:
     assert whole.motor is not None and whole.motor.effort is not None
     torque = whole.motor.effort.copy()
     torque[:, 1] = 2.0
-    assert stuck(replace(whole, motor=replace(whole.motor, effort=torque))) == []
+    assert found(replace(whole, motor=replace(whole.motor, effort=torque)), "stuck") == []
 
 
 def test_impulses_are_no_saturation() -> None:
@@ -187,4 +193,55 @@ def test_impulses_are_no_saturation() -> None:
     assert made.motor is not None and made.motor.effort is not None
     torque = made.motor.effort.copy()
     torque[::100, 1] = 1e5
-    assert clipped_torques(replace(made, motor=replace(made.motor, effort=torque))) == []
+    assert found(replace(made, motor=replace(made.motor, effort=torque)), "clipped") == []
+
+
+def every(times: int, values: Array) -> Array:
+    """Values that are updated every few samples."""
+    return values[times * (np.arange(len(values)) // times)]
+
+
+@pytest.mark.parametrize("step", [0.0, 0.05])
+@pytest.mark.parametrize("times", [2, 3, 20])
+@pytest.mark.parametrize(("side", "channel"), [("link", "position"), ("link", "velocity"), ("motor", "effort")])
+def test_a_channel_of_any_kind_that_is_held_is_named_with_its_period(
+    side: str, channel: str, times: int, step: float
+) -> None:
+    """One rule for angles, speeds and torques, rounded or not; the other channels are not blamed."""
+    whole = recording(step=step)
+    assert found(whole, "held") == []
+    own = getattr(whole, side)
+    slow = replace(own, **{channel: every(times, own.channels()[channel])})
+    (finding,) = found(replace(whole, **{side: slow}), "held")
+    assert f"{side} {channel} of all joints is held: a new value comes every {times} samples" in finding.message
+    assert f"{RATE / times:.3g} Hz in a recording of 200 Hz" in finding.message
+
+
+def test_a_cycle_missed_now_and_then_is_named_with_its_share() -> None:
+    """One torque in fifty repeats the one before."""
+    whole = recording(step=0.0)
+    assert whole.motor is not None and whole.motor.effort is not None
+    effort = whole.motor.effort.copy()
+    effort[50::50] = effort[49:-1:50]
+    (finding,) = found(replace(whole, motor=replace(whole.motor, effort=effort)), "held")
+    assert "motor effort of all joints repeats the value before in 1.99 to 2.09 % of the samples" in finding.message
+
+
+def test_zeros_between_the_values_of_a_channel_are_named() -> None:
+    """A velocity that is zero two samples of three is no velocity that is held; one that passes zero has none."""
+    whole = recording()
+    assert found(whole, "zeros") == []
+    assert whole.link is not None and whole.link.velocity is not None
+    velocity = whole.link.velocity * (np.arange(COUNT) % 3 == 0)[:, None]
+    (finding,) = found(replace(whole, link=replace(whole.link, velocity=velocity)), "zeros")
+    assert "link velocity is zero between values that are none: joint_1 in 6" in finding.message
+
+
+def test_rounded_noise_is_not_held() -> None:
+    """A converter of few bits repeats a torque as often as it changes it by one step."""
+    rng = np.random.default_rng(3)
+    for noise in (0.3, 1.0, 3.0, 8.0):
+        whole = recording(noise=0.0, step=0.0)
+        assert whole.motor is not None and whole.motor.effort is not None
+        effort = np.rint(whole.motor.effort + noise * rng.standard_normal(whole.motor.effort.shape))
+        assert found(replace(whole, motor=replace(whole.motor, effort=effort)), "held") == []

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from elastic_arm.recording import Recording, Side
-from elastic_arm.recording.inspection.two_encoders import by_motor_encoders
+from elastic_arm.recording.inspection.outliers import usable
+from elastic_arm.recording.inspection.two_encoders import by_motor_encoders, disagreeing
 from elastic_arm.robot import load_robot
 from elastic_arm.robot.synthetic import random_arm
 
@@ -44,3 +45,32 @@ def test_link_encoders_stay_where_they_are_needed() -> None:
     sensed = replace(whole, link=replace(whole.link, effort=whole.motor.effort))
     assert by_motor_encoders(sensed, RIGID) is sensed
     assert by_motor_encoders(whole, load_robot()) is whole
+
+
+def elastic(zero: float = 0.0, ratio: float = 1.0, stiffness: float = 2e4) -> Recording:
+    """Both encoders of drives that wind up under gravity, friction and noise."""
+    rng = np.random.default_rng(2)
+    q = np.sin(W * T[:, None] + [0.0, 1.0, 2.0])
+    load = 60.0 * np.sin(q) + 8.0 * np.sign(np.gradient(q, axis=0)) - 4.0 * W**2 * q
+    theta = q + load / stiffness + 2e-5 * rng.standard_normal(q.shape)
+    theta[:, 1] = ratio * theta[:, 1] + zero
+    effort = load + 0.3 * rng.standard_normal(q.shape)
+    return Recording(RIGID.joint_names, link=Side(STAMPS, q), motor=Side(STAMPS, theta, effort=effort))
+
+
+def test_encoders_that_agree_but_for_the_wind_up_are_not_blamed() -> None:
+    """Drives of 500 Nm/rad wind up by 0.2 rad; a zero of some milliradians is ordinary."""
+    for stiffness in (500.0, 2e4, 1e6):
+        whole = elastic(0.005, stiffness=stiffness)
+        assert disagreeing(whole) == [] and usable(whole) is whole
+
+
+def test_a_zero_and_a_ratio_of_encoders_are_named() -> None:
+    """An incremental encoder 0.4 rad off, a ratio 0.35 % off: the joint, and by how much."""
+    cleared = usable(elastic(0.4))
+    assert any("position of joint_2 are 0.4 rad apart" in note for note in cleared.notes)
+    assert cleared.motor is not None and cleared.motor.position is not None
+    np.testing.assert_allclose(cleared.motor.position, elastic().motor.position, rtol=0, atol=2e-4)  # type: ignore[union-attr, arg-type]
+    (ratio,) = disagreeing(elastic(ratio=1.0035))
+    assert ratio.code == "encoder_ratio" and "of joint_2 are 1 times" not in ratio.message
+    assert "1.0035 times those of the link" in ratio.message

@@ -92,7 +92,8 @@ def test_effects_are_kept_as_plain_data(tmp_path: Path) -> None:
 
 
 def test_an_unwritable_place_is_named(tmp_path: Path) -> None:
-    """Saving into a folder that is not there says so."""
+    """Saving into what is no folder says so."""
+    (tmp_path / "nowhere").write_text("")
     with pytest.raises(RobotError, match="cannot be written"):
         save_robot(load_robot(), tmp_path / "nowhere" / "arm.yaml")
 

@@ -496,3 +496,14 @@ def test_a_reduction_without_a_rotor_is_named(transmission: str) -> None:
     robot = parse_urdf(MOTOR.format(transmission))
     assert robot.joints[0].armature is None
     assert any("reduction of 50" in note and "'j'" in note for note in robot.notes)
+
+
+def test_an_overlays_transmission_takes_the_place_of_the_urdfs(tmp_path: Path) -> None:
+    """Beside the rotor of an overlay the URDF's armature, and the notes on it, are gone."""
+    (tmp_path / "arm.urdf").write_text(MOTOR.format(DRAKE))
+    body = "{mass: 0.1, izz: 1.0e-5, ixx: 1.0e-5, carrier: base}"
+    parts = ", ".join(f"{name}: {body}" for name in ("rotor", "wave_generator", "spline"))
+    numbers = "stiffness: 8.0e+3, damping: 5.0, belt_ratio: 1.0, harmonic_drive_ratio: 100.0"
+    (tmp_path / "over.yaml").write_text(f"urdf: arm.urdf\ntransmissions: {{j: {{{parts}, {numbers}}}}}\n")
+    robot = load_robot(tmp_path / "over.yaml")
+    assert robot.elastic and robot.joints[0].armature is None and not any("armature" in note for note in robot.notes)

@@ -16,9 +16,10 @@ from elastic_arm.cli.console import err, out, print_json, reports_errors
 from elastic_arm.cli.mujoco.corrected import Correction
 from elastic_arm.cli.options import AtOption, ChainOption, ClockChoice, ClockOption, read_by_clock
 from elastic_arm.cli.outputs import Force, claim_folder
-from elastic_arm.errors import OutputError, RobotError
+from elastic_arm.errors import RobotError
 from elastic_arm.mujoco import Replay, replay
 from elastic_arm.mujoco.replaying import WINDOW, labels
+from elastic_arm.output_files import write_result
 from elastic_arm.recording import Recording, load_channels
 from elastic_arm.robot.loading import is_mjcf, parse_chain
 from elastic_arm.robot.mjcf import MjcfArm, open_mjcf
@@ -98,11 +99,7 @@ def write_replays(found: list[Replay], source: str, folder: Path) -> None:
 def save_replays(found: list[Replay], source: str, folder: Path) -> None:
     """Write replay.json."""
     text = json_text({"bag": source, "replays": [one.to_dict() for one in found]}, indent=2, allow_nan=False)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / RESULTS[0]).write_text(f"{text}\n", encoding="utf-8")
-    except OSError as error:
-        raise OutputError(f"{folder} cannot be written: {error.strerror}", "Name another folder with --out.") from error
+    write_result(folder / RESULTS[0], f"{text}\n")
 
 
 def print_replays(found: list[Replay]) -> None:

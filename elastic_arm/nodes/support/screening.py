@@ -7,8 +7,7 @@ from numpy.typing import NDArray
 
 from elastic_arm.estimation.resampling import part
 from elastic_arm.recording import Samples
-from elastic_arm.recording.inspection.impossible import LARGEST
-from elastic_arm.recording.inspection.outliers import sane_limits
+from elastic_arm.recording.inspection.outliers import LARGEST, sane_limits
 
 CHANNELS = {
     "q": "position",

@@ -1,69 +1,125 @@
-"""A recording as arrays: .csv, .npz or .parquet, one row a sample of the common time base."""
+"""A recording as arrays, .csv, .npz, .parquet or .h5, with the mapping that imports them again."""
 
 from __future__ import annotations
 
+import csv
+import io
+import shlex
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from elastic_arm.errors import MissingExtraError, OutputError, RecordingError
+from elastic_arm.errors import MissingExtraError, RecordingError
+from elastic_arm.output_files import write_result, yaml_text
 from elastic_arm.recording.recording import Recording
 
-KINDS = (".csv", ".npz", ".parquet")
-CHANNELS = ("q", "dq", "tau_J", "theta", "dtheta", "tau_m")
+KINDS = (".csv", ".npz", ".parquet", ".h5")
+_ONE_TABLE = (".csv", ".parquet")  # kinds of which a file is one table
+_JOINED = ("q", "dq", "tau_J", "theta", "dtheta", "tau_m")
+Table = dict[str, np.ndarray]
 
 
-def export_arrays(recording: Recording, path: Path) -> list[str]:
-    """Write the channels of a recording, and return the names of what was written.
+def export_paths(path: Path, joined: bool = False) -> list[Path]:
+    """Return the files or folder that an export to `path` may make."""
+    return [path] if joined else [path, path.with_suffix(".yaml"), path.with_suffix(".urdf")]
 
-    Columns are called `time` (s, from the first sample), then `q.joint`, `tau_m.joint` …; an .npz holds `time`,
-    `joints` and one array (N, n) a channel. `bag import` reads them back.
 
-    Parameters
-    ----------
-    recording
-        Whatever channels it has.
-    path
-        Its ending chooses the format.
+def export_arrays(recording: Recording, path: Path, joined: bool = False) -> list[str]:
+    """Write a recording, and return what was done, line by line.
 
-    Raises
-    ------
-    RecordingError
-        If the ending is none of these, or the recording has no samples.
-    OutputError
-        If the file cannot be written.
+    Each side is a table with stamps of its own. An .npz or .h5 holds all of them; a .csv or .parquet of several sides
+    is a folder with a file for each. With `joined` all channels go on one time base, by interpolation where stamps are
+    apart.
     """
     kind = path.suffix.lower()
     if kind not in KINDS:
         raise RecordingError(f"{path} is none of {', '.join(KINDS)}", "Give the file one of these endings.")
-    samples = recording.samples()
-    channels = {name: values for name in CHANNELS if (values := getattr(samples, name)) is not None}
-    time = samples.t
-    columns = {"time": time}
-    for name, values in channels.items():
-        columns |= {f"{name}.{joint}": values[:, i] for i, joint in enumerate(recording.joints)}
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        if kind == ".npz":
-            np.savez(path, time=time, joints=np.array(recording.joints), **channels)
-            return ["time", "joints", *channels]
-        if kind == ".csv":
-            table = np.column_stack(list(columns.values()))
-            np.savetxt(path, table, delimiter=",", header=",".join(columns), comments="", fmt="%.17g")
-        else:
-            _write_parquet(path, columns)
-    except OSError as error:
-        raise OutputError(f"{path} cannot be written: {error.strerror}", "Name another file with --out.") from error
-    return list(columns)
-
-
-def _write_parquet(path: Path, columns: dict[str, np.ndarray]) -> None:
-    try:
-        import pyarrow as pa
-        import pyarrow.parquet as pq
+        return _joined(recording, path) if joined else _sides(recording, path)
     except ImportError as error:
         raise MissingExtraError(
-            "Parquet files need pyarrow, which is not installed",
+            f"{kind} files need {error.name}, which is not installed",
             "Install it with: pip install 'elastic_arm[learning]', or write .npz",
         ) from error
-    pq.write_table(pa.table(columns), path)
+
+
+def _sides(recording: Recording, path: Path) -> list[str]:
+    sides = {"command" if name == "reference" else name: side for name, side in recording.sides().items()}
+    tables = {name: {"stamp_ns": side.stamp_ns, **side.channels()} for name, side in sides.items()}
+    joints = list(recording.joints)
+    mapping: dict[str, Any] = {"times": {}, "joints": joints}
+    said = []
+    in_folder = path.suffix.lower() in _ONE_TABLE and len(tables) > 1
+    for side, table in tables.items():
+        file = path / f"{side}{path.suffix}" if in_folder else path
+        prefix = f"{side}." if in_folder or path.suffix.lower() not in _ONE_TABLE else ""
+        of_joints = path.suffix.lower() in _ONE_TABLE
+        times = {"key": f"{prefix}stamp_ns", "unit": "ns"}
+        mapping["times"] = mapping["times"] or dict(times)
+        mapping[side] = {"times": times}
+        for name in list(table)[1:]:
+            mapping[side][name] = {"key": [f"{prefix}{name}.{j}" for j in joints] if of_joints else f"{prefix}{name}"}
+        if of_joints:
+            _write(file, _columns(table, joints))
+        said.append(f"{file}: {len(table['stamp_ns'])} samples of the {side} side, {', '.join(table)}")
+    if not of_joints:
+        _write(path, {f"{side}.{name}": values for side, table in tables.items() for name, values in table.items()})
+    if recording.currents:
+        mapping["from_currents"] = list(recording.currents)
+    if recording.robot_description is not None:
+        urdf = path.with_suffix(".urdf")
+        write_result(urdf, recording.robot_description)
+        mapping["robot_description"] = urdf.name
+        said.append(f"{urdf}: the robot description")
+    file = path.with_suffix(".yaml")
+    write_result(file, yaml_text(mapping))
+    command = shlex.join(["elastic-arm", "bag", "import", str(path), "--map", str(file), "--out"])
+    return [*said, f"{file}: the mapping; {command} BAG makes the bag again"]
+
+
+def _joined(recording: Recording, path: Path) -> list[str]:
+    samples = recording.samples()
+    channels = {name: values for name in _JOINED if (values := getattr(samples, name)) is not None}
+    if path.suffix.lower() in _ONE_TABLE:
+        _write(path, {"time": samples.t, **_columns(channels, recording.joints)})
+    else:
+        _write(path, {"time": samples.t, **channels})
+    counts = " and ".join(f"{len(side)} of the {name} side" for name, side in recording.measured().items())
+    said = [f"{path}: {len(samples)} samples on one time base of {counts}: time, {', '.join(channels)}"]
+    left = "; the commands are not in it" if recording.reference is not None else ""
+    return [*said, *samples.notes, f"time is in s from the first sample, at {samples.stamp_ns[0]} ns{left}"]
+
+
+def _columns(table: Mapping[str, np.ndarray], joints: Any) -> Table:
+    """Return the columns of a table: one a joint for each channel."""
+    columns: Table = {}
+    for name, values in table.items():
+        columns |= {name: values} if values.ndim == 1 else {f"{name}.{j}": values[:, k] for k, j in enumerate(joints)}
+    return columns
+
+
+def _write(path: Path, arrays: Table) -> None:
+    content = io.BytesIO()
+    match path.suffix.lower():
+        case ".npz":
+            np.savez(content, **arrays)  # type: ignore[arg-type]
+        case ".csv":
+            names = io.StringIO()
+            csv.writer(names, lineterminator="\n").writerow(arrays)
+            content.write(names.getvalue().encode())
+            formats = ["%d" if values.dtype.kind == "i" else "%.17g" for values in arrays.values()]
+            np.savetxt(content, np.rec.fromarrays(list(arrays.values())), delimiter=",", fmt=formats)
+        case ".parquet":
+            import pyarrow as pa
+            import pyarrow.parquet as pq
+
+            pq.write_table(pa.table(arrays), content)
+        case _:
+            import h5py
+
+            with h5py.File(content, "w") as file:
+                for name, values in arrays.items():
+                    file[name.replace(".", "/")] = values
+    write_result(path, content.getvalue(), remedy="Name another file with --out.")

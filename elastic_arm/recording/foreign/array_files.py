@@ -1,4 +1,4 @@
-"""Named arrays from files: .npz, .mat with nested structs, tables with or without names, folders of such files."""
+"""Named arrays from files: .npz, .npy, .mat, tables as text, Parquet and HDF5, and folders of such files."""
 
 from __future__ import annotations
 
@@ -11,201 +11,247 @@ import tokenize
 import zipfile
 import zlib
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import IO
 
 import numpy as np
 
 from elastic_arm.errors import MissingExtraError, RecordingError
 from elastic_arm.recording import limits
-from elastic_arm.recording.foreign import columnar
-from elastic_arm.recording.foreign.matlab import load_matlab
-
-Arrays = dict[str, np.ndarray]
+from elastic_arm.recording.foreign.compiled_readers import load_compiled
+from elastic_arm.recording.storage.bag import ARRAY_FILES
 
 TABLES = (".csv", ".txt", ".dat")
-# What numpy and csv raise for a file that is not what its name promises.
+LEARNERS = (".parquet", ".h5", ".hdf5")
+KINDS = ARRAY_FILES
+FILE_INDEX = "file_index"  # array that numbers the files of a folder whose files hold the same arrays
+# What numpy, csv and the libraries of the formats raise for a file that is not what its name promises.
 _UNREADABLE: tuple[type[Exception], ...] = (OSError, ValueError, TypeError, LookupError, EOFError, MemoryError)
-_UNREADABLE += (
-    AttributeError,
-    NameError,
-    SyntaxError,
-    OverflowError,
-    RuntimeError,
-    AssertionError,
-    struct.error,
-    csv.Error,
-)
-_UNREADABLE += (zlib.error, zipfile.BadZipFile, tokenize.TokenError)
-_ZIP_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # what numpy writes
-_ENCRYPTED = 1  # flag of an entry
+_UNREADABLE += (AttributeError, NameError, SyntaxError, OverflowError, RuntimeError, AssertionError, struct.error)
+_UNREADABLE += (csv.Error, zlib.error, zipfile.BadZipFile, tokenize.TokenError)
 _WHOLE_TABLE = ""
-_NPY = b"\x93NUMPY"
-_DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?$")
+_DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?$")
 
 
-def load_arrays(path: Path) -> Arrays:
-    """Read the arrays of a file, or of all files of a folder.
+class Arrays(dict[str, np.ndarray]):
+    """Arrays by name, with what a table as text states beside its numbers."""
 
-    Fields of a MATLAB struct are called `struct.field`; the columns of a table without a line of names by their
-    numbers, from 0. In a folder a file's name without its ending stands before: `file.column`, and `file` alone for
-    a whole table without names.
+    def __init__(self, arrays: Mapping[str, np.ndarray] | Iterable[tuple[str, np.ndarray]] = ()) -> None:
+        super().__init__(arrays)
+        self.units: dict[str, str] = {}  # of columns, by a row of units
+        self.faults: dict[str, str] = {}  # of columns that are no numbers: the first line that is none
+        self.decimal = "."
 
-    Raises
-    ------
-    RecordingError
-        If it cannot be read, naming the file.
+
+def load_arrays(path: Path, decimal: str | None = ".") -> Arrays:
+    """Read the arrays of a file, or of all files of a folder, as docs/channel_maps.md names them.
+
+    `decimal` is the decimal mark of tables as text; None for the one that fits. Columns that are no numbers come as
+    texts. Files of a dataset, which are numbered and all hold the same arrays, are read one below the other, and
+    `file_index` numbers them.
     """
     # Path.is_dir raises for names that are too long.
     if not os.path.isdir(path):
-        return {name: values for name, values in _load(path).items() if name != _WHOLE_TABLE}
+        (found,) = _load([path], decimal)
+        found.pop(_WHOLE_TABLE, None)
+        return found
     try:
-        files = sorted(file for file in path.iterdir() if file.suffix.lower() in (*TABLES, ".npy", ".npz", ".mat"))
+        root = path / "data" if (path / "meta" / "info.json").is_file() else path  # a dataset of LeRobot's
+        files = [file for file in sorted(path.iterdir()) if file.suffix.lower() in set(KINDS) - set(LEARNERS)]
+        below = [file for depth in ("*", "*/*", "*/*/*") for file in root.glob(depth)]
+        learned = sorted((f for f in below if f.suffix.lower() in LEARNERS and f.is_file()), key=_number)
+        files += learned
     except OSError as error:
         raise RecordingError(f"{path} cannot be read: {error.strerror}", "Check its permissions.") from None
-    arrays: Arrays = {}
-    for file in files:
-        found = _load(file)
-        found = {f"{file.stem}.{name}" if name != _WHOLE_TABLE else file.stem: v for name, v in found.items()}
-        if twice := sorted(arrays.keys() & found.keys()):
-            raise RecordingError(f"{path}: two files hold an array {twice[0][:60]!r}", "Give files other names.")
-        arrays |= found
-    if not arrays:
-        raise RecordingError(f"{path} holds no arrays", "Give a folder of .csv, .txt, .npy, .npz or .mat files.")
+    if not files:
+        raise RecordingError(f"{path} holds no arrays", f"Give a folder of files {', '.join(KINDS)}.")
+    parts: dict[Path, Arrays] = {}
+    for some in [[file] for file in files if file not in learned] + [learned] * bool(learned):
+        parts |= zip(some, _load(some, decimal), strict=True)
+        _refuse_large(path, sum(array.nbytes for part in parts.values() for array in part.values()))
+    if files != learned:
+        return _side_by_side(path, parts)
+    rows = [_rows(part) for part in parts.values()]
+    alike = {tuple((name, values.shape[1:]) for name, values in part.items()) for part in rows}
+    numbered = len(alike) == 1 and all(file.stem[-1:].isdecimal() for file in files)
+    return _stacked(rows) if numbered or len(files) == 1 else _side_by_side(path, parts)
+
+
+def _number(file: Path) -> list[tuple[int, str]]:
+    """Order `episode_2` before `episode_10`."""
+    return [(int(word), "") if word.isdecimal() else (-1, word) for word in re.split(r"(\d{1,18})", str(file))]
+
+
+def _rows(part: Arrays) -> Arrays:
+    """Return the arrays of a file that have a row a sample, which most have."""
+    count = Counter(len(values) for values in part.values()).most_common(1)[0][0]
+    return Arrays({name: values for name, values in part.items() if len(values) == count})
+
+
+def _stacked(parts: Sequence[Arrays]) -> Arrays:
+    arrays = Arrays({name: np.concatenate([part[name] for part in parts]) for name in parts[0]})
+    if len(parts) > 1:
+        counts = [len(next(iter(part.values()))) for part in parts]
+        arrays.setdefault(FILE_INDEX, np.repeat(np.arange(len(parts)), counts))
     return arrays
 
 
-def _load(path: Path) -> Arrays:
-    kind = path.suffix.lower()
+def _side_by_side(path: Path, parts: Mapping[Path, Arrays]) -> Arrays:
+    arrays = Arrays()
+    for file, part in parts.items():
+        # The one column of a file of one number a line is the file.
+        only = _WHOLE_TABLE in part and len(part) == 2
+        found = Arrays({_in_folder(file, name): v for name, v in part.items() if not (only and name)})
+        if twice := sorted(arrays.keys() & found.keys()):
+            raise RecordingError(f"{path}: two files hold an array {twice[0][:60]!r}", "Give files other names.")
+        arrays.update(found)
+        arrays.units |= {_in_folder(file, name): unit for name, unit in part.units.items()}
+        arrays.faults |= {_in_folder(file, name): fault for name, fault in part.faults.items()}
+        arrays.decimal = "," if part.decimal == "," else arrays.decimal
+    return arrays
+
+
+def _in_folder(file: Path, name: str) -> str:
+    return f"{file.stem}.{name}" if name != _WHOLE_TABLE else file.stem
+
+
+def _load(paths: Sequence[Path], decimal: str | None) -> list[Arrays]:
+    """Read one file, or several of formats that compiled libraries read."""
+    path, kind = paths[0], paths[0].suffix.lower()
+    if kind not in KINDS:
+        raise RecordingError(f"{path} is none of {', '.join(KINDS)}", "Convert it to one of them.")
     try:
-        if kind in (*TABLES, *columnar.KINDS, ".npy", ".npz", ".mat"):
-            _check_file(path)
-        if kind in columnar.KINDS:
-            return columnar.load_columns(path)
-        if kind == ".npz":
-            _check_zip(path)
-            with zipfile.ZipFile(path) as archive:
-                for entry in archive.namelist():
-                    with archive.open(entry) as stream:
-                        _refuse_objects(stream, path, entry.removesuffix(".npy"))
-            with np.load(path, allow_pickle=False) as content:
-                arrays = dict(content)
-            # Where the head of an entry is damaged, numpy returns its bytes.
-            if strange := [name for name, values in arrays.items() if not isinstance(values, np.ndarray)]:
-                raise ValueError(f"its entry {strange[0][:60]!r} is no array")
-            return arrays
-        if kind == ".npy":
-            with open(path, "rb") as file:
-                _refuse_objects(file, path, "it")
-            return {_WHOLE_TABLE: np.load(path, allow_pickle=False)}
-        if kind == ".mat":
-            return load_matlab(path)
+        for file in paths:
+            if not stat.S_ISREG(file.stat().st_mode):
+                raise RecordingError(f"{file} is no file, but a pipe or a device", "Save it as a file first.")
+        _refuse_large(path, sum(file.stat().st_size for file in paths))
         if kind in TABLES:
-            return _load_table(path)
+            return [_table(path, decimal)]
+        if kind == ".npz":
+            return [_npz(path)]
+        if kind == ".npy":
+            return [Arrays({_WHOLE_TABLE: np.load(path, allow_pickle=False)})]
+        found = load_compiled(paths, limits.unpacked_bytes())
+        if empty := [file for file, arrays in zip(paths, found, strict=True) if not arrays]:
+            raise RecordingError(f"{empty[0]} holds no tables of numbers", "Give a file with joint states.")
+        return [Arrays(arrays) for arrays in found]
     except (RecordingError, MissingExtraError):
         raise
     except _UNREADABLE as error:
-        reason = getattr(error, "strerror", None) or str(error)[:200] or type(error).__name__
+        reason = getattr(error, "strerror", None) or " ".join(str(error).split())[:200] or type(error).__name__
         raise RecordingError(f"{path} cannot be read: {reason}", "Check the path and the format.") from None
-    raise RecordingError(f"{path} is none of .npz, .csv, .mat, .parquet, .hdf5", "Convert it to one of them.")
 
 
-def _check_file(path: Path) -> None:
-    """Refuse what may not end, or does not fit into the memory."""
-    status, most = path.stat(), limits.unpacked_bytes()
-    if not stat.S_ISREG(status.st_mode):
-        raise RecordingError(f"{path} is no file, but a pipe or a device", "Save it as a file first.")
-    if status.st_size > most:
-        raise RecordingError(f"{path} has {status.st_size} bytes, {most} are the limit", "Cut it into parts.")
+def _refuse_large(path: Path, size: int) -> None:
+    """Refuse what does not fit into the memory."""
+    if size > (most := limits.unpacked_bytes()):
+        raise RecordingError(f"{path} unpacks to {size} bytes, {most} are the limit", "Cut it into parts.")
 
 
-def _check_zip(path: Path) -> None:
-    """Refuse entries that numpy cannot read, or that claim more than fits into the memory."""
+def _npz(path: Path) -> Arrays:
     if not zipfile.is_zipfile(path):
-        raise RecordingError(f"{path} cannot be read: it is no .npz file, or is cut off", "Save it with numpy.savez.")
+        raise ValueError("it is no .npz file, or is cut off")
     with zipfile.ZipFile(path) as archive:
         entries = archive.infolist()
     counts = Counter(entry.filename.removesuffix(".npy") for entry in entries)
     if twice := [name for name, count in counts.items() if count > 1]:
-        raise RecordingError(f"{path} holds two arrays called {twice[0][:60]!r}", "Save it with numpy.savez.")
-    if any(entry.flag_bits & _ENCRYPTED for entry in entries):
-        raise RecordingError(f"{path} is encrypted", "Save it with numpy.savez.")
-    if other := [entry.filename for entry in entries if entry.compress_type not in _ZIP_METHODS]:
-        raise RecordingError(f"{path}: {other[0]!r} is packed in a way that numpy does not use", "Save it with numpy.")
-    claimed, most = sum(entry.file_size for entry in entries), limits.unpacked_bytes()
-    if claimed > most:
-        raise RecordingError(f"{path} unpacks to {claimed} bytes, {most} are the limit", "Cut it into parts.")
+        raise ValueError(f"it holds two arrays called {twice[0][:60]!r}")
+    _refuse_large(path, sum(entry.file_size for entry in entries))
+    with np.load(path, allow_pickle=False) as content:
+        arrays = Arrays(dict(content))
+    # Where the head of an entry is damaged, numpy returns its bytes.
+    if strange := [name for name, values in arrays.items() if not isinstance(values, np.ndarray)]:
+        raise ValueError(f"its entry {strange[0][:60]!r} is no array")
+    return arrays
 
 
-def _refuse_objects(stream: IO[bytes], path: Path, name: str) -> None:
-    """Refuse an array of Python objects, such as lists of unequal length: reading one would run what it holds."""
-    readers = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
-    start = stream.read(len(_NPY))
-    if start != _NPY:
-        if path.suffix.lower() == ".npy":
-            raise RecordingError(f"{path} cannot be read: it is no .npy file", "Save it with numpy.save.")
-        return
-    version = tuple(stream.read(2))
-    if version in readers and readers[version](stream)[2].hasobject:
-        raise RecordingError(f"{path} cannot be read: {name} holds Python objects, no numbers", "Save numbers alone.")
-
-
-def _load_table(path: Path) -> Arrays:
+def _table(path: Path, decimal: str | None) -> Arrays:
+    """Read a table as text: with or without a line of names, a row of units, columns of texts, and blank cells."""
     # Excel begins a file with a mark that it is UTF-8.
-    with open(path, encoding="utf-8-sig", newline="") as file:
-        numbered = [(n, line) for n, line in enumerate(file.read().splitlines(), start=1) if line.strip()]
+    lines = path.read_text(encoding="utf-8-sig").split("\n")
+    numbered = [(n, line) for n, line in enumerate(lines, start=1) if line.strip()]
     if not numbered:
         raise RecordingError(f"{path} cannot be read: it is empty", "Give a file with a table of numbers.")
-    head = numbered[0][1]
-    delimiter = _delimiter([line for _, line in numbered[:2]])
+    delimiter = _delimiter([line for _, line in numbered[:2]], decimal)
     # Blanks may come several at a time, and stand behind the comment mark that numpy writes.
-    words = head.lstrip("#").split() if delimiter is None else next(csv.reader([head], delimiter=delimiter))
-    names = [name.strip().lstrip("#").strip() for name in words]
+    head = numbered[0][1].lstrip("#")
+    names, used = head.split(), 1
+    if delimiter is not None:
+        # A name in quotes may go over several lines.
+        reader = csv.reader([head + "\n", *(f"{line}\n" for line in lines[numbered[0][0] :])], delimiter=delimiter)
+        names, used = next(reader), reader.line_num
+    names = [name.strip().lstrip("#").strip() for name in names]
     nameless = all(_is_number(name) or _DECIMAL_COMMA.match(name) for name in names)
-    rows = [(n, line) for n, line in numbered[0 if nameless else 1 :] if line.partition("#")[0].strip()]
+    below = numbered if nameless else [(n, line) for n, line in numbered if n >= numbered[0][0] + used]
+    rows = [(n, line) for n, line in below if line.partition("#")[0].strip()]
     if not rows:
         raise ValueError("there are no numbers below the first line")
-    try:
-        table = np.loadtxt([line for _, line in rows], delimiter=delimiter, ndmin=2)
-    except ValueError:
-        _explain_row(path, rows, delimiter)
-        raise
     if nameless:
-        return {str(column): table[:, column] for column in range(table.shape[1])} | {_WHOLE_TABLE: table}
-    if table.shape[1] != len(names):
-        raise ValueError(f"{len(names)} names in the first line, {table.shape[1]} columns of numbers")
-    if len(set(names)) < len(names):
-        twice = Counter(names).most_common(1)[0][0]
-        raise ValueError(f"two columns are called {twice[:60]!r}")
-    return {name: table[:, column] for column, name in enumerate(names)}
+        names = [str(column) for column in range(len(names))]
+    elif len(set(names)) < len(names):
+        raise ValueError(f"two columns are called {Counter(names).most_common(1)[0][0][:60]!r}")
+    units = [cell.strip() for cell in _cells(rows[0][1], delimiter)]
+    stated = len(rows) > 1 and any(units) and not any(_is_number(cell.replace(",", ".")) for cell in units)
+    rows = rows[1:] if stated else rows
+    with_commas = (row for row in rows if "," in row[1] and (delimiter != "," or '"' in row[1]))
+    cells = ((n, cell) for n, line in with_commas for cell in _cells(line, delimiter))
+    comma = next(((n, cell) for n, cell in cells if _DECIMAL_COMMA.match(cell.strip())), None)
+    if comma is not None and decimal == ".":
+        problem = f"{path} cannot be read: line {comma[0]}: {comma[1].strip()!r} has a decimal comma"
+        raise RecordingError(problem, "Write decimal: ',' in the mapping, or numbers with decimal points.")
+    plain = [line if comma is None or delimiter == "," else line.replace(",", ".") for _, line in rows]
+    try:
+        table = np.loadtxt(plain, delimiter=delimiter, ndmin=2)
+        arrays = Arrays(zip(names, table.T, strict=True))
+        # Of nanoseconds since 1970 doubles lose the last ones.
+        for k in np.flatnonzero((np.abs(table) > 2**53).all(axis=0) & (np.abs(table) < 2**63).all(axis=0)).tolist():
+            arrays[names[k]] = np.loadtxt(plain, delimiter=delimiter, usecols=k, dtype=np.int64, ndmin=1)
+    except ValueError:
+        arrays = _by_cells(path, names, rows, delimiter, "." if comma is None else ",")
+    arrays.decimal = "." if comma is None else ","
+    arrays.units = {name: unit for name, unit in zip(names, units, strict=False) if stated and unit}
+    if nameless and not arrays.faults:
+        arrays[_WHOLE_TABLE] = np.column_stack(list(arrays.values()))
+    return arrays
 
 
-def _delimiter(lines: Sequence[str]) -> str | None:
+def _by_cells(
+    path: Path, names: Sequence[str], rows: Sequence[tuple[int, str]], delimiter: str | None, decimal: str
+) -> Arrays:
+    """Read a table with blank cells or texts."""
+    parted = [(n, _cells(line.partition("#")[0], delimiter)) for n, line in rows]
+    for n, cells in parted:
+        if len(cells) == len(names) + 1 and not cells[-1].strip():
+            cells.pop()  # a mark at the end of the line parts nothing
+        if len(cells) != len(names):
+            problem = f"{path} cannot be read: line {n}: {len(cells)} columns, where the lines before have {len(names)}"
+            raise RecordingError(problem, "Give all lines as many columns; decimal marks are points.")
+    arrays = Arrays()
+    for k, name in enumerate(names):
+        column = [cells[k].strip().replace(decimal, ".") for _, cells in parted]
+        try:
+            if name or any(column):
+                arrays[name] = np.array([float(cell) if cell else np.nan for cell in column])
+        except ValueError:
+            arrays[name] = np.array(column)
+            wrong = next(i for i, cell in enumerate(column) if cell and not _is_number(cell))
+            arrays.faults[name] = f"line {parted[wrong][0]}: {column[wrong][:60]!r} is no number"
+    return arrays
+
+
+def _cells(line: str, delimiter: str | None) -> list[str]:
+    return line.split() if delimiter is None else next(csv.reader([line], delimiter=delimiter), [])
+
+
+def _delimiter(lines: Sequence[str], decimal: str | None) -> str | None:
     """Return what parts the columns, by the first lines; None for blanks."""
-    # Commas beside as many semicolons in every line are decimal ones, or parts of names.
-    if lines[0].count(";") and len({line.count(";") for line in lines}) == 1:
-        return ";"
+    # Commas beside as many semicolons or tabs in every line are decimal ones, or parts of names.
+    for mark in ";\t":
+        if lines[0].count(mark) and len({line.count(mark) for line in lines}) == 1:
+            return mark
+    if decimal == "," and '"' not in lines[-1]:
+        return None
     return next((mark for mark in (",", ";", "\t") if mark in lines[0]), None)
-
-
-def _explain_row(path: Path, rows: Sequence[tuple[int, str]], delimiter: str | None) -> None:
-    """Raise an error that names the first line of a table that cannot be read, and what to do about it."""
-    width = 0
-    read = ((number, content) for number, line in rows if (content := line.split("#")[0]).strip())
-    for number, line in read:
-        words = line.split(delimiter)
-        width = width or len(words)
-        wrong = next((word.strip() for word in words if not _is_number(word)), None)
-        where = f"{path} cannot be read: line {number}"
-        if wrong is not None and _DECIMAL_COMMA.match(wrong):
-            raise RecordingError(f"{where}: {wrong!r} has a decimal comma", "Write numbers with decimal points.")
-        if wrong is not None:
-            what = f"{wrong[:60]!r} is no number" if wrong else "a number is missing"
-            raise RecordingError(f"{where}: {what}", "Write nan where there is no number, and names in line 1 alone.")
-        if len(words) != width:
-            message = f"{where}: {len(words)} columns, where the lines before have {width}"
-            raise RecordingError(message, "Give all lines as many columns; decimal marks are points.")
 
 
 def _is_number(word: str) -> bool:

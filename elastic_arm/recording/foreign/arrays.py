@@ -2,33 +2,41 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal, Self
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, model_validator
 
 from elastic_arm.errors import RecordingError
 from elastic_arm.input_files import Number, WholeNumber, read_text
-from elastic_arm.recording.foreign.array_files import load_arrays
+from elastic_arm.recording.foreign.array_files import FILE_INDEX, Arrays, load_arrays
 from elastic_arm.recording.foreign.channels import (
     CHANNEL_NAMES,
+    DEFAULT_UNIT,
     MOST_JOINTS,
+    SIDE_NAMES,
+    TO_SI,
     ChannelName,
     ChannelScale,
+    SideName,
     Sign,
     Strict,
     Unit,
     from_currents,
+    known_unit,
     load_yaml,
+    stated_unit,
     validated,
 )
 from elastic_arm.recording.foreign.coupling import Coupling, coupled, coupling_matrix
 from elastic_arm.recording.inspection.quality import REPAIR, checked
 from elastic_arm.recording.recording import Recording
-from elastic_arm.recording.sides import Array, Side, Stamps
+from elastic_arm.recording.sides import Array, Side, Stamps, joints_with
 
 MEND = "Mend these samples in the file: times have to advance, and numbers to be finite."
 _NS = {"s": 1e9, "ms": 1e6, "us": 1e3, "ns": 1.0}
@@ -37,24 +45,12 @@ Key = Annotated[str, BeforeValidator(lambda key: str(key) if type(key) is int el
 
 
 class Times(Strict):
-    """Where the times come from: an array, or a constant rate.
+    """Where the times come from: an array, or a constant rate."""
 
-    Parameters
-    ----------
-    key
-        Name of the array.
-    unit
-        Of its numbers.
-    rate
-        Hz, where there is no array.
-    start
-        Unix seconds of the first sample, with `rate`.
-    """
-
-    key: Key | None = None
-    unit: Literal["s", "ms", "us", "ns"] = "s"
-    rate: Annotated[Number, Field(gt=1e-6, lt=1e9)] | None = None
-    start: Annotated[Number, Field(ge=0, lt=2**31)] = 0.0
+    key: Key | None = None  # name of the array
+    unit: Literal["s", "ms", "us", "ns"] = "s"  # of its numbers
+    rate: Annotated[Number, Field(gt=1e-6, lt=1e9)] | None = None  # hz, where there is no array
+    start: Annotated[Number, Field(ge=0, lt=2**31)] = 0.0  # unix seconds of the first sample, with `rate`
 
     @model_validator(mode="after")
     def _one_of(self) -> Self:
@@ -64,33 +60,25 @@ class Times(Strict):
 
 
 class Rows(Strict):
-    """Which rows are taken of arrays that hold several runs: those where array `key` is `value`, as an episode's."""
+    """The runs of arrays that hold several: rows where array `key` is the same number, as an episode's."""
 
     key: Key
-    value: WholeNumber
+    value: WholeNumber | list[WholeNumber] | None = None  # of one run, or of several; all when None
 
 
 class ArrayChannel(Strict):
-    """One channel of all joints, or of some.
+    """One channel of all joints, or of some."""
 
-    Parameters
-    ----------
-    key
-        Name of an array with one column a joint, or one name a joint.
-    joints
-        Those that have the channel; all by default. What is given a joint is given for these.
-    columns
-        Columns of the array, one a joint; all by default.
-    flat
-        The array holds the numbers of all joints one after the other, sample by sample: one a line of a text file.
-    unit, offset, factor, sign, torque_constant, ratio
-        As in a channel map; one for all joints, or one a joint, as where some of them slide (null for those without).
-    """
-
+    # name of an array with one column a joint, or one name a joint
     key: Key | Annotated[list[Key], Field(min_length=1)]
+    # those that have the channel; all by default. What is given a joint is given for these.
     joints: Annotated[list[str], Field(min_length=1)] | None = None
+    # columns of the array, one a joint; all by default
     columns: Annotated[list[Annotated[WholeNumber, Field(ge=0)]], Field(min_length=1)] | None = None
+    # the array holds the numbers of all joints one after the other, sample by sample: one a line of a text file
     flat: bool = False
+    # unit, offset, factor, sign, torque_constant, ratio: as in a channel map; one for all joints, or one a joint, as
+    # where some of them slide (null for those without)
     unit: Unit | list[Unit] | None = None
     offset: Number | list[Number] = 0.0
     factor: Number | list[Number] = 1.0
@@ -109,13 +97,7 @@ class ArrayChannel(Strict):
         return [self.key] if isinstance(self.key, str) else self.key
 
     def places(self, joints: Sequence[str]) -> list[int]:
-        """Return which of all joints have the channel.
-
-        Raises
-        ------
-        ValueError
-            If one of them is not among `joints`, or is named twice.
-        """
+        """Return which of all joints have the channel."""
         own = self.joints or list(joints)
         if unknown := [name for name in own if name not in joints]:
             raise ValueError(f"there is no joint {', '.join(unknown)}; there are {', '.join(joints)}")
@@ -124,13 +106,7 @@ class ArrayChannel(Strict):
         return [list(joints).index(name) for name in own]
 
     def scales(self, channel: ChannelName, n: int) -> list[ChannelScale]:
-        """Return how each of n joints' numbers become ones in SI units at the harmonic-drive output.
-
-        Raises
-        ------
-        ValueError
-            If a list is not one a joint, or the unit and the rest are at odds.
-        """
+        """Return how each of n joints' numbers become ones in SI units at the harmonic-drive output."""
         names = ("unit", "offset", "factor", "sign", "torque_constant", "ratio")
         given = {name: getattr(self, name) for name in names}
         for name, value in given.items():
@@ -147,44 +123,40 @@ class ArrayChannel(Strict):
 class SideArrays(Strict):
     """The channels of one side."""
 
+    times: Times | None = None  # of its samples, where they are its own
     position: ArrayChannel | None = None
     velocity: ArrayChannel | None = None
     effort: ArrayChannel | None = None
 
     def present(self) -> dict[ChannelName, ArrayChannel]:
         """Return the channels that are there."""
-        return {name: channel for name in CHANNEL_NAMES if (channel := getattr(self, name)) is not None}
+        names: tuple[ChannelName, ...] = (*CHANNEL_NAMES, "acceleration")
+        return {name: channel for name in names if (channel := getattr(self, name, None)) is not None}
+
+
+class CommandArrays(SideArrays):
+    """What the arm was told; of measured sides accelerations are derived, and not taken."""
+
+    acceleration: ArrayChannel | None = None
 
 
 class ArrayMap(Strict):
-    """A mapping of arrays to a recording.
+    """A mapping of arrays to a recording, or to several runs."""
 
-    Parameters
-    ----------
-    times
-        Of the samples.
-    joints
-        Names, in robot-description order.
-    link, motor
-        The channels of each side.
-    rows
-        One run of several, such as an episode of a dataset; all rows when None.
-    ignore
-        Arrays that are left out on purpose, `*` and `?` as in file names; any other that is not mapped is an error.
-    robot_description
-        URDF file to put into the bag; relative to the mapping file.
-    coupling
-        Of motors that move several joints: joint -> motor -> factor.
-    """
-
-    times: Times
-    joints: Annotated[list[str], Field(min_length=1, max_length=MOST_JOINTS)]
-    link: SideArrays = SideArrays()
+    times: Times  # of the samples
+    joints: Annotated[list[str], Field(min_length=1, max_length=MOST_JOINTS)]  # names, in robot-description order
+    link: SideArrays = SideArrays()  # link, motor: the channels of each side
     motor: SideArrays = SideArrays()
-    rows: Rows | None = None
+    command: CommandArrays = CommandArrays()  # what the arm was told, the recording's reference
+    rows: Rows | None = None  # runs of several, such as the episodes of a dataset; all rows are one when None
+    every: Annotated[WholeNumber, Field(ge=1)] = 1  # of the rows each so many-th is taken
+    decimal: Literal[".", ","] = "."  # mark of tables as text
+    # arrays that are left out on purpose, `*` and `?` as in file names; any other that is not mapped is an error
     ignore: Annotated[list[str], Field(default_factory=list)]
-    robot_description: str | None = None
-    coupling: Coupling = Field(default_factory=dict)
+    robot_description: str | None = None  # URDF file to put into the bag; relative to the mapping file
+    coupling: Coupling = Field(default_factory=dict)  # of motors that move several joints: joint -> motor -> factor
+    # torque channels that were computed from currents before
+    from_currents: Annotated[list[Literal["joint_torque", "motor_torque"]], Field(default_factory=list)]
 
     @model_validator(mode="after")
     def _usable(self) -> Self:
@@ -192,89 +164,86 @@ class ArrayMap(Strict):
             raise ValueError("joints: a name occurs twice")
         if not self.link.present() and not self.motor.present():
             raise ValueError("neither link nor motor has a channel")
-        for side in (self.link, self.motor):
-            for name, channel in side.present().items():
-                channel.scales(name, len(channel.places(self.joints)))
+        for _, name, channel in self.channels():
+            channel.scales(name, len(channel.places(self.joints)))
         coupling_matrix(self.coupling, self.joints)
         return self
+
+    def channels(self) -> Iterator[tuple[SideName, ChannelName, ArrayChannel]]:
+        """Yield the channels of all sides."""
+        for side in SIDE_NAMES:
+            yield from ((side, name, channel) for name, channel in getattr(self, side).present().items())
 
     def currents(self) -> tuple[str, ...]:
         """Return the torque channels, by the names of a recording, that are currents of any joint."""
         units = (None if own is None else own.unit for own in (self.link.effort, self.motor.effort))
-        return from_currents(*(unit if isinstance(unit, list) else [unit] for unit in units))
+        found = from_currents(*(unit if isinstance(unit, list) else [unit] for unit in units))
+        return tuple(dict.fromkeys((*self.from_currents, *found)))
+
+    def times_of(self, side: SideName) -> Times:
+        """Return where a side's times come from."""
+        return getattr(self, side).times or self.times
 
 
 def load_array_map(path: str | Path) -> ArrayMap:
-    """Read a mapping file (YAML).
-
-    Raises
-    ------
-    RecordingError
-        If it cannot be read, or a field is missing, unknown or wrong.
-    """
+    """Read a mapping file (YAML)."""
     return validated(ArrayMap, load_yaml(path, "mapping"), path)
 
 
 def import_arrays(path: str | Path, mapping: str | Path) -> Recording:
-    """Make a recording of a file of arrays.
+    """Make a recording of a file of arrays, or of all files of a folder."""
+    runs = import_runs(path, mapping)
+    if len(runs) > 1:
+        raise RecordingError(f"{path} holds {len(runs)} runs", "Give the number of one under rows.value.")
+    return next(iter(runs.values()))
 
-    Parameters
-    ----------
-    path
-        .npz, .csv, .mat (up to version 7), .parquet or .hdf5, or a folder of such files.
-    mapping
-        The mapping file.
 
-    Raises
-    ------
-    RecordingError
-        If a file cannot be read, an array is missing or has the wrong size, or numbers and times cannot be used.
-    """
-    arrays, rules = load_arrays(Path(path)), load_array_map(mapping)
-    try:
-        _refuse_strays(arrays, rules)
-        arrays = _of_run(arrays, rules.rows)
-        stamp_ns = _stamps(arrays, rules)
-        link = _side(arrays, rules, "link", stamp_ns)
-        motor = coupled(_side(arrays, rules, "motor", stamp_ns), coupling_matrix(rules.coupling, rules.joints))
-    except RecordingError as error:
-        # There is no bag yet that could be repaired.
-        remedy = MEND if REPAIR in error.remedy else error.remedy
-        raise RecordingError(f"{path}: {error.problem}", remedy) from None
+def import_runs(path: str | Path, mapping: str | Path) -> dict[str, Recording]:
+    """Make recordings of a file or folder of arrays, by the names of the runs; one alone has an empty name."""
+    rules = load_array_map(mapping)
+    arrays = load_arrays(Path(path), rules.decimal)
     urdf = None
     if rules.robot_description is not None:
         file = Path(mapping).parent / rules.robot_description
         urdf = read_text(file, RecordingError, f"Mend robot_description in {mapping}: a path beside that file.")
-    return Recording(
-        tuple(rules.joints), link, motor, robot_description=urdf, source=str(path), currents=rules.currents()
-    )
+    try:
+        _refuse_strays(arrays, rules)
+        notes: list[str] = []
+        sides = {side: _read_side(arrays, rules, side, notes) for side in SIDE_NAMES if getattr(rules, side).present()}
+        runs = {name: _recording(rules, sides, rows) for name, rows in _runs(arrays, rules)}
+    except RecordingError as error:
+        # There is no bag yet that could be repaired.
+        remedy = MEND if REPAIR in error.remedy else error.remedy
+        raise RecordingError(f"{path}: {error.problem}", remedy) from None
+    return {
+        name: replace(run, robot_description=urdf, source=f"{path} {name}".strip(), notes=(*notes, *run.notes))
+        for name, run in runs.items()
+    }
 
 
-def _of_run(arrays: dict[str, np.ndarray], rows: Rows | None) -> dict[str, np.ndarray]:
-    """Return the rows of one run."""
-    if rows is None:
-        return arrays
-    numbers = np.asarray(arrays[rows.key]).ravel()
-    chosen = numbers == rows.value
-    if not chosen.any():
-        known = ", ".join(f"{number:g}" for number in np.unique(numbers)[:8])
-        raise RecordingError(f"no row has {rows.key} {rows.value}", f"Take one of {known} under rows.value.")
-    return {name: values[chosen] if len(values) == len(chosen) else values for name, values in arrays.items()}
+@dataclass(frozen=True)
+class _SideTable:
+    """All rows of a side: times as they are, or numbers of the rows where there is a rate, and channels in SI units."""
+
+    rules: Times
+    times: np.ndarray
+    channels: Mapping[ChannelName, Array]
 
 
-def _refuse_strays(arrays: Mapping[str, np.ndarray], rules: ArrayMap) -> None:
-    sides = (rules.link, rules.motor)
-    used = {key for side in sides for channel in side.present().values() for key in channel.arrays()}
-    used |= {rules.times.key} if rules.times.key is not None else set()
+def _refuse_strays(arrays: Arrays, rules: ArrayMap) -> None:
+    used = {key for _, _, channel in rules.channels() for key in channel.arrays()}
+    used |= {times.key for side in SIDE_NAMES if (times := rules.times_of(side)).key is not None}
     used |= {rules.rows.key} if rules.rows is not None else set()
-    known = ", ".join(arrays)
     if missing := sorted(used - set(arrays)):
-        raise RecordingError(f"no array {', '.join(missing)}; there is {known}", "Correct the names in the mapping.")
-    left = {name for name in arrays if not _other_form(name, arrays, used)} - used
-    if strays := sorted(name for name in left if not any(fnmatchcase(name, pattern) for pattern in rules.ignore)):
-        raise RecordingError(
-            f"arrays {', '.join(strays)} are not mapped", "Map them, or list them under 'ignore' in the mapping."
-        )
+        problem = f"no array {', '.join(missing)}; there is {', '.join(arrays)}"
+        raise RecordingError(problem, "Correct the names in the mapping.")
+    numbers = {name for name, values in arrays.items() if values.dtype.kind in "iufc" and name != FILE_INDEX}
+    # A bracket in a pattern may be one of the name: columns are called `Time [ms]`.
+    patterns = [*rules.ignore, *(pattern.replace("[", "[[]") for pattern in rules.ignore)]
+    left = {name for name in numbers - used if not _other_form(name, arrays, used)}
+    if strays := sorted(name for name in left if not any(fnmatchcase(name, pattern) for pattern in patterns)):
+        problem = f"arrays {', '.join(strays)} are not mapped"
+        raise RecordingError(problem, "Map them, or list them under 'ignore' in the mapping.")
 
 
 def _other_form(name: str, arrays: Mapping[str, np.ndarray], used: Collection[str]) -> bool:
@@ -289,66 +258,127 @@ def _other_form(name: str, arrays: Mapping[str, np.ndarray], used: Collection[st
     return f"{name}.0" in arrays and any(key.rpartition(".")[0] == name for key in used)
 
 
-def _stamps(arrays: Mapping[str, np.ndarray], rules: ArrayMap) -> Stamps:
-    times = rules.times
+def _in_stated_unit(channel: ArrayChannel, name: ChannelName, arrays: Arrays, n: int) -> tuple[ArrayChannel, list[str]]:
+    """Give a channel without a unit those that its columns' names or a row of units state; note those that differ."""
+    keys = channel.arrays()
+    words = [stated_unit(key, arrays.units.get(key, "")) for key in keys]
+    known = [known_unit(word) or ("", 1.0) for word in words]
+    if channel.unit is not None:
+        units = channel.unit if isinstance(channel.unit, list) else [channel.unit] * len(keys)
+        others = [
+            f"{key} is in {word} by its name, and was taken as {unit} by the mapping"
+            for key, word, found, unit in zip(keys, words, known, units, strict=False)
+            if word and not (found[0] and unit.startswith(found[0]) and found[1] == 1.0) and channel.factor == 1.0
+        ]
+        return channel, others
+    if not any(words):
+        return channel, []
+    for key, word, (unit, _) in zip(keys, words, known, strict=True):
+        if word and (unit not in TO_SI[name] or unit == "A"):
+            raise RecordingError(f"{key} is in {word}", f"Give {name} a unit in the mapping, and what belongs to it.")
+    known = [found if word else (DEFAULT_UNIT[name], 1.0) for word, found in zip(words, known, strict=True)]
+    known = known * n if len(known) == 1 else known
+    factors = channel.factor if isinstance(channel.factor, list) else [channel.factor] * n
+    scaled = [factor * size for factor, (_, size) in zip(factors, known, strict=False)]
+    return channel.model_copy(update={"unit": [unit for unit, _ in known], "factor": scaled}), []
+
+
+def _read_side(arrays: Arrays, rules: ArrayMap, side: SideName, notes: list[str]) -> _SideTable:
+    """Read all rows of a side."""
+    times, channels = rules.times_of(side), getattr(rules, side).present()
     if times.key is None:
-        side = rules.link if rules.link.present() else rules.motor
-        channel = next(iter(side.present().values()))
+        channel = next(iter(channels.values()))
         first = arrays[channel.arrays()[0]]
-        n = len(channel.places(rules.joints))
-        count = first.size // n if channel.flat else max(first.shape, default=1)
-        return round(times.start * 1e9) + np.rint(np.arange(count) * (1e9 / float(times.rate or 1))).astype(np.int64)
-    values = np.asarray(arrays[times.key]).ravel()
-    if values.dtype.kind not in "iuf":
-        raise RecordingError(f"{times.key} holds no numbers", "Name the array of times in the mapping.")
-    _refuse_late(times.key, values, times.unit)
+        size = first.size // len(channel.places(rules.joints)) if channel.flat else max(first.shape, default=1)
+        values = np.arange(size)
+    else:
+        values = np.asarray(arrays[times.key]).ravel()
+        if values.dtype.kind not in "iuf":
+            raise RecordingError(f"{times.key} holds no numbers", "Name the array of times in the mapping.")
+        if "unit" not in times.model_fields_set:
+            word = stated_unit(times.key, arrays.units.get(times.key, "")).lower().replace("µ", "u").replace("sec", "s")
+            times = times.model_copy(update={"unit": word if word in _NS else "s"})
+        # Beyond this 64 bits of nanoseconds, and the stamps of ROS, hold no time.
+        late = np.abs(values.astype(np.float64)) >= 2**31 * 1e9 / _NS[times.unit]
+        if late.any():
+            row = int(np.argmax(late))
+            problem = f"{times.key} is {values[row]} {times.unit} in row {row}; stamps end at 2^31 s, in 2038"
+            raise RecordingError(problem, "Give the right unit under times, or subtract a constant.")
+    tables = {}
+    for name, channel in channels.items():
+        places = channel.places(rules.joints)
+        channel, others = _in_stated_unit(channel, name, arrays, len(places))
+        notes += others
+        table = _table(arrays, channel, len(values), len(places))
+        tables[name] = np.full((len(values), len(rules.joints)), np.nan)
+        for i, (place, scale) in enumerate(zip(places, channel.scales(name, len(places)), strict=True)):
+            tables[name][:, place] = scale.applied(table[:, i], name)
+    return _SideTable(times, values, tables)
+
+
+def _runs(arrays: Mapping[str, np.ndarray], rules: ArrayMap) -> list[tuple[str, NDArray[np.bool_] | None]]:
+    """Return the runs by name, each with the rows that are its own; None for all."""
+    if rules.rows is None:
+        return [("", None)]
+    numbers, key, value = np.asarray(arrays[rules.rows.key]).ravel(), rules.rows.key, rules.rows.value
+    known = np.unique(numbers)
+    wanted = known.tolist() if value is None else value if isinstance(value, list) else [value]
+    if missing := [number for number in wanted if number not in known]:
+        shown = ", ".join(f"{number:g}" for number in known[:8])
+        raise RecordingError(f"no row has {key} {missing[0]}", f"Take one of {shown} under rows.value.")
+    return [(f"{key}_{number:g}" if len(wanted) > 1 else "", numbers == number) for number in wanted]
+
+
+def _recording(rules: ArrayMap, tables: Mapping[SideName, _SideTable], chosen: NDArray[np.bool_] | None) -> Recording:
+    """Build the recording of one run: rows with holes are left out of their side."""
+    notes: list[str] = []
+    sides: dict[str, Side | None] = dict.fromkeys(SIDE_NAMES)
+    for side, table in tables.items():
+        if chosen is not None and len(chosen) != len(table.times):
+            problem = f"the {side} side has {len(table.times)} rows, the array of the runs {len(chosen)}"
+            raise RecordingError(problem, "Name another array under rows.key.")
+        rows = (np.arange(len(table.times)) if chosen is None else np.flatnonzero(chosen))[:: rules.every]
+        times, values = table.times[rows], {name: channel[rows] for name, channel in table.channels.items()}
+        whole = ~np.isnan(times) if times.dtype.kind == "f" else np.ones(len(rows), np.bool_)
+        for channel in values.values():
+            whole &= ~np.isnan(channel[:, joints_with(channel)]).any(axis=1)
+        if not whole.any() and len(whole):
+            raise RecordingError(f"no row has all numbers of the {side} side", "Map fewer of its channels.")
+        if not whole.all():
+            notes.append(f"{np.sum(~whole)} of {len(whole)} rows have holes on the {side} side and were left out of it")
+        stamp_ns = _stamps(times[whole], table.rules, int(rows[0]) if len(rows) else 0)
+        sides[side] = checked(Side(stamp_ns, **{k: v[whole] for k, v in values.items()}), side, rules.joints)
+    return Recording(
+        tuple(rules.joints),
+        sides["link"],
+        coupled(sides["motor"], coupling_matrix(rules.coupling, rules.joints)),
+        sides["command"],
+        notes=tuple(notes),
+        currents=rules.currents(),
+    )
+
+
+def _stamps(values: np.ndarray, times: Times, first: int) -> Stamps:
+    """(N,) ns of times as they are."""
+    if times.key is None:
+        return round(times.start * 1e9) + np.rint((values - first) * (1e9 / float(times.rate or 1))).astype(np.int64)
     if values.dtype.kind in "iu":
         return values.astype(np.int64) * int(_NS[times.unit])
-    if not np.isfinite(values).all():
-        raise RecordingError(f"{times.key} is not finite in row {int(np.argmin(np.isfinite(values)))}")
     # Whole units and the rest apart: unix seconds times 1e9 would lose the last bits.
     whole = np.floor(values)
     rest = np.rint((values - whole) * _NS[times.unit]).astype(np.int64)
     return whole.astype(np.int64) * int(_NS[times.unit]) + rest
 
 
-def _refuse_late(key: str, values: np.ndarray, unit: str) -> None:
-    """Raise if a time is beyond what 64 bits of nanoseconds, and the stamps of ROS, hold."""
-    limit = 2**31 * 1e9 / _NS[unit]
-    late = np.abs(values.astype(np.float64)) >= limit
-    if late.any():
-        row = int(np.argmax(late))
-        raise RecordingError(
-            f"{key} is {values[row]} {unit} in row {row}; stamps end at 2^31 s, in January 2038",
-            "Give the right unit under times, or subtract a constant.",
-        )
-
-
-def _side(
-    arrays: Mapping[str, np.ndarray], rules: ArrayMap, name: Literal["link", "motor"], stamp_ns: Stamps
-) -> Side | None:
-    channels: dict[ChannelName, ArrayChannel] = getattr(rules, name).present()
-    if not channels:
-        return None
-    n = len(rules.joints)
-    values: dict[str, Any] = {}
-    for channel, source in channels.items():
-        places = source.places(rules.joints)
-        table = _table(arrays, source, len(stamp_ns), len(places))
-        values[channel] = np.full((len(stamp_ns), n), np.nan)
-        for i, (place, scale) in enumerate(zip(places, source.scales(channel, len(places)), strict=True)):
-            values[channel][:, place] = scale.applied(table[:, i], channel)
-    return checked(Side(stamp_ns, **values), name, rules.joints)
-
-
-def _table(arrays: Mapping[str, np.ndarray], source: ArrayChannel, count: int, n: int) -> Array:
+def _table(arrays: Arrays, source: ArrayChannel, count: int, n: int) -> Array:
     """(count, n) numbers of a channel; an array with samples along its second axis is turned."""
     keys = source.arrays()
     for key in keys:
+        if key in arrays.faults:
+            raise RecordingError(f"{key}: {arrays.faults[key]}", "Write nan or nothing where there is no number.")
         if arrays[key].dtype.kind not in "biuf":
-            raise RecordingError(
-                f"{key} is no table of numbers, but of {arrays[key].dtype.name}", "Map arrays of real numbers."
-            )
+            problem = f"{key} is no table of numbers, but of {arrays[key].dtype.name}"
+            raise RecordingError(problem, "Map arrays of real numbers.")
     try:
         parts = [np.asarray(arrays[key], dtype=np.float64) for key in keys]
         table = parts[0] if len(parts) == 1 else np.column_stack([part.ravel() for part in parts])
@@ -365,7 +395,6 @@ def _table(arrays: Mapping[str, np.ndarray], source: ArrayChannel, count: int, n
         remedy = "Name one column a joint ('columns', or a list of keys), and the right times."
         if 1 in table.shape and n > 1 and table.size % n == 0 and len(keys) == 1 and not source.flat:
             remedy += f" If it holds {n} numbers a sample one after the other, add flat: true to the channel."
-        raise RecordingError(
-            f"{', '.join(keys)} has shape {table.shape}; {count} samples of {n} joints are wanted", remedy
-        )
+        problem = f"{', '.join(keys)} has shape {table.shape}; {count} samples of {n} joints are wanted"
+        raise RecordingError(problem, remedy)
     return table

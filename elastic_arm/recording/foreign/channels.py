@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self, TypeVar
+from typing import Annotated, Any, Literal, Self, TypeVar, get_args
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
@@ -15,36 +16,69 @@ from elastic_arm.recording.foreign.coupling import Coupling, coupling_matrix
 from elastic_arm.recording.sides import Array
 from elastic_arm.recording.storage.metadata import TORQUE_CHANNELS
 
-SideName = Literal["link", "motor"]
-ChannelName = Literal["position", "velocity", "effort"]
+SideName = Literal["link", "motor", "command"]
+SIDE_NAMES: tuple[SideName, ...] = ("link", "motor", "command")
+ChannelName = Literal["position", "velocity", "effort", "acceleration"]
 Unit = Literal[
-    "rad", "deg", "turns", "rad/s", "deg/s", "turns/s", "rpm", "Nm", "Nm_motor", "A", "m", "mm", "m/s", "mm/s", "N"
-]
+    "rad", "deg", "turns", "rad/s", "deg/s", "turns/s", "rpm", "Nm", "Nm_motor", "A", "m", "mm", "m/s", "mm/s", "N",
+    "rad/s^2", "deg/s^2", "m/s^2",
+]  # fmt: skip
 Sign = Annotated[Literal[1, -1], BeforeValidator(refuse_truth)]
 REMEDY = "See docs/channel_maps.md."
 REFERENCE = "docs/channel_maps.md shows every key"
 MOST_JOINTS = 1000
 CHANNEL_NAMES: tuple[ChannelName, ...] = ("position", "velocity", "effort")
 
+_SIZES = {"rad": 1.0, "deg": math.pi / 180, "turns": 2 * math.pi, "m": 1.0, "mm": 1e-3}
 # A position's unit on a velocity means that unit per second.
-_TO_SI: dict[ChannelName, dict[str, float]] = {
-    "position": {"rad": 1.0, "deg": math.pi / 180, "turns": 2 * math.pi, "m": 1.0, "mm": 1e-3},
-    "velocity": {
-        "rad": 1.0,
-        "deg": math.pi / 180,
-        "turns": 2 * math.pi,
-        "rad/s": 1.0,
-        "deg/s": math.pi / 180,
-        "turns/s": 2 * math.pi,
-        "rpm": 2 * math.pi / 60,
-        "m": 1.0,
-        "mm": 1e-3,
-        "m/s": 1.0,
-        "mm/s": 1e-3,
-    },
-    "effort": {"Nm": 1.0, "N": 1.0, "Nm_motor": 1.0, "A": 1.0},
+TO_SI: dict[ChannelName, dict[str, float]] = {
+    "position": _SIZES,
+    "velocity": _SIZES | {f"{unit}/s": size for unit, size in _SIZES.items()} | {"rpm": 2 * math.pi / 60},
+    "effort": dict.fromkeys(("Nm", "N", "Nm_motor", "A"), 1.0),
+    "acceleration": {f"{unit}/s^2": size for unit, size in _SIZES.items()},
 }
-_DEFAULT_UNIT: dict[ChannelName, Unit] = {"position": "rad", "velocity": "rad/s", "effort": "Nm"}
+# How files call units beside their own names, without blanks and in small letters.
+_CALLED: dict[Unit, str] = {
+    "rad": "rads radian radians",
+    "deg": "degs degree degrees ° º",
+    "turns": "turn rev revs",
+    "rad/s": "rads/s rad/sec rad*s^-1",
+    "deg/s": "degs/s degrees/s deg/sec °/s º/s",
+    "turns/s": "rev/s",
+    "rpm": "1/min rev/min u/min",
+    "Nm": "n*m n·m n.m n-m",
+    "A": "amp amps",
+}
+# Which unit a word means, and how many of it that is.
+_WRITTEN: dict[str, tuple[Unit, float]] = {unit.lower(): (unit, 1.0) for unit in get_args(Unit)}
+_WRITTEN |= {word: (unit, 1.0) for unit, words in _CALLED.items() for word in words.split()}
+_WRITTEN |= {"mrad": ("rad", 1e-3), "mrad/s": ("rad/s", 1e-3), "ma": ("A", 1e-3)}
+_WRITTEN |= {"mnm": ("Nm", 1e-3), "knm": ("Nm", 1e3), "kn": ("N", 1e3)}
+# In a column's name what stands in brackets is its unit, unless it is a number; in parentheses it may be a remark.
+_IN_NAME = re.compile(r"\[\s*([^\]\d][^\]]*?)\s*\]|\(\s*([^()\d][^()]*?)\s*\)")
+_OF_A_RANGE = re.compile(r"%|‰|per ?cent|per ?mille?", re.I)
+DEFAULT_UNIT: dict[ChannelName, Unit] = {
+    "position": "rad",
+    "velocity": "rad/s",
+    "effort": "Nm",
+    "acceleration": "rad/s^2",
+}
+
+
+def stated_unit(name: str, row: str = "") -> str:
+    """Return the unit that a column's name, or its cell in a row of units, states; empty where neither does."""
+    if row:
+        return row
+    for match in _IN_NAME.finditer(name):
+        if match[1] or known_unit(match[2]) is not None:
+            return match[1] or match[2]
+    share = _OF_A_RANGE.search(name)
+    return "" if share is None else share[0]
+
+
+def known_unit(written: str) -> tuple[Unit, float] | None:
+    """Return the unit that a file's word for one means, and how many of it that is; None for other words."""
+    return _WRITTEN.get("".join(written.split()).lower())
 
 
 class Strict(BaseModel):
@@ -54,29 +88,17 @@ class Strict(BaseModel):
 
 
 class ChannelScale(Strict):
-    """How a recorded number becomes one in SI units at the harmonic-drive output.
+    """How a recorded number becomes one in SI units at the harmonic-drive output."""
 
-    Parameters
-    ----------
-    unit
-        Of the recorded number; `Nm_motor` is a torque at the motor shaft, `A` a motor current. Lengths and forces are
-        those of a prismatic joint.
-    offset
-        Added to the recorded number, in its own unit: less what it reads at zero.
-    factor, sign
-        Multiply the number.
-    torque_constant
-        Nm/A at the motor shaft; for currents.
-    ratio
-        Motor turns per turn at the harmonic-drive output: what is measured at the motor shaft is reduced by it. Of a
-        prismatic joint rad of the motor per m.
-    """
-
+    # of the recorded number; `Nm_motor` is a torque at the motor shaft, `A` a motor current. Lengths and forces are
+    # those of a prismatic joint.
     unit: Unit | None = None
-    offset: Number = 0.0
-    factor: Number = 1.0
+    offset: Number = 0.0  # added to the recorded number, in its own unit: less what it reads at zero
+    factor: Number = 1.0  # factor, sign: multiply the number
     sign: Sign = 1
-    torque_constant: Annotated[Number, Field(gt=0)] | None = None
+    torque_constant: Annotated[Number, Field(gt=0)] | None = None  # nm/A at the motor shaft; for currents
+    # motor turns per turn at the harmonic-drive output: what is measured at the motor shaft is reduced by it. Of a
+    # prismatic joint rad of the motor per m.
     ratio: Annotated[Number, Field(gt=0)] | None = None
 
     @model_validator(mode="after")
@@ -97,12 +119,12 @@ class ChannelScale(Strict):
 
     def check_unit(self, channel: ChannelName) -> None:
         """Raise a ValueError if the unit is none of this channel's."""
-        if self.unit is not None and self.unit not in _TO_SI[channel]:
-            raise ValueError(f"{channel} cannot have unit {self.unit}; one of {', '.join(_TO_SI[channel])}")
+        if self.unit is not None and self.unit not in TO_SI[channel]:
+            raise ValueError(f"{channel} cannot have unit {self.unit}; one of {', '.join(TO_SI[channel])}")
 
     def scale(self, channel: ChannelName) -> float:
         """Return the factor that turns the recorded number into rad, rad/s or Nm (m, m/s or N) at the output."""
-        si = _TO_SI[channel][self.unit or _DEFAULT_UNIT[channel]] * self.factor * self.sign
+        si = TO_SI[channel][self.unit or DEFAULT_UNIT[channel]] * self.factor * self.sign
         ratio = self.ratio or 1.0
         return si * (self.torque_constant or 1.0) * ratio if channel == "effort" else si / ratio
 
@@ -112,24 +134,14 @@ class ChannelScale(Strict):
 
 
 class Channel(ChannelScale):
-    """Where one channel of one joint comes from.
+    """Where one channel of one joint comes from."""
 
-    Parameters
-    ----------
-    topic
-        Topic in the bag.
-    field
-        Path of the field in the message: `position`, `wrench.torque.z`, `data`; the channel's own name by default.
-    index
-        Place in the field; by default the place of `name` in the message's list of names.
-    name
-        The joint's name in the message; the joint's own name by default.
-    """
-
-    topic: str
+    topic: str  # topic in the bag
+    # path of the field in the message: `position`, `wrench.torque.z`, `data`; the channel's own name by default
     field: str = ""
+    # place in the field; by default the place of `name` in the message's list of names
     index: Annotated[WholeNumber, Field(ge=0)] | None = None
-    name: str = ""
+    name: str = ""  # the joint's name in the message; the joint's own name by default
 
 
 class SideChannels(Strict):
@@ -159,11 +171,16 @@ def from_currents(link: Sequence[str | None], motor: Sequence[str | None]) -> tu
 
 
 class JointChannels(Strict):
-    """Both sides of a joint; `name` is what the bag calls it, for all channels without a name of their own."""
+    """The sides of a joint and its command; `name` is what the bag calls it, for channels without one of their own."""
 
     name: str = ""
     link: SideChannels = SideChannels()
     motor: SideChannels = SideChannels()
+    command: SideChannels = SideChannels()
+
+    def sides(self) -> tuple[SideChannels, ...]:
+        """Return all sides."""
+        return self.link, self.motor, self.command
 
 
 class ChannelMap(Strict):
@@ -186,14 +203,14 @@ class ChannelMap(Strict):
     @model_validator(mode="after")
     def _usable(self) -> Self:
         for name, joint in self.joints.items():
-            if not any(True for side in (joint.link, joint.motor) for _ in side.present()):
+            if not any(True for side in joint.sides() for _ in side.present()):
                 raise ValueError(f"{name} has no channel")
         coupling_matrix(self.coupling, list(self.joints))
         return self
 
     def topics(self) -> set[str]:
         """Return all topics that are needed."""
-        sides = [side for joint in self.joints.values() for side in (joint.link, joint.motor)]
+        sides = [side for joint in self.joints.values() for side in joint.sides()]
         return {channel.topic for side in sides for _, channel in side.present()}
 
     def currents(self) -> tuple[str, ...]:
@@ -219,13 +236,7 @@ def load_channels(path: str | Path) -> ChannelMap:
 
 
 def load_yaml(path: str | Path, what: str) -> dict[str, Any]:
-    """Read a YAML mapping.
-
-    Raises
-    ------
-    RecordingError
-        If it cannot be read or is no mapping.
-    """
+    """Read a YAML mapping."""
     try:
         return read_fields(path, RecordingError, REMEDY)
     except RecordingError as error:
@@ -248,22 +259,7 @@ CALLED = {
 
 
 def validated(model: type[M], data: dict[str, Any], path: str | Path) -> M:
-    """Check `data`, read from `path`, against a model.
-
-    Parameters
-    ----------
-    model
-        The pydantic model.
-    data
-        What was read.
-    path
-        The file, for errors.
-
-    Raises
-    ------
-    RecordingError
-        Naming each wrong field and what is wrong with it.
-    """
+    """Check `data`, read from `path`, against a model."""
     try:
         return model.model_validate(data)
     except ValidationError as error:
@@ -295,4 +291,4 @@ def _filled(joint_name: str, joint: Any) -> Any:
             for channel, source in channels.items()
         }
 
-    return {key: side(value) if key in ("link", "motor") else value for key, value in joint.items()}
+    return {key: side(value) if key in SIDE_NAMES else value for key, value in joint.items()}

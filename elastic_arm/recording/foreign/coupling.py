@@ -16,20 +16,7 @@ _SINGULAR = 1e-9  # relative singular value from which on motors cannot move the
 
 
 def coupling_matrix(coupling: Mapping[str, Mapping[str, float]], joints: Sequence[str]) -> Array:
-    """Return the matrix C (n, n) of theta = C theta_motors; joints without an entry turn with their own motor alone.
-
-    Parameters
-    ----------
-    coupling
-        Joint -> motor, called as the joint it mainly drives -> factor.
-    joints
-        Names of all.
-
-    Raises
-    ------
-    ValueError
-        If a name or a number is wrong, or the motors cannot move the joints apart.
-    """
+    """Return the matrix C (n, n) of theta = C theta_motors; joints without an entry turn with their own motor alone."""
     matrix = np.eye(len(joints))
     for joint, motors in coupling.items():
         for name in (joint, *motors):
@@ -47,15 +34,7 @@ def coupling_matrix(coupling: Mapping[str, Mapping[str, float]], joints: Sequenc
 
 
 def coupled(side: Side | None, matrix: Array) -> Side | None:
-    """Return the motor side of joints from that of motors: theta = C theta_motors, C' tau = tau_motors (power is kept).
-
-    Parameters
-    ----------
-    side
-        Columns by motor; None where it was not recorded.
-    matrix
-        C, (n, n).
-    """
+    """Return the motor side of joints: theta = C theta_motors, C' tau = tau_motors, so that power is kept."""
     if side is None or np.array_equal(matrix, np.eye(len(matrix))):
         return side
     inverse = np.linalg.inv(matrix)

@@ -8,65 +8,36 @@ from dataclasses import dataclass, field
 
 import yaml
 
-from elastic_arm.recording.foreign.channels import ChannelName, SideName
+from elastic_arm.recording.foreign.channels import SIDE_NAMES, ChannelName, SideName
 from elastic_arm.recording.foreign.tables import JointTable, TimeArray
 
 
 @dataclass(frozen=True)
 class Guess:
-    """One channel of the draft.
+    """One channel of the draft."""
 
-    Parameters
-    ----------
-    side, channel
-        Where it goes.
-    table
-        Its arrays.
-    unit
-        Of its numbers; empty if nothing shows it.
-    reasons
-        Why, in words.
-    scales
-        Further keys of the mapping: sign, ratio.
-    missing
-        Keys that the mapping needs and no array can show, with what they are.
-    units
-        One a joint, where some of them slide; empty where `unit` is that of all.
-    places
-        Which joints have the channel; None for all.
-    """
-
-    side: SideName
+    side: SideName  # side, channel: where it goes
     channel: ChannelName
-    table: JointTable
-    unit: str
-    reasons: tuple[str, ...]
-    scales: Mapping[str, list[float]] = field(default_factory=dict)
+    table: JointTable  # its arrays
+    unit: str  # of its numbers; empty if nothing shows it
+    reasons: tuple[str, ...]  # why, in words
+    scales: Mapping[str, list[float]] = field(default_factory=dict)  # further keys of the mapping: sign, ratio
+    # keys that the mapping needs and no array can show, with what they are
     missing: Mapping[str, str] = field(default_factory=dict)
-    units: tuple[str, ...] = ()
-    places: tuple[int, ...] | None = None
+    units: tuple[str, ...] = ()  # one a joint, where some of them slide; empty where `unit` is that of all
+    places: tuple[int, ...] | None = None  # which joints have the channel; None for all
 
 
 @dataclass(frozen=True)
 class Draft:
-    """A draft of a mapping.
+    """A draft of a mapping."""
 
-    Parameters
-    ----------
-    joints
-        Names.
-    times
-        None where no array looks like times.
-    channels
-        What was recognised.
-    ignored
-        Arrays left out, and why.
-    """
-
-    joints: tuple[str, ...]
-    times: TimeArray | None
-    channels: tuple[Guess, ...]
-    ignored: tuple[tuple[str, str], ...]
+    joints: tuple[str, ...]  # names
+    times: TimeArray | None  # none where no array looks like times
+    channels: tuple[Guess, ...]  # what was recognised
+    ignored: tuple[tuple[str, str], ...]  # arrays left out, and why
+    runs: tuple[str, int] | None = None  # array that numbers several runs, and how many there are
+    decimal: str = "."
 
     @property
     def missing(self) -> list[str]:
@@ -81,16 +52,21 @@ class Draft:
         if self.times is None:
             lines += ["# No array looks like times: give the sample rate, Hz.", "times: {rate: }"]
         else:
-            key = _inline(self.times.key)
-            lines += [f"times: {{key: {key}, unit: {self.times.unit}}}          # {self.times.rate:.6g} Hz"]
+            times = _inline({"key": self.times.key, "unit": self.times.unit})
+            lines += [f"times: {times}          # {self.times.rate:.6g} Hz"]
+        if self.runs is not None:
+            key, count = self.runs
+            lines += [f"rows: {_inline({'key': key})}          # {count} runs, a bag each; value: N takes one"]
+        if self.decimal != ".":
+            lines += [f"decimal: {_inline(self.decimal)}"]
         lines += [f"joints: {_inline(list(self.joints))}"]
-        for side in ("link", "motor"):
+        for side in SIDE_NAMES:
             if chosen := [guess for guess in self.channels if guess.side == side]:
                 lines.append(f"{side}:")
                 for guess in chosen:
                     lines += _channel_lines(guess, self.joints)
         lines.append("ignore:" if self.ignored else "ignore: []")
-        lines += [f"  - {_inline(key)}    # {reason}" for key, reason in self._ignored_patterns()]
+        lines += [f"  - {_inline(key)}    # {_comment(reason)}" for key, reason in self._ignored_patterns()]
         return "\n".join(lines) + "\n"
 
     def _ignored_patterns(self) -> list[tuple[str, str]]:
@@ -115,14 +91,20 @@ def _channel_lines(guess: Guess, joints: Sequence[str]) -> list[str]:
     if len(all_keys) == 1 and (table.columns is not None or guess.places is not None):
         columns = range(len(joints)) if table.columns is None else table.columns
         keys["columns"] = [columns[k] for k in places]
+    keys |= {"flat": True} if table.flat else {}
     keys["unit"] = [guess.units[k] for k in places] if guess.units else guess.unit
     scales = {name: [values[k] for k in places] for name, values in guess.scales.items()}
     keys |= {k: [int(v) if k == "sign" else v for v in values] for k, values in scales.items()}
-    lines = [f"  # {reason}" for reason in guess.reasons]
+    lines = [f"  # {_comment(reason)}" for reason in guess.reasons]
     lines.append(f"  {guess.channel}:")
     lines += [f"    {key}: {_inline(value)}" for key, value in keys.items()]
-    lines += [f"    # {key}:    # to be filled in: {what}" for key, what in guess.missing.items()]
+    lines += [f"    {key}:    # to be filled in: {what}" for key, what in guess.missing.items()]
     return lines
+
+
+def _comment(text: str) -> str:
+    """Return text on one line: names of arrays may have several."""
+    return " ".join(text.split())
 
 
 def _inline(value: object) -> str:

@@ -6,18 +6,28 @@ import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from itertools import product
-from typing import Literal
+from typing import Any
 
 import numpy as np
 
 from elastic_arm.errors import RecordingError
-from elastic_arm.recording.foreign.channels import CHANNEL_NAMES, ChannelName, SideName
-from elastic_arm.recording.foreign.derivatives import ALIKE, integral, integrals, is_no_rate, slope
+from elastic_arm.recording.foreign.array_files import FILE_INDEX
+from elastic_arm.recording.foreign.channels import (
+    CHANNEL_NAMES,
+    DEFAULT_UNIT,
+    SIDE_NAMES,
+    TO_SI,
+    ChannelName,
+    SideName,
+    known_unit,
+)
 from elastic_arm.recording.foreign.draft import Draft, Guess
 from elastic_arm.recording.foreign.tables import Contents, JointTable, TimeArray, find_tables
 
-Quantity = Literal["position", "velocity", "acceleration", "effort", "other"]
-
+# Above this correlation one array counts as the derivative of another.
+ALIKE = 0.9
+# Seconds over which differences and velocities are averaged before they are compared.
+AVERAGED = 0.05
 # Within this factor of a unit's size a slope shows the unit.
 CLOSE = 0.15
 # Angles of an arm in radians stay below this.
@@ -28,22 +38,25 @@ CONSTANT = "column"  # begin of a reason
 DEAD = "constant while its joint moves: no sensor there, and left out"
 # What a motor has, whether its joint turns or slides.
 _AT_SHAFT = ("A", "Nm_motor")
+_OF_SLIDES = ("m", "mm", "m/s", "mm/s", "N")  # by a unit that is stated
 # A rotor's angle over the joint's is at least this.
 SMALLEST_RATIO = 5.0
 
 _ANGLES = {"rad": 1.0, "deg": np.pi / 180, "turns": 2 * np.pi}
 _ANGLE_WORDS = r"deg|rad|turn|rev"
 _SPEEDS = {"rad/s": 1.0, "deg/s": np.pi / 180, "turns/s": 2 * np.pi, "rpm": 2 * np.pi / 60}
-_WORDS: dict[Quantity, str] = {
-    "other": r"temp|volt|target|desired|des(?=_|\d|$)|ref|cmd|cmpt|command|setpoint|error|status|mode|noise|friction|"
-    r"grav|model|predict|simul|ff(?=_|\d|$)|init|(?<![a-z])action(?![a-z])",
+_WORDS = {
+    "other": r"temp|volt|cmpt|error|status|mode(?!l?led)|noise|friction|grav|model|predict|simul|ff(?=_|\d|$)|init",
     "acceleration": r"acc|ddq|qdd|d2",
     "velocity": r"vel|dq|qd|omega|speed|rpm|dtheta",
     "effort": r"torq|tau|force|eff|cur|load|moment|(?<![a-z])i(?=_|\d|$)",
     "position": r"pos|ang|theta|(?<![a-z])q(?=_|\d|$)|joint_state|(?<![a-z])state$",
 }
+# What the arm was told; without a further word its positions, as a dataset's `action`.
+_COMMAND = r"target|desired|des(?=_|\d|$)|ref(?!l)|cmd|command(ed)?|set_?point|(?<![a-z])action(?![a-z])"
 # Read in this order: a sensor of a motor's torque is rarer than a torque sensor.
 _SIDE_WORDS: dict[SideName, str] = {
+    "command": _COMMAND,
     "link": r"link|(?<![a-z])se(?=_|\d|$)|second|output|load|sensor|torq\w*s(m|ens)|tau_?j|arm_side",
     "motor": r"mot|rotor|theta|drive|actuat|cur(?!v)|tau_?m|(?<![a-z])i(?=_|\d|$)",
 }
@@ -51,35 +64,24 @@ _SIDE_WORDS: dict[SideName, str] = {
 _MEASURED = r"act(?=_|ual)|meas|rec|sens|raw|abs"
 
 
+@np.errstate(over="ignore", invalid="ignore", divide="ignore")
 def guess_mapping(arrays: Mapping[str, np.ndarray], joints: Sequence[str], prismatic: Collection[str] = ()) -> Draft:
     """Return a draft of the mapping from arrays to a recording.
 
     Units follow from names, ranges, and slopes of derivatives; sides and kinds of torque from names.
-
-    Parameters
-    ----------
-    arrays
-        By name, as :func:`elastic_arm.recording.foreign.array_files.load_arrays` reads them.
-    joints
-        n names, in robot-description order.
-    prismatic
-        Those that slide: their numbers are lengths and forces.
-
-    Raises
-    ------
-    RecordingError
-        If no array can be the positions or torques of n joints.
     """
-    contents = find_tables(arrays, joints)
+    contents = find_tables(arrays, joints, getattr(arrays, "units", {}))
     slides = np.array([joint in prismatic for joint in joints])
     whole = {table.keys: table for table in contents.tables}
     if not slides.all():
         # What is in the columns is told by those of joints that turn.
         turning = [replace(table, values=table.values[:, ~slides]) for table in contents.tables]
         contents = replace(contents, tables=tuple(turning))
-    ignored = [(key, "no table of all joints") for key in contents.rest]
+    faults = getattr(arrays, "faults", {})
+    numbers = [key for key in contents.rest if arrays[key].dtype.kind in "iufc" and key != FILE_INDEX]
+    ignored = [(key, "no table of all joints") for key in numbers]
     chosen: dict[tuple[SideName, ChannelName], Guess] = {}
-    for guess in _recognised(contents):
+    for guess in _Reader(contents).guesses():
         if isinstance(guess, Guess) and (guess.side, guess.channel) not in chosen:
             chosen[guess.side, guess.channel] = guess
             continue
@@ -100,11 +102,19 @@ def guess_mapping(arrays: Mapping[str, np.ndarray], joints: Sequence[str], prism
             "Check --robot: it needs as many joints as the arrays have columns; or write the mapping by hand.",
         )
     chosen = {place: replace(guess, table=whole[guess.table.keys]) for place, guess in chosen.items()}
+    command = chosen.get(("command", "position"))
+    followed = chosen.get(("link", "position")) or chosen.get(("motor", "position"))
+    if command is not None and followed is not None:
+        ranges = [np.median(np.std(guess.table.values, axis=0)) for guess in (followed, command)]
+        why = f"{followed.table.name} moves {ranges[0] / ranges[1]:.3g} times as far"
+        chosen["command", "position"] = replace(command, reasons=(*command.reasons, why))
     found = {place: _with_lengths(guess, slides.tolist()) for place, guess in _with_ratio(chosen).items()}
     found = {place: _without_dead(guess, found) for place, guess in found.items()}
     ignored += [(key, DEAD) for guess in found.values() for key in _left_out(guess)]
-    ordered = [found[place] for place in product(_SIDE_WORDS, CHANNEL_NAMES) if place in found]
-    return Draft(tuple(joints), contents.times, tuple(ordered), tuple(ignored))
+    ordered = [found[place] for place in product(SIDE_NAMES, CHANNEL_NAMES) if place in found]
+    ignored += [(key, f"no numbers: {fault}") for key, fault in faults.items()]
+    decimal = getattr(arrays, "decimal", ".")
+    return Draft(tuple(joints), contents.times, tuple(ordered), tuple(ignored), contents.runs, decimal)
 
 
 def _without_dead(guess: Guess, chosen: Mapping[tuple[SideName, ChannelName], Guess]) -> Guess:
@@ -130,7 +140,7 @@ def _left_out(guess: Guess) -> list[str]:
 
 def _with_lengths(guess: Guess, slides: Sequence[bool]) -> Guess:
     """Return a guess with the units of a length or force for joints that slide."""
-    if not any(slides) or guess.unit in _AT_SHAFT:
+    if not any(slides) or guess.unit in (*_AT_SHAFT, *_OF_SLIDES):
         return guess
     largest = float(np.abs(guess.table.values[:, np.flatnonzero(slides)]).max())
     length = "mm" if largest > LARGEST_TRAVEL else "m"
@@ -141,49 +151,136 @@ def _with_lengths(guess: Guess, slides: Sequence[bool]) -> Guess:
     return replace(guess, units=tuple(own if slide else guess.unit for slide in slides), reasons=(*guess.reasons, why))
 
 
-def _recognised(contents: Contents) -> list[Guess | tuple[JointTable, str]]:
-    """Return each table as a guess, or with the reason why it is left out; those recognised by name come first."""
-    named: list[Guess] = []
-    unnamed: list[Guess | tuple[JointTable, str]] = []
-    tables = [(table, *_quantity(table)) for table in contents.tables]
-    known = [table for table, quantity, _ in tables if quantity == "position"]
-    speeds = [table for table, quantity, _ in tables if quantity == "velocity"]
-    nameless = [table for table, quantity, _ in tables if quantity is None]
-    # Wherever they stand in the file: what follows is compared with all of them.
-    angles = integrals(nameless, [*speeds, *nameless], contents.times)
-    known += angles
-    for table, quantity, word in tables:
+class _Reader:
+    """What tables are, by their names and units and by which follows the derivative of which."""
+
+    def __init__(self, contents: Contents) -> None:
+        self.tables, self.times = contents.tables, contents.times
+        named = [(table, *_quantity(table)) for table in self.tables]
+        measured = [(table, quantity) for table, quantity, _ in named if not _is_command(table)]
+        self.positions = [table for table, quantity in measured if quantity == "position"]
+        self.speeds = [table for table, quantity in measured if quantity == "velocity"]
+        nameless = [table for table, quantity in measured if quantity is None]
+        # Wherever they stand in the file: angles without a name are those of which a rate is the derivative, and which
+        # are the derivative of none of themselves.
+        rates = [*self.speeds, *nameless]
+        sources = [t for t in nameless if any(self.sources(rate, [t]) for rate in rates if rate is not t)]
+        self.angles = [t for t in sources if not self.sources(t, sources)]
+        self.positions += self.angles
+
+    def guesses(self) -> list[Guess | tuple[JointTable, str]]:
+        """Return each table as a guess, or with the reason why it is left out; those recognised by name come first."""
+        read = [(_quantity(table)[0] is not None or _is_command(table), self._read(table)) for table in self.tables]
+        named = [guess for by_name, guess in read if by_name and isinstance(guess, Guess)]
+        return [*sorted(named, key=_rank), *(guess for _, guess in read if guess not in named)]
+
+    def sources(self, rate: JointTable, among: Sequence[JointTable]) -> list[tuple[float, float, JointTable]]:
+        """Return those tables whose derivative a rate follows: correlation, slope and table, the most alike first."""
+        if self.times is None:
+            return []
+        slopes = [(*_slope(source, rate, self.times), source) for source in among if source is not rate]
+        return sorted((found for found in slopes if found[0] > ALIKE), key=lambda found: -found[0])
+
+    def _read(self, table: JointTable) -> Guess | tuple[JointTable, str]:
+        quantity, word = _quantity(table)
         by_name = [f"called {word}"] if word else []
-        if quantity == "other" or quantity == "acceleration":
-            unnamed.append(
-                (table, "derived, no measurement" if quantity == "acceleration" else "no sensor by its name")
-            )
-        elif (same := _same_numbers(table, contents.tables)) is not None:
-            unnamed.append((table, f"the same numbers as {same.name}"))
-        elif np.ptp(table.values, axis=0).max() == 0:
-            unnamed.append((table, "constant throughout"))
-        elif quantity == "velocity" and is_no_rate(table, known, contents.times):
-            unnamed.append((table, "called a velocity, and the derivative of no position in the file: map it by hand"))
-        elif quantity is not None:
-            named.append(_guess(table, quantity, by_name, known, contents.times))
-        elif table in angles:
-            unnamed.append(_guess(table, "position", ["another array is its derivative"], known, contents.times))
-        elif _speed_by_slope(table, known, contents.times) is not None:
-            unnamed.append(_guess(table, "velocity", [], known, contents.times))
-        elif integral(table, speeds, contents.times):
-            unnamed.append((table, "the derivative of a velocity: derived, no measurement"))
+        same = [t for t in self.tables if len(t.keys) == 1 < len(table.keys) and np.array_equal(t.values, table.values)]
+        if quantity == "other":
+            return table, "no sensor by its name"
+        if quantity == "acceleration":
+            return table, "derived, no measurement"
+        if same:
+            return table, f"the same numbers as {same[0].name}"
+        if np.ptp(table.values, axis=0).max() == 0:
+            return table, "constant throughout"
+        if _is_command(table):
+            return self._guess(table, quantity or "position", by_name)
+        # That of a rotor follows the joint's, by the ratio.
+        if quantity == "velocity" and self.times and self.positions and not self.sources(table, self.positions):
+            return table, "called a velocity, and the derivative of no position in the file: map it by hand"
+        if quantity is not None:
+            return self._guess(table, quantity, by_name)
+        if table in self.angles:
+            return self._guess(table, "position", ["another array is its derivative"])
+        if self._speed_by_slope(table) is not None:
+            return self._guess(table, "velocity", [])
+        if self.sources(table, self.speeds):
+            return table, "the derivative of a velocity: derived, no measurement"
+        return self._guess(table, "effort", ["neither an angle nor a velocity by its name or its derivatives"])
+
+    def _guess(self, table: JointTable, channel: ChannelName, reasons: list[str]) -> Guess:
+        """Return a table as a channel, with side and unit."""
+        side, word = _side_by_name(table.name)
+        n, missing, scales = table.values.shape[1], {}, {}
+        stated = known_unit(table.stated)
+        unit: str
+        if table.stated and (stated is None or stated[0] not in TO_SI[channel]):
+            unit, why = DEFAULT_UNIT[channel], f"in {table.stated} by its name, which is no unit of {channel}"
+            missing = {"factor": f"how many {unit} are one {table.stated}"}
+        elif stated is not None:
+            unit, why = stated[0], f"in {table.stated} by its name"
+            scales = {} if stated[1] == 1.0 else {"factor": [stated[1]] * n}
         else:
-            reason = ["neither an angle nor a velocity by its name or its derivatives"]
-            unnamed.append(_guess(table, "effort", reason, known, contents.times))
-    named.sort(key=_rank)
-    return [*named, *unnamed]
+            unit, why = {"position": _angle_unit, "velocity": self._speed_unit, "effort": _torque_unit}[channel](table)
+        if channel == "effort":
+            side = side or "motor"
+            if not word:
+                why += "; a motor's torque unless the arm has joint torque sensors: then it goes under link"
+            if unit == "A":
+                missing |= {"torque_constant": "Nm/A at the motor shaft", "ratio": "motor turns per output turn"}
+        if word:
+            reasons = [*reasons, f"{side} side by {word!r} in its name"]
+        elif channel != "effort":
+            reasons = [*reasons, "link side, as nothing in its name points to the motor"]
+        if table.flat:
+            reasons = [*reasons, f"numbers one after the other, {n} a sample"]
+        if still := [str(k) for k in np.flatnonzero(np.ptp(table.values, axis=0) == 0)]:
+            reasons = [*reasons, f"{CONSTANT} {', '.join(still)} is constant: no sensor there, or a joint that stood"]
+        if table.available > n:
+            reasons = [*reasons, f"the first {n} of {table.available} columns: check that these are the arm's joints"]
+        return Guess(side or "link", channel, table, unit, (*reasons, why), scales, missing)
 
+    def _speed_unit(self, table: JointTable) -> tuple[str, str]:
+        """Return the unit of velocities by the slope of the positions' derivatives over them, else by the name."""
+        if (found := self._speed_by_slope(table)) is not None:
+            return found
+        if (word := re.search(r"deg|rpm|rad", table.name, re.I)) is not None:
+            unit = {"deg": "deg/s", "rpm": "rpm"}.get(word[0].lower(), "rad/s")
+            return unit, f"unit by {word[0]!r} in its name; it is the derivative of no position in the file"
+        return "rad/s", "unit is a guess: it is the derivative of no position in the file"
 
-def _same_numbers(table: JointTable, tables: Sequence[JointTable]) -> JointTable | None:
-    """Return the array that columns are those of, as a file's without names are."""
-    if len(table.keys) == 1:
+    def _speed_by_slope(self, table: JointTable) -> tuple[str, str] | None:
+        """Return the unit in which a table is the derivative of a position, and of which; None where it is of none.
+
+        To follow a velocity is not enough: so does a torque that is mostly friction.
+        """
+        for alike, steep, source in self.sources(table, self.positions):
+            for unit, size in _SPEEDS.items():
+                ratio = steep * _ANGLES[_angle_unit(source)[0]] / size
+                if abs(ratio - 1) < CLOSE:
+                    return unit, f"derivative of {source.name} (correlation {alike:.3f}, slope {ratio:.3f})"
         return None
-    return next((t for t in tables if len(t.keys) == 1 and np.array_equal(t.values, table.values)), None)
+
+
+def _slope(source: JointTable, rate: JointTable, times: TimeArray) -> tuple[float, float]:
+    """Return correlation and slope of a table's derivative over another table: medians over the moving joints."""
+    width = max(round(AVERAGED * times.rate), 3)
+    dt = np.maximum(np.gradient(times.seconds), 1e-9)[:, None]
+    derivative = np.gradient(source.values, axis=0) / dt
+    # Where angles wrap, the difference is no velocity.
+    derivative[np.abs(derivative) > 50 * np.median(np.abs(derivative), axis=0) + 1e-12] = 0.0
+    sums = [np.cumsum(np.vstack([np.zeros(v.shape[1]), v]), axis=0) for v in (derivative, rate.values)]
+    d, v = ((total[width:] - total[:-width]) / width for total in sums)
+    power = np.sqrt((d * d).sum(axis=0) * (v * v).sum(axis=0))
+    moving = power > 0
+    if not moving.any():
+        return 0.0, 0.0
+    both = (d * v).sum(axis=0)[moving]
+    return float(np.median(both / power[moving])), float(np.median(both / (v * v).sum(axis=0)[moving]))
+
+
+def _is_command(table: JointTable) -> bool:
+    return re.search(_COMMAND, table.stem, re.I) is not None
 
 
 def _rank(guess: Guess) -> tuple[int, bool]:
@@ -195,42 +292,15 @@ def _rank(guess: Guess) -> tuple[int, bool]:
     return -len(re.findall(_MEASURED, guess.table.name, re.I)), not sided
 
 
-def _quantity(table: JointTable) -> tuple[Quantity | None, str]:
-    """Return what the name of a table means, and the part of the name that shows it."""
+def _quantity(table: JointTable) -> tuple[Any, str]:
+    """Return what the name of a table means, or else the unit that it states; and the name where it shows that."""
+    stem = re.sub(_COMMAND, "", table.stem, flags=re.I)
     for quantity, pattern in _WORDS.items():
-        if re.search(pattern, table.stem, re.I) is not None:
+        if re.search(pattern, stem, re.I) is not None:
             return quantity, table.name
-    return None, ""
-
-
-def _guess(
-    table: JointTable, quantity: Quantity, reasons: list[str], positions: Sequence[JointTable], times: TimeArray | None
-) -> Guess:
-    """Return a table as a channel, with side and unit."""
-    side, word = _side_by_name(table.name)
-    missing: dict[str, str] = {}
-    if quantity == "position":
-        unit, why = _angle_unit(table)
-    elif quantity == "velocity":
-        unit, why = _speed_unit(table, positions, times)
-    else:
-        unit, why = _torque_unit(table)
-        side = side or "motor"
-        if not word:
-            why += "; a motor's torque unless the arm has joint torque sensors: then it goes under link"
-        if unit == "A":
-            missing = {"torque_constant": "Nm/A at the motor shaft", "ratio": "motor turns per output turn"}
-    if word:
-        reasons = [*reasons, f"{side} side by {word!r} in its name"]
-    elif quantity != "effort":
-        reasons = [*reasons, "link side, as nothing in its name points to the motor"]
-    channel: ChannelName = "position" if quantity == "position" else "velocity" if quantity == "velocity" else "effort"
-    if still := [str(k) for k in np.flatnonzero(np.ptp(table.values, axis=0) == 0)]:
-        reasons.append(f"{CONSTANT} {', '.join(still)} is constant: no sensor there, or a joint that stood")
-    n = table.values.shape[1]
-    if table.available > n:
-        reasons.append(f"the first {n} of {table.available} columns: check that these are the arm's joints")
-    return Guess(side or "link", channel, table, unit, (*reasons, why), missing=missing)
+    unit = known_unit(table.stated)
+    of_unit = [name for name in CHANNEL_NAMES if unit is not None and unit[0] in TO_SI[name]]
+    return (of_unit[0], table.name) if of_unit else (None, table.name if stem != table.stem else "")
 
 
 def _side_by_name(name: str) -> tuple[SideName | None, str]:
@@ -241,6 +311,9 @@ def _side_by_name(name: str) -> tuple[SideName | None, str]:
 
 
 def _angle_unit(table: JointTable) -> tuple[str, str]:
+    stated = known_unit(table.stated)
+    if stated is not None and stated[0] in _ANGLES:
+        return stated[0], ""
     if (word := re.search(_ANGLE_WORDS, table.name, re.I)) is not None:
         return {"deg": "deg", "rad": "rad"}.get(word[0].lower(), "turns"), f"unit by {word[0]!r} in its name"
     largest = float(np.abs(table.values).max())
@@ -248,34 +321,6 @@ def _angle_unit(table: JointTable) -> tuple[str, str]:
     # Neither numbers nor a robot's limits tell degrees of a joint from a rotor's radians.
     instead = "" if unit == "rad" else ", or rad of a rotor: then under motor, with ratio"
     return unit, f"largest angle {largest:.3g}: {unit}{instead}"
-
-
-def _speed_unit(table: JointTable, positions: Sequence[JointTable], times: TimeArray | None) -> tuple[str, str]:
-    """Return the unit of velocities by the slope of the positions' derivatives over them, else by the name."""
-    if (found := _speed_by_slope(table, positions, times)) is not None:
-        return found
-    if (word := re.search(r"deg|rpm|rad", table.name, re.I)) is not None:
-        unit = {"deg": "deg/s", "rpm": "rpm"}.get(word[0].lower(), "rad/s")
-        return unit, f"unit by {word[0]!r} in its name; it is the derivative of no position in the file"
-    return "rad/s", "unit is a guess: it is the derivative of no position in the file"
-
-
-def _speed_by_slope(
-    table: JointTable, positions: Sequence[JointTable], times: TimeArray | None
-) -> tuple[str, str] | None:
-    """Return the unit in which a table is the derivative of a position, and of which; None where it is of none.
-
-    To follow a velocity is not enough: so does a torque that is mostly friction.
-    """
-    if times is None:
-        return None
-    slopes = [(source, *slope(source, table, times)) for source in positions if source is not table]
-    for source, alike, steep in sorted(slopes, key=lambda found: -found[1]):
-        for unit, size in _SPEEDS.items():
-            ratio = steep * _ANGLES[_angle_unit(source)[0]] / size
-            if alike > ALIKE and abs(ratio - 1) < CLOSE:
-                return unit, f"derivative of {source.name} (correlation {alike:.3f}, slope {ratio:.3f})"
-    return None
 
 
 def _torque_unit(table: JointTable) -> tuple[str, str]:
@@ -288,7 +333,7 @@ def _torque_unit(table: JointTable) -> tuple[str, str]:
 def _with_ratio(chosen: dict[tuple[SideName, ChannelName], Guess]) -> dict[tuple[SideName, ChannelName], Guess]:
     """Give the motor side's channels the ratio that shows where both sides' positions are there."""
     motor, link = chosen.get(("motor", "position")), chosen.get(("link", "position"))
-    if motor is None or link is None:
+    if motor is None or link is None or not {motor.unit, link.unit} <= set(_ANGLES):
         return chosen
     # Without a unit in its name, a rotor's angle is far beyond a joint's range in any unit: it has that of the link.
     unit = motor.unit if re.search(_ANGLE_WORDS, motor.table.name, re.I) else link.unit
@@ -297,11 +342,16 @@ def _with_ratio(chosen: dict[tuple[SideName, ChannelName], Guess]) -> dict[tuple
     slope = (of_rotor * of_link).sum(axis=0) / np.maximum((of_link**2).sum(axis=0), 1e-300)
     if np.abs(slope).min() < SMALLEST_RATIO:
         return chosen
-    scales = {"ratio": [round(float(s), 4) for s in np.abs(slope)], "sign": [float(np.sign(s)) for s in slope]}
+    scales: dict[str, list[float]] = {
+        "ratio": [round(float(s), 4) for s in np.abs(slope)],
+        "sign": [float(np.sign(s)) for s in slope],
+    }
     why = f"slope over the link's angle: turns of the rotor, in {unit}"
     for guess in (motor, chosen.get(("motor", "velocity"))):
         if guess is not None:
             of_angle = guess.unit.replace(motor.unit, unit)
             reasons = (*(r for r in guess.reasons if not r.startswith("largest")), why)
-            chosen["motor", guess.channel] = replace(guess, unit=of_angle, reasons=reasons, scales=scales)
+            chosen["motor", guess.channel] = replace(
+                guess, unit=of_angle, reasons=reasons, scales={**guess.scales, **scales}
+            )
     return chosen

@@ -11,7 +11,7 @@ from elastic_arm.recording.foreign.channels import CHANNEL_NAMES, Channel, Chann
 from elastic_arm.recording.foreign.coupling import coupled, coupling_matrix
 from elastic_arm.recording.inspection.quality import checked
 from elastic_arm.recording.series import Series
-from elastic_arm.recording.sides import Array, Side, Stamps
+from elastic_arm.recording.sides import Array, Side
 from elastic_arm.recording.timebase.joining import pair
 
 
@@ -21,20 +21,6 @@ def mapped_side(
     """Build one side of all joints; None where the map has no channel of it.
 
     Channels of one topic share its stamps; those of further topics are brought to the stamps of the first.
-
-    Parameters
-    ----------
-    channels
-        The channel map.
-    side_name
-        "link" or "motor".
-    series
-        The topics that were read, by name.
-
-    Raises
-    ------
-    RecordingError
-        If a topic, field or joint is missing, or the numbers cannot be used.
     """
     built: Side | None = None
     notes: tuple[str, ...] = ()
@@ -77,15 +63,16 @@ def _channel(
                 f"Topics of the map with messages: {', '.join(t for t, s in series.items() if s.count) or 'none'}; "
                 "elastic-arm bag info lists those of the bag.",
             )
-        values = np.column_stack([_one(messages, sources[joint], name) for joint in joints])
-        side = checked(Side(_times(messages, channels), **{name: values}), topic, joints)
-        if built is None:
-            built = side
-        else:
-            built, side, words = pair(built, side, topic, next(iter(by_topic)))
-            notes += words
-            built = Side(built.stamp_ns, **{name: np.hstack([built.channels()[name], side.channels()[name]])})
-        order += joints
+        for part, some in _parts(messages, {joint: sources[joint] for joint in joints}):
+            values = np.column_stack([_one(part, sources[joint], name) for joint in some])
+            side = checked(Side(part.stamp_ns, **{name: values}), topic, some)
+            if built is None:
+                built = side
+            else:
+                built, side, words = pair(built, side, f"{topic} ({', '.join(some)})", next(iter(by_topic)))
+                notes += words
+                built = Side(built.stamp_ns, **{name: np.hstack([built.channels()[name], side.channels()[name]])})
+            order += some
     if built is None:
         raise RecordingError(f"the channel map names no source for {name}")
     table = np.full((len(built), len(channels.joints)), np.nan)
@@ -93,30 +80,24 @@ def _channel(
     return Side(built.stamp_ns, **{name: table}), notes
 
 
+def _parts(messages: Series, sources: Mapping[str, Channel]) -> list[tuple[Series, list[str]]]:
+    """Return the messages that name joints together, with the joints to take from them; all where none is named."""
+    if not messages.names() or any(source.index is not None for source in sources.values()):
+        return [(messages, list(sources))]
+    called = {source.name: joint for joint, source in sources.items()}
+    return [(part, [called[name] for name in names]) for part, names in messages.holding(list(called))]
+
+
 def _one(messages: Series, source: Channel, name: ChannelName) -> Array:
     if source.index is not None:
         return source.applied(messages.column(source.field, source.index), name)
     if not messages.names():
         if messages.width(source.field) > 1:
-            raise RecordingError(
-                f"{messages.topic} has several numbers in field {source.field!r} and names none of them",
-                f"Give {source.name} its index in the channel map.",
-            )
+            problem = f"{messages.topic} has several numbers in field {source.field!r} and names none of them"
+            raise RecordingError(problem, f"Give {source.name} its index in the channel map.")
         return source.applied(messages.column(source.field, 0), name)
-    part = messages.keep(lambda piece: source.name in piece.names)
-    if part.count < messages.count:
-        known = ", ".join(messages.names())
-        raise RecordingError(
-            f"{messages.topic}: joint {source.name} is missing in {messages.count - part.count} messages",
-            f"Joints there: {known}.",
-        )
     values = messages.columns(source.field, (source.name,))
     if values is None:
-        raise RecordingError(
-            f"{messages.topic} has no numbers in field {source.field!r}", "Name another field in the channel map."
-        )
+        problem = f"{messages.topic} has no numbers in field {source.field!r}"
+        raise RecordingError(problem, "Name another field in the channel map.")
     return source.applied(values[:, 0], name)
-
-
-def _times(messages: Series, channels: ChannelMap) -> Stamps:
-    return messages.stamp_ns if channels.time == "header" else messages.log_ns

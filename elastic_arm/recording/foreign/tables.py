@@ -5,42 +5,35 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 
+from elastic_arm.recording.foreign.channels import stated_unit
+from elastic_arm.recording.joint_names import short_names
 from elastic_arm.recording.sides import Array
 
 _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 # Sample rates of arms, Hz: the unit of the times is the one with which the rate is among them.
 _RATES = (15.0, 12_000.0)
 _TIME_NAME = re.compile(r"(^|[._ ])(t|time|times|stamp|stamps|timestamp|timestamps|sec|secs|seconds)($|[._ \[(])", re.I)
+_RUN_NAME = re.compile(r"(episode|file|run|trial|traj(ectory)?)(_?(index|id|number|nr))?$", re.I)
+_NONE: Mapping[str, str] = MappingProxyType({})
 _COUNTED = re.compile(r"^(.*?)(\d+)(\D*)$")
 
 
 @dataclass(frozen=True, eq=False)
 class JointTable:
-    """One quantity of all joints.
+    """One quantity of all joints."""
 
-    Parameters
-    ----------
-    keys
-        Names of the arrays: one with a column a joint, or one a joint.
-    columns
-        Columns of a single array that has more than the joints; None for all.
-    values
-        (N, n) numbers as recorded.
-    pattern
-        What its arrays are called, with * for the joint, where their names hold the joints' own.
-    available
-        Columns that there are; 0 where these are all.
-    """
-
-    keys: tuple[str, ...]
-    columns: tuple[int, ...] | None
-    values: Array
-    pattern: str = ""
-    available: int = 0
+    keys: tuple[str, ...]  # names of the arrays: one with a column a joint, or one a joint
+    columns: tuple[int, ...] | None  # columns of a single array that has more than the joints; None for all
+    values: Array  # (N, n) numbers as recorded
+    pattern: str = ""  # what its arrays are called, with * for the joint, where their names hold the joints' own
+    available: int = 0  # columns that there are; 0 where these are all
+    flat: bool = False  # the numbers of all joints stand one after the other
+    stated: str = ""  # unit by the name of the first array, or by a row of units
 
     @property
     def name(self) -> str:
@@ -59,19 +52,11 @@ class JointTable:
 
 @dataclass(frozen=True, eq=False)
 class TimeArray:
-    """The times of the samples.
+    """The times of the samples."""
 
-    Parameters
-    ----------
-    key, unit
-        Name of the array, and what its numbers count.
-    seconds
-        (N,) from the first sample.
-    """
-
-    key: str
+    key: str  # key, unit: name of the array, and what its numbers count
     unit: str
-    seconds: Array
+    seconds: Array  # (N,) from the first sample
 
     @property
     def rate(self) -> float:
@@ -82,35 +67,47 @@ class TimeArray:
 
 @dataclass(frozen=True, eq=False)
 class Contents:
-    """The arrays of a file as tables of n joints.
+    """The arrays of a file as tables of n joints."""
 
-    Parameters
-    ----------
-    times
-        None if no array looks like times.
-    tables
-        In the file's order.
-    rest
-        Names of the arrays that are neither.
-    """
-
-    times: TimeArray | None
-    tables: tuple[JointTable, ...]
-    rest: tuple[str, ...]
+    times: TimeArray | None  # none if no array looks like times
+    tables: tuple[JointTable, ...]  # in the file's order
+    rest: tuple[str, ...]  # names of the arrays that are neither
+    runs: tuple[str, int] | None = None  # the array that numbers several runs, and how many there are
 
 
-def find_tables(arrays: Mapping[str, np.ndarray], joints: Sequence[str]) -> Contents:
-    """Sort arrays into times, tables of n joints, and others.
+def find_tables(arrays: Mapping[str, np.ndarray], joints: Sequence[str], units: Mapping[str, str] = _NONE) -> Contents:
+    """Sort arrays into times, tables of n joints, and others, by the first run where there are several.
 
     An array of more than n columns is a table of its first n; columns whose names hold the joints' names are one of
     these, as are those whose names count the joints; columns without names are taken n at a time. For one joint every
     column is a table.
     """
+    numeric = {key: np.squeeze(values) for key, values in arrays.items() if values.dtype.kind in "iuf"}
+    runs = _find_runs(numeric)
+    if runs is not None:
+        numbers = numeric.pop(runs[0])
+        first = numbers == numbers[0]
+        numeric = {key: v[first] if len(v) == len(first) else v for key, v in numeric.items() if v.ndim}
+    numeric = {key: _without_holes(values) for key, values in numeric.items() if values.ndim in (1, 2) and values.size}
+    n, count = len(joints), _sample_count(numeric)
+    times, tables = _sorted(numeric, joints, count, units)
+    if not tables and n > 1 and count % n == 0:
+        # Numbers one a line are those of all joints, sample by sample, where nothing else can be.
+        shaped = {k: v.reshape(-1, n) if v.shape == (count,) else v for k, v in numeric.items()}
+        times, tables = _sorted(shaped, joints, count // n, units)
+        tables = [replace(table, flat=numeric[table.keys[0]].ndim == 1) for table in tables]
+    used = {key for table in tables for key in table.keys}
+    used |= ({times.key} if times is not None else set()) | ({runs[0]} if runs is not None else set())
+    tables = [replace(table, stated=stated_unit(table.keys[0], units.get(table.keys[0], ""))) for table in tables]
+    return Contents(times, tuple(tables), tuple(key for key in arrays if key not in used), runs)
+
+
+def _sorted(
+    numeric: Mapping[str, np.ndarray], joints: Sequence[str], count: int, units: Mapping[str, str]
+) -> tuple[TimeArray | None, list[JointTable]]:
     n = len(joints)
-    numeric = {key: np.squeeze(values) for key, values in arrays.items() if values.dtype.kind in "biuf"}
-    count = _sample_count(numeric)
-    numeric = {key: values for key, values in numeric.items() if count in values.shape and values.ndim <= 2}
-    times = _find_times(numeric, count)
+    numeric = {key: values for key, values in numeric.items() if count in values.shape}
+    times = _find_times(numeric, count, units)
     columns = {key: values for key, values in numeric.items() if values.ndim == 1 and not (times and key == times.key)}
     tables = [
         table
@@ -122,10 +119,28 @@ def find_tables(arrays: Mapping[str, np.ndarray], joints: Sequence[str]) -> Cont
     tables += _counted({key: values for key, values in columns.items() if key not in named}, n)
     if n == 1:
         taken = {key for table in tables for key in table.keys}
-        single = {key: values.astype(np.float64)[:, None] for key, values in columns.items() if key not in taken}
-        tables += [JointTable((key,), None, values) for key, values in single.items()]
-    used = {key for table in tables for key in table.keys} | ({times.key} if times is not None else set())
-    return Contents(times, tuple(tables), tuple(key for key in arrays if key not in used))
+        tables += [JointTable((key,), None, v[:, None]) for key, v in columns.items() if key not in taken]
+    return times, tables
+
+
+def _find_runs(arrays: Mapping[str, np.ndarray]) -> tuple[str, int] | None:
+    """Return the array that numbers runs, which stand one below the other, and how many there are."""
+    for key, values in arrays.items():
+        if _RUN_NAME.search(key) and values.ndim == 1 and len(values) > 1 and np.array_equal(values, np.round(values)):
+            count = 1 + int(np.count_nonzero(np.diff(values)))
+            if 1 < count == len(np.unique(values)):
+                return key, count
+    return None
+
+
+def _without_holes(values: np.ndarray) -> np.ndarray:
+    """Return numbers with lines across their holes; zeros where there is no number at all."""
+    found = values.astype(np.float64) if values.dtype.kind == "f" else values
+    for column in found.reshape(len(found), -1).T if found.dtype.kind == "f" else ():
+        if not (whole := np.isfinite(column)).all():
+            rows = np.arange(len(column))
+            column[~whole] = np.interp(rows[~whole], rows[whole], column[whole]) if whole.any() else 0.0
+    return found
 
 
 def _sample_count(arrays: Mapping[str, np.ndarray]) -> int:
@@ -137,17 +152,19 @@ def _sample_count(arrays: Mapping[str, np.ndarray]) -> int:
     return lengths.most_common(1)[0][0] if lengths else 0
 
 
-def _find_times(arrays: Mapping[str, np.ndarray], count: int) -> TimeArray | None:
+def _find_times(arrays: Mapping[str, np.ndarray], count: int, units: Mapping[str, str]) -> TimeArray | None:
     """Return the array that grows from sample to sample with a rate that arms have; one called time before others."""
     found = []
     for key, values in arrays.items():
-        if values.shape != (count,) or count < 2 or not np.isfinite(values).all():
+        if values.shape != (count,) or count < 2:
             continue
         steps = np.diff(values.astype(np.float64))
         if np.all(steps >= 0) and np.mean(steps > 0) > 0.5:
             step = float(np.median(steps[steps > 0]))
             # An index grows by one too: times that are whole milliseconds are called times.
             unit = next((u for u, s in _SECONDS.items() if _RATES[0] <= 1 / (step * s) <= _RATES[1]), None)
+            stated = stated_unit(key, units.get(key, ""))
+            unit = stated if stated in _SECONDS else unit
             named = bool(_TIME_NAME.search(key)) or key == next(iter(arrays))
             if unit is not None and (named or np.ptp(steps) > 0):
                 seconds = (values - values[0]).astype(np.float64) * _SECONDS[unit]
@@ -165,12 +182,13 @@ def _whole(key: str, values: np.ndarray, count: int, n: int) -> JointTable | Non
 
 def _named(columns: Mapping[str, np.ndarray], joints: Sequence[str]) -> list[JointTable]:
     """Return the groups of columns whose names differ by the name of a joint alone, in the order of the joints."""
-    longest_first = sorted(joints, key=len, reverse=True)
+    called = {**dict(zip(short_names(joints), joints, strict=True)), **{joint: joint for joint in joints}}
+    longest_first = sorted(called, key=len, reverse=True)
     own = re.compile(rf"(?<![a-zA-Z0-9])({'|'.join(map(re.escape, longest_first))})(?![a-zA-Z0-9])")
     groups: dict[str, dict[str, str]] = {}
     for key in columns:
         if (match := own.search(key)) is not None:
-            groups.setdefault(f"{key[: match.start()]}*{key[match.end() :]}", {})[match[0]] = key
+            groups.setdefault(f"{key[: match.start()]}*{key[match.end() :]}", {})[called[match[0]]] = key
     complete = {pattern: members for pattern, members in groups.items() if len(members) == len(joints) > 1}
     found = []
     for pattern, members in complete.items():

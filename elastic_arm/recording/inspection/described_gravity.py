@@ -1,9 +1,13 @@
-"""Torques against the gravity that the arm's description predicts: signs and mountings that are not as taken.
+"""Torques against what the arm's description predicts: signs, places and mountings that are not as taken.
 
 Of each joint's torque a zero, friction, the inertia as described and that of its motor are regressed out, and the same
-of the gravity torque as described. What is left of the two should rise together. Where it runs against each other, a
-torque or an angle has the wrong sign, or the arm is mounted otherwise. Where it rises far more or less, a unit is not
-what it is taken for; where the torque of one joint follows the gravity of another, two columns have been exchanged.
+of the gravity torque as described. What is left of the two should rise together. Where it runs against each other, all
+torques have the wrong sign, or the arm is mounted otherwise. Where it rises far more or less, a unit is not what it is
+taken for; where it hardly rises at all, gravity has been taken out of the torque before it was recorded.
+
+Joints that turn the other way, torques of the wrong sign, and channels of two joints that were exchanged are tried:
+masses and inertias are left free, tau = Y(q, dq, ddq) pi, so that the geometry alone decides, however wrong the
+described masses are.
 
 Slow samples resemble each other: N of them are worth as few independent ones as the two series' autocorrelations say
 (M. S. Bartlett, Journal of the Royal Statistical Society 98 (1935) 536).
@@ -11,18 +15,18 @@ Slow samples resemble each other: N of them are worth as few independent ones as
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable, Iterator, Sequence
+from itertools import combinations
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import fftconvolve, savgol_filter
 from scipy.stats import t as student
 
+from elastic_arm.dynamics import build_model
 from elastic_arm.effects.equations import ArmEquations
-from elastic_arm.recording.inspection.plausibility import is_motion, listed, span_of
-from elastic_arm.recording.inspection.report import Finding
+from elastic_arm.recording.inspection.plausibility import is_motion
+from elastic_arm.recording.inspection.report import Finding, warning
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import Array, Samples
 from elastic_arm.robot import Robot
@@ -30,279 +34,309 @@ from elastic_arm.robot import Robot
 FEWEST = 200  # samples; below, nothing is concluded
 SHORTEST = 1.0  # s; the ends that differentiation spoils take 0.2 s
 ENOUGH = 5000  # samples that are looked at; bounds the time
+TRIED = 500  # of them, with every other arrangement
 WINDOW = 0.1  # s over which positions are differentiated: gravity changes more slowly
 STANDSTILL = 0.01  # rad/s within which friction turns over; convention
-AGAINST = -0.5  # correlation; a description that is right, masses aside, gives none below zero
+ALIKE = 0.5  # correlation that gravity has at least where masses alone are off; convention
 CHANCE = 0.01  # probability that unrelated torques correlate so; convention
-PLAIN = -0.9  # correlation of further joints beside one that is certain; convention
-# Of the largest gravity among the joints: less of it, as wrists have, a payload beside their axis turns over.
-CONSIDERABLE = 0.05
 # Times the described gravity: of a sign alone -1, and masses are off. Beyond, something else than gravity is at work.
 FACTOR = (1.0 / 3.0, 3.0)
-# Of all joints together; beyond, a unit is mistaken. Masses of a description are not off by so much; convention.
+CONSIDERABLE = 0.05  # of the largest gravity among the joints; less of it, as wrists have, a payload turns over
+MISSING = 0.5  # times the described gravity; below for certain it was taken out, in part at least
+# Beyond, a unit is mistaken. Masses of a description are not off by so much; convention.
 FAR = (0.2, 5.0)
 LIKE_DEGREES = (57.3 / 2.5, 57.3 * 2.5)  # masses are off, and a small angle is not a small part of a sine
 LIKE_KILO = (0.5e-3, 2e-3)
-CLEARLY = 0.2  # of the squares that the joint's own torque leaves of its gravity; convention
 # Another direction of gravity, here and where `identification.batch.mounting` looks for it; conventions.
 TURNED = 0.35  # rad from the described direction: beyond the tilts that linear columns describe
 SIZE = (0.6, 1.5)  # of the described gravity: masses are off as well
 LEFT = 0.3  # of the squares that the described direction leaves
 OVERHEAD = 0.75 * np.pi  # rad: nearer to upside down, which all signs together are, too, than to any side
-EITHER = (
-    "either all torques have the wrong sign (sign: -1 in the map), or the arm hangs upside down (base in its arm "
-    "file); gravity alone does not tell the two apart"
-)
 RANK = 1e-9  # of the largest singular value; numerical
 SIDES = {"tau_J": "link", "tau_m": "motor"}
+# Another arrangement is named where it is e^10 times as likely, and of the torques that it changes leaves a tenth, and
+# a third of what was left as given: poor motions fit many.
+CERTAIN, EXPLAINED, BETTER = 10.0, 0.1, 1.0 / 3.0
+CHANGED = 0.1  # of the logarithm of what is left
+NO_TORQUE = 1e-9  # Nm; what changes less is none
 
 
-@dataclass(frozen=True)
-class GravityFit:
+class _SideMotion(NamedTuple):
+    """Angles, rates, accelerations and torques (N, n) of a side, and the joints whose torque was measured."""
+
+    q: Array
+    dq: Array
+    ddq: Array
+    torque: Array
+    measured: list[int]
+
+
+class GravityFit(NamedTuple):
     """Torques of one side beside the described gravity, less what is not gravity.
 
-    Parameters
-    ----------
-    torque, gravity : (N, n)
-        What is left of the measured torque and of the gravity torque as described, Nm; zero where there is neither.
-    pull : (N, n, 3)
-        What is left of the derivative of the described one by the gravity vector, Nm per m/s².
-    correlation, factor : (n,)
-        Of the two, and of the torque over the described one; zero where there is no gravity.
-    chance : (n,)
-        Probability that unrelated series correlate as much with this sign.
-    others : (3, n, n)
-        Correlation, factor and chance of the torque of each joint (row) with the gravity of each joint (column).
+    What is left of the torques, of gravity as described, Nm, (N, m) of the joints with a torque, and of its derivative
+    by the gravity vector, (N, m, 3); correlation of the two, factor of the first over the second, the probability that
+    unrelated series correlate so, and whether no joint that gravity loads shows half of it, but for chance.
     """
 
     torque: Array
     gravity: Array
     pull: Array
-    correlation: Array
-    factor: Array
-    chance: Array
-    others: Array
+    correlation: float
+    factor: float
+    chance: float
+    missing: bool
 
     @property
-    def against(self) -> NDArray[np.bool_]:
-        """Which joints (n,) certainly have gravity of the other sign, and which beside them plainly have."""
-        size = -self.factor
-        usual = (size > FACTOR[0]) & (size < FACTOR[1])
-        certain = usual & (self.correlation < AGAINST) & (self.chance < CHANCE)
-        heavy = self.heavy
-        plain = usual & (self.correlation < PLAIN) & heavy
-        # All of them together are no payload.
-        found = certain & (heavy | (not self.along.any()))
-        return (found | plain) if (certain & heavy).any() else np.zeros_like(certain)
-
-    @property
-    def along(self) -> NDArray[np.bool_]:
-        """Which joints (n,) certainly have gravity of the described sign."""
-        return (self.correlation > -AGAINST) & (self.chance < CHANCE)
-
-    @property
-    def heavy(self) -> NDArray[np.bool_]:
-        """Which joints (n,) carry a gravity that counts beside the largest."""
-        spread = self.gravity.std(axis=0)
-        return np.asarray(spread > CONSIDERABLE * spread.max())
+    def certain(self) -> bool:
+        """Whether the torques follow gravity, or run against it."""
+        return abs(self.correlation) > ALIKE and self.chance < CHANCE
 
 
 def contradicted_gravity(recording: Recording, robot: Robot) -> list[Finding]:
-    """Return which torques are at odds with the gravity of the description.
+    """Return which torques are at odds with the description, of a recording without damaged samples.
 
-    They run against it, "gravity_sign"; show another direction, "mounting"; are far larger or smaller, "gravity_size";
-    or are those of another joint, "exchanged".
-
-    Parameters
-    ----------
-    recording
-        Of the arm; without damaged samples.
-    robot
-        Its description.
+    They belong to another joint or way to turn, "exchanged", "mirrored"; run against gravity, "gravity_sign"; show
+    another direction, "mounting"; are far larger or smaller, "gravity_size"; or hold no gravity, "gravity_missing".
     """
-    fits = _fits(recording, robot)
-    return [finding for side, fit in fits.items() for finding in _judged(fit, side, robot)]
+    found = []
+    for side, motion, fit in _fits(recording, robot):
+        found += (
+            _size(fit, side) or [finding for finding, _ in _arranged(motion, side, robot)] or _judged(fit, side, robot)
+        )
+    return found
 
 
 def opposed_joints(recording: Recording, robot: Robot) -> tuple[str, ...]:
-    """Return the joints whose torque runs against gravity as described, and the arm is not mounted otherwise.
-
-    Parameters
-    ----------
-    recording, robot
-        As of :func:`contradicted_gravity`.
-    """
-    opposed = np.zeros(robot.n, dtype=bool)
-    for side, fit in _fits(recording, robot).items():
-        if any(finding.code == "gravity_sign" for finding in _judged(fit, side, robot)):
-            opposed |= fit.against
-    return tuple(name for name, against in zip(robot.joint_names, opposed.tolist(), strict=True) if against)
+    """Return the joints whose torque runs against gravity as described, and the arm is not mounted otherwise."""
+    opposed: set[str] = set()
+    for side, motion, fit in _fits(recording, robot):
+        arranged = _arranged(motion, side, robot)
+        opposed |= {names[0] for finding, names in arranged if finding.code == "gravity_sign"}
+        if not arranged and any(finding.code == "gravity_sign" for finding in _judged(fit, side, robot)):
+            opposed |= set(robot.joint_names)
+    return tuple(name for name in robot.joint_names if name in opposed)
 
 
-def _fits(recording: Recording, robot: Robot) -> dict[str, GravityFit]:
-    """Return the torques of each side beside the described gravity, by side; none of a recording without motion."""
+def _fits(recording: Recording, robot: Robot) -> Iterator[tuple[str, _SideMotion, GravityFit]]:
+    """Yield the torques of each side, and beside the described gravity; none of a recording without motion."""
     samples = recording.select(robot.joint_names).samples()
     position = samples.q if samples.q is not None else samples.theta
-    if position is None or len(samples) < FEWEST or not np.any(robot.gravity):
-        return {}
-    if not is_motion(samples.t, position) or samples.t[-1] < SHORTEST:
-        return {}
-    fits = {
-        side: fit_gravity(samples, position, channel, robot)
-        for channel, side in SIDES.items()
-        if getattr(samples, channel) is not None
-    }
-    return {side: fit for side, fit in fits.items() if fit.gravity.any()}
+    if position is None or len(samples) < FEWEST or samples.t[-1] < SHORTEST or not is_motion(samples.t, position):
+        return
+    for channel, side in SIDES.items():
+        if getattr(samples, channel) is not None:
+            motion = _motion(samples, position, channel)
+            fit = _fit_gravity(motion, robot, motors=side == "motor")
+            if len(motion.q) >= FEWEST and fit.gravity.any():
+                yield side, motion, fit
 
 
-def wrong_torques(recording: Recording, robot: Robot) -> list[str]:
-    """Return in words which torques cannot belong to gravity as described; another mounting is looked for elsewhere."""
-    return [found.message for found in contradicted_gravity(recording, robot) if found.code != "mounting"]
-
-
-def fit_gravity(samples: Samples, position: Array, channel: str, robot: Robot) -> GravityFit:
-    """Compare the torques of one channel with described gravity.
-
-    Parameters
-    ----------
-    samples
-        Of the recording.
-    position : (N, n)
-        Angles of the links, rad.
-    channel
-        "tau_J" or "tau_m".
-    robot
-        The description.
-    """
-    step, n = float(np.median(np.diff(samples.t))), robot.n
+def _motion(samples: Samples, position: Array, channel: str) -> _SideMotion:
+    step = float(np.median(np.diff(samples.t)))
     width = max(round(WINDOW / step) // 2 * 2 + 1, 5)
     dq, ddq = (savgol_filter(position, width, 3, deriv=k, delta=step, axis=0) for k in (1, 2))
-    every = slice(width, -width, max(1, len(position) // ENOUGH))
-    q, dq, ddq, torque = (values[every] for values in (position, dq, ddq, getattr(samples, channel)))
-    equations = ArmEquations(robot)
-    states = (np.hstack([rate, rate]) for rate in (q, dq, ddq)) if robot.elastic else (q, dq, ddq)
-    moved, pull = equations.moved_and_pulled(*states, motors=channel == "tau_m")
-    left, weight = np.zeros_like(torque), np.zeros_like(pull)
-    related = np.tile(np.array([0.0, 0.0, 1.0])[:, None, None], (1, n, n))
-    measured = [j for j in range(n) if (channel, j) not in samples.lacking]
-    least = RANK * float(np.abs(pull @ robot.gravity).max())
-    for j in measured:
-        friction = np.tanh(dq[:, j] / STANDSTILL)
-        others = _orthonormal([np.ones(len(q)), friction, dq[:, j], ddq[:, j], moved[:, j]])
-        beside, weight[:, j] = (rows - others @ (others.T @ rows) for rows in (torque, pull[:, j]))
-        left[:, j], gravity = beside[:, j], weight[:, j] @ robot.gravity
-        # What rounding leaves of the gravity of a joint that has none is no gravity.
-        if np.abs(gravity).max() >= least:
-            for i in measured:
-                related[:, i, j] = _related(beside[:, i], gravity)
+    # Across a hole there is no derivative.
+    holes = np.zeros(len(position), np.bool_)
+    for row in np.flatnonzero(np.diff(samples.t) > 2.5 * step).tolist():
+        holes[max(row - width // 2, 0) : row + width // 2 + 2] = True
+    rows = np.flatnonzero(~holes)[width:-width]
+    rows = rows[:: max(1, len(rows) // ENOUGH)]
+    torque: Array = getattr(samples, channel)
+    lacking = [(channel, j) in samples.lacking for j in range(position.shape[1])]
+    measured = np.flatnonzero((np.ptp(torque, axis=0) > NO_TORQUE) & ~np.array(lacking)).tolist()
+    return _SideMotion(position[rows], dq[rows], ddq[rows], torque[rows], measured)
+
+
+def _fit_gravity(motion: _SideMotion, robot: Robot, *, motors: bool) -> GravityFit:
+    """Compare the torques of one side with described gravity, of all joints together."""
+    states = (np.hstack([rate, rate]) if robot.elastic else rate for rate in motion[:3])
+    moved, pull = ArmEquations(robot).moved_and_pulled(*states, motors=motors)
+    count = len(motion.measured)
+    left, weight, free = np.zeros((len(pull), count)), np.zeros((len(pull), count, 3)), np.zeros(count)
+    for k, j in enumerate(motion.measured):
+        basis = _own(motion, j, moved[:, j])
+        left[:, k], weight[:, k] = (rows - basis @ (basis.T @ rows) for rows in (motion.torque[:, j], pull[:, j]))
+        free[k] = max(_independent(left[:, k], weight[:, k] @ robot.gravity) - 2.0, 0.1)
     gravity = weight @ robot.gravity
-    gravity[:, np.abs(gravity).max(axis=0) < least] = 0.0
-    correlation, factor, chance = np.diagonal(related, axis1=1, axis2=2)
-    return GravityFit(left, gravity, weight, correlation, factor, chance, related)
+    # What rounding leaves of the gravity of a joint that has none is no gravity.
+    if not count or np.abs(gravity).max() <= RANK * float(np.abs(pull @ robot.gravity).max()):
+        return GravityFit(left, np.zeros_like(gravity), weight, 0.0, 0.0, 1.0, False)
+    squares, power, both = np.sum(left**2, axis=0), np.sum(gravity**2, axis=0), np.sum(left * gravity, axis=0)
+    heavy = power > CONSIDERABLE**2 * power.max()
+    factors, rest = both[heavy] / power[heavy], squares[heavy] - both[heavy] ** 2 / power[heavy]
+    most = np.abs(factors) + 3.0 * np.sqrt(np.maximum(rest, 0.0) / power[heavy] / free[heavy])
+    correlation = float(both.sum() / np.sqrt(squares.sum() * power.sum()))
+    size = abs(correlation) * np.sqrt(free.sum() / max(1.0 - correlation**2, 1e-12))
+    chance = float(student.sf(size, free.sum()))
+    factor = float(both.sum() / power.sum())
+    return GravityFit(left, gravity, weight, correlation, factor, chance, bool((most < MISSING).all()))
 
 
-def _orthonormal(columns: Sequence[Array]) -> Array:
-    """Return an orthonormal basis (N, r) of what columns (N,) span."""
+def _own(motion: _SideMotion, j: int, *more: Array) -> Array:
+    """Return an orthonormal basis (N, r) of a joint's zero, friction and motor inertia, and of further columns."""
+    friction = np.tanh(motion.dq[:, j] / STANDSTILL)
+    columns = [np.ones(len(friction)), friction, motion.dq[:, j], motion.ddq[:, j], *more]
     scaled = np.column_stack([column / max(float(np.linalg.norm(column)), 1e-300) for column in columns])
     basis, sizes, _ = np.linalg.svd(scaled, full_matrices=False)
     return np.asarray(basis[:, sizes > RANK * sizes[0]])
 
 
-def _related(torque: Array, gravity: Array) -> tuple[float, float, float]:
-    """Return correlation, factor and probability of chance of two series (N,); of none where there is no gravity."""
-    powers = float(torque @ torque), float(gravity @ gravity)
-    if min(powers) <= 0.0:
-        return 0.0, 0.0, 1.0
-    both = float(torque @ gravity)
-    correlation = both / np.sqrt(powers[0] * powers[1])
-    alike = [fftconvolve(each, each[::-1])[len(each) :] / (each @ each) for each in (torque, gravity)]
-    free = len(torque) / max(1.0, 1.0 + 2.0 * float(alike[0] @ alike[1])) - 2.0
-    if free <= 0.0:
-        return correlation, both / powers[1], 1.0
-    size = abs(correlation) * np.sqrt(free / max(1.0 - correlation**2, 1e-12))
-    return correlation, both / powers[1], float(student.sf(size, free))
+def _independent(one: Array, other: Array) -> float:
+    """Return how many independent samples two series (N,) are worth."""
+    alike = [fftconvolve(each, each[::-1])[len(each) :] / max(float(each @ each), 1e-300) for each in (one, other)]
+    return len(one) / max(1.0, 1.0 + 2.0 * float(alike[0] @ alike[1]))
 
 
-def _judged(fit: GravityFit, side: str, robot: Robot) -> list[Finding]:
-    """Return what the torques of a side show: gravity of another joint, direction, sign or size, or nothing."""
-    if exchanged := _exchanged(fit, side, robot):
-        return exchanged
-    shown, left = _free_gravity(fit, robot)
-    signs = np.where(fit.correlation < 0.0, -1.0, 1.0) * fit.gravity
-    by_sign = fit.torque - signs * float(np.sum(signs * fit.torque) / np.sum(signs**2))
-    turned, size = angle_between(shown, robot.gravity), float(np.linalg.norm(shown) / np.linalg.norm(robot.gravity))
-    if left < LEFT * float(np.sum(by_sign**2)) and turned > TURNED and SIZE[0] < size < SIZE[1]:
-        numbers = (" ".join(f"{value:.3g}" for value in each) for each in (shown, robot.gravity))
-        message = "{} effort shows gravity of {} m/s², where the description has {}".format(side, *numbers)
-        remedy = "the arm is mounted otherwise (base in its arm file; identify and diagnose look for it themselves)"
-        return [Finding("warning", "mounting", f"{message}: {remedy}")]
-    against, along = fit.against, fit.along
-    if not against.any():
-        return _size(fit, side, robot)
-    joints = listed(robot.joint_names, against)
-    message = (
-        f"{side} effort of {joints} runs against the gravity that the description predicts (correlation "
-        f"{span_of(fit.correlation[against])}): measured gravity is {span_of(fit.factor[against])} times the described "
-        "one"
-    )
-    if turned > OVERHEAD and not along.any():
-        return [Finding("warning", "gravity_sign", f"{message}: {EITHER}")]
-    if along.any():
-        message += f", and at {listed(robot.joint_names, along)} it has the described sign"
-    remedy = f"check the sign of {joints} in the map, of the torque (sign) and of the angle, or what it carries"
-    return [Finding("warning", "gravity_sign", f"{message}: {remedy}")]
+def _arranged(motion: _SideMotion, side: str, robot: Robot) -> list[tuple[Finding, tuple[str, ...]]]:
+    """Return which joints turn the other way, or have their channels exchanged, as the geometry shows it."""
+    steps: list[tuple[Finding, tuple[str, ...]]] = []
+    found: list[tuple[Finding, tuple[str, ...]]] = []
+    if len(motion.measured) < 2:
+        return found
+    every = max(1, len(motion.q) // TRIED)
+    motion = _SideMotion(*(rate[::every] for rate in motion[:4]), motion.measured)  # type: ignore[call-arg, arg-type]
+    # A few thousand samples: compiling would take longer than all that is computed.
+    n, model = robot.n, build_model(robot, engine="numpy")
+
+    def regressor(q: Array, dq: Array, ddq: Array) -> Array:
+        if robot.elastic:
+            q, dq, ddq = (np.hstack([rate, rate]) for rate in (q, dq, ddq))
+        Y = model.regressor(q, dq, ddq)
+        return np.asarray(Y[:, :n] + (Y[:, n:] if robot.elastic and side == "motor" else 0.0))
+
+    for _ in range(n):
+        left, power, free = _squares(motion, regressor(*motion[:3]))
+        tried = []
+        for angles, ways in _arrangements(robot.joint_names, motion.measured):
+            q, dq, ddq = (angles(rate) for rate in motion[:3])
+            Y = regressor(q, dq, ddq)
+            for code, words, names, torques in ways:
+                squares, *_ = _squares(_SideMotion(q, dq, ddq, torques(motion.torque), motion.measured), Y)
+                # In the order of the torques as they were given.
+                order = np.argsort(np.abs(torques(np.arange(1.0, n + 1.0)))[motion.measured])
+                change = np.log(squares[order] / left)
+                tried.append((0.5 * float(free @ change), change, code, words, names, angles, torques))
+        odds, change, code, words, names, angles, torques = min(tried, key=lambda each: each[0])
+        changed = np.abs(change) > CHANGED
+        if -odds < CERTAIN or not changed.any():
+            break
+        share = np.log(left / power)[changed]
+        before, after = float(np.mean(share)), float(np.mean(share + change[changed]))
+        shown, given = (f"{100 * np.exp(each):.2g} %" for each in (after, before))
+        message = f"{side} side: {words}: so {shown} of the torques' squares are left, as given {given}"
+        remedy = "check names, order and signs of the columns in the map, of angle and torque"
+        steps.append((warning(code, message, remedy), names))
+        if after - before < np.log(BETTER) and after < np.log(EXPLAINED):
+            # What is only better beside another one comes before it.
+            found = [*steps]
+        q, dq, ddq = (angles(rate) for rate in motion[:3])
+        motion = _SideMotion(q, dq, ddq, torques(motion.torque), motion.measured)
+    return found
 
 
-def _size(fit: GravityFit, side: str, robot: Robot) -> list[Finding]:
-    """Return whether the torques that certainly follow gravity are together far larger or smaller than described."""
-    sure = fit.along & fit.heavy
-    if not sure.any():
+_Change = Callable[[Array], Array]
+_Way = tuple[str, str, tuple[str, ...], _Change]
+
+
+def _arrangements(joints: Sequence[str], measured: Sequence[int]) -> Iterator[tuple[_Change, list[_Way]]]:
+    """Yield what may have been confused: how angles (…, n) come right, and how torques do beside it."""
+
+    def same(values: Array) -> Array:
+        return values
+
+    alone: list[_Way] = []
+    for j, name in enumerate(joints):
+        sign = np.where(np.arange(len(joints)) == j, -1.0, 1.0)
+
+        def mirrored(values: Array, sign: Array = sign) -> Array:
+            return sign * values
+
+        both = f"{name} turns the other way than described, its angle and its torque have the other sign"
+        angle = f"the angle of {name} has the other sign than described"
+        yield mirrored, [("mirrored", both, (name,), mirrored), ("mirrored", angle, (name,), same)]
+        if j in measured:
+            alone.append(("gravity_sign", f"the torque of {name} has the other sign than described", (name,), mirrored))
+    orders = [(np.array([j, i]), np.array([i, j])) for i, j in combinations(measured, 2)]
+    backwards = np.array(measured)[::-1]
+    for new, old in [*orders, *([(backwards, np.array(measured))] if len(measured) > 3 else [])]:
+        order = np.arange(len(joints))
+        order[old] = new
+
+        def exchanged(values: Array, order: Any = order) -> Array:
+            return values[..., order]
+
+        names = tuple(joints[k] for k in old)
+        whose = (
+            f"of {' and '.join(names)} seem to be exchanged"
+            if len(names) == 2
+            else "are in the reversed order of joints"
+        )
+        yield exchanged, [("exchanged", f"all channels {whose}", names, exchanged)]
+        alone.append(("exchanged", f"efforts {whose}", names, exchanged))
+    yield same, alone
+
+
+def _squares(motion: _SideMotion, Y: Array) -> tuple[Array, Array, Array]:
+    """Return what free masses leave of the torques' squares (m,), what there is, and independent samples of the rest.
+
+    Each joint has its own friction, zero, motor inertia and noise.
+    """
+    bases = {j: _own(motion, j) for j in motion.measured}
+    columns = [Y[:, j] - basis @ (basis.T @ Y[:, j]) for j, basis in bases.items()]
+    torques = [motion.torque[:, j] - basis @ (basis.T @ motion.torque[:, j]) for j, basis in bases.items()]
+    grams, rights = [c.T @ c for c in columns], [c.T @ t for c, t in zip(columns, torques, strict=True)]
+    power = np.array([float(t @ t) for t in torques])
+    squares, rest = power, torques
+    # Weighted by what is left before; three rounds are enough.
+    for _ in range(3):
+        gram, right = (sum(each / s for each, s in zip(parts, squares, strict=True)) for parts in (grams, rights))
+        scale = 1.0 / np.sqrt(np.diag(gram) + 1e-12 * np.diag(gram).max())
+        inverse = np.linalg.pinv(scale[:, None] * gram * scale, rcond=RANK, hermitian=True)
+        rest = [t - c @ (scale * (inverse @ (scale * right))) for c, t in zip(columns, torques, strict=True)]
+        squares = np.array([float(each @ each) for each in rest]) + 1e-12 * power
+    return squares, power, np.array([_independent(each, each) for each in rest])
+
+
+def _size(fit: GravityFit, side: str) -> list[Finding]:
+    """Return whether torques that certainly follow gravity are far larger or smaller than described."""
+    factor = fit.factor
+    if not fit.certain or factor < 0.0 or FAR[0] <= factor <= FAR[1]:
         return []
-    gravity = fit.gravity[:, sure]
-    factor = float(np.sum(gravity * fit.torque[:, sure]) / np.sum(gravity**2))
-    if FAR[0] <= factor <= FAR[1]:
-        return []
     message = (
-        f"{side} effort of {listed(robot.joint_names, sure)} follows the gravity that the description predicts "
-        f"(correlation {span_of(fit.correlation[sure])}), but is {factor:.3g} times the described one"
+        f"{side} effort follows the gravity that the description predicts (correlation {fit.correlation:.3g}), but is "
+        f"{factor:.3g} times the described one"
     )
     remedy = "check its unit (Nm, Nm_motor with its ratio, A), that of the angles, and the masses of the description"
     if LIKE_DEGREES[0] < factor < LIKE_DEGREES[1]:
         remedy += "; angles in radians taken for degrees are 57 times too small, and so is gravity then"
     elif LIKE_KILO[0] < factor < LIKE_KILO[1]:
         remedy += "; torques in kNm taken for Nm are 1000 times too small"
-    return [Finding("warning", "gravity_size", f"{message}: {remedy}")]
+    return [warning("gravity_size", message, remedy)]
 
 
-def _exchanged(fit: GravityFit, side: str, robot: Robot) -> list[Finding]:
-    """Return which torques follow the gravity of another joint, while its own torque does not."""
-    correlation, factor, chance = fit.others
-    left = 1.0 - correlation**2
-    usual = (factor > FACTOR[0]) & (factor < FACTOR[1]) & (chance < CHANCE) & (correlation > -PLAIN)
-    own = np.diagonal(usual)
-    # One that follows its own gravity is in its place, however alike those of two parallel axes are.
-    other = usual & fit.heavy & (left < CLEARLY * np.diagonal(left)) & ~own & ~own[:, None]
-    pairs = [(i, j) for i, j in np.argwhere(other & other.T).tolist() if i < j]
-    if not pairs:
-        return []
-    names, words = robot.joint_names, []
-    for i, j in pairs:
-        swapped, alone = (
-            (f"{one:.3g} and {other:.3g}")
-            for one, other in ((correlation[i, j], correlation[j, i]), (correlation[i, i], correlation[j, j]))
-        )
-        whose = f"that of {names[i]} follows the gravity that the description predicts for {names[j]} and vice versa"
-        words.append(f"{whose} (correlations {swapped}; with their own ones {alone})")
-    message = f"{side} effort of two joints seems to be exchanged: {'; '.join(words)}"
-    return [Finding("warning", "exchanged", f"{message}: check the order of the columns, or of the joints, in the map")]
-
-
-def _free_gravity(fit: GravityFit, robot: Robot) -> tuple[Array, float]:
-    """Return the gravity (3,), m/s², that explains the torques of joints that turn best, and the squares it leaves."""
-    turning = [not joint.prismatic for joint in robot.joints]
-    columns, target = fit.pull[:, turning].reshape(-1, 3), fit.torque[:, turning].ravel()
+def _judged(fit: GravityFit, side: str, robot: Robot) -> list[Finding]:
+    """Return what the torques of a side show: another direction or sign of gravity, none of it, or nothing."""
+    columns, target = fit.pull.reshape(-1, 3), fit.torque.ravel()
     shown: Any = np.linalg.lstsq(columns, target, rcond=None)[0]
-    return shown, float(np.sum((target - columns @ shown) ** 2) + np.sum(fit.torque[:, np.logical_not(turning)] ** 2))
+    left, straight = (float(np.sum((target - columns @ g) ** 2)) for g in (shown, fit.factor * robot.gravity))
+    turned, size = angle_between(shown, robot.gravity), float(np.linalg.norm(shown) / np.linalg.norm(robot.gravity))
+    if left < LEFT * straight and turned > TURNED and SIZE[0] < size < SIZE[1]:
+        numbers = (" ".join(f"{value:.3g}" for value in each) for each in (shown, robot.gravity))
+        message = "{} effort shows gravity of {} m/s², where the description has {}".format(side, *numbers)
+        remedy = "the arm is mounted otherwise (base in its arm file; identify and diagnose look for it themselves)"
+        return [warning("mounting", message, remedy)]
+    times = f"{fit.factor:.3g} times the described one, correlation {fit.correlation:.3g}"
+    if fit.certain and FACTOR[0] < -fit.factor < FACTOR[1]:
+        message = f"{side} effort runs against the gravity that the description predicts ({times})"
+        remedy = "either all torques have the wrong sign (sign: -1 in the map), or the arm hangs upside down (base in "
+        return [warning("gravity_sign", message, f"{remedy}its arm file); gravity alone does not tell the two apart")]
+    if fit.missing:
+        part = "no" if abs(fit.factor) < FAR[0] else "a part only of the"
+        message = f"{side} effort holds {part} gravity that the description predicts ({times})"
+        remedy = "it was subtracted before the torque was recorded, or something else carries the arm: record all of it"
+        return [warning("gravity_missing", message, f"{remedy}, or describe what does (gravity_compensation)")]
+    return []
 
 
 def angle_between(one: Array, other: Array) -> float:

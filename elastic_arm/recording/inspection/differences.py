@@ -23,54 +23,27 @@ ALIKE = 0.5  # correlation of the two motions, below which they are of other com
 
 @dataclass(frozen=True)
 class ChannelDifference:
-    """How far one channel of two recordings is apart, (n,) each.
+    """How far one channel of two recordings is apart, (n,) each."""
 
-    Parameters
-    ----------
-    channel
-        Its name in equation (1): q, dq, tau_J, theta, dtheta, tau_m.
-    rms, largest, mean
-        Of real minus simulated: rad, rad/s or Nm.
-    share
-        Root mean square over the standard deviation of the real channel.
-    lag
-        s by which the real channel is later than the simulated one, beyond what is common to all; NaN where it stands.
-    apart
-        (N, n) real minus simulated, for figures.
-    """
-
-    channel: str
-    rms: Array
+    channel: str  # Its name in equation (1): q, dq, tau_J, theta, dtheta, tau_m
+    rms: Array  # Of real minus simulated: rad, rad/s or Nm
     largest: Array
     mean: Array
-    share: Array
+    share: Array  # Root mean square over the standard deviation of the real channel
+    # s by which the real channel is later than the simulated one, beyond what is common to all; NaN where it stands
     lag: Array
-    apart: Array
+    apart: Array  # (N, n) real minus simulated, for figures
 
 
 @dataclass(frozen=True)
 class RecordingDifference:
-    """How far two recordings of the same commands are apart.
+    """How far two recordings of the same commands are apart."""
 
-    Parameters
-    ----------
-    joints
-        Names.
-    offset
-        s to add to times of the real recording for those of the simulated one.
-    aligned_by
-        "reference", or the channel that was brought to cover where no reference was recorded.
-    t
-        (N,) s of the real recording that both hold.
-    channels
-        What both hold.
-    """
-
-    joints: tuple[str, ...]
-    offset: float
-    aligned_by: str
-    t: Array
-    channels: tuple[ChannelDifference, ...]
+    joints: tuple[str, ...]  # Names
+    offset: float  # s to add to times of the real recording for those of the simulated one
+    aligned_by: str  # "reference", or the channel that was brought to cover where no reference was recorded
+    t: Array  # (N,) s of the real recording that both hold
+    channels: tuple[ChannelDifference, ...]  # What both hold
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as plain data."""
@@ -90,20 +63,7 @@ class RecordingDifference:
 
 
 def differences(real: Recording, simulated: Recording) -> RecordingDifference:
-    """Compare two recordings of the same commands.
-
-    Parameters
-    ----------
-    real
-        Of the arm.
-    simulated
-        Of any simulator, with the same joints.
-
-    Raises
-    ------
-    RecordingError
-        If they share no channel or less than a second, or move differently.
-    """
+    """Compare two recordings of the same commands."""
     simulated = simulated.select(real.joints)
     name, ours, theirs = _commands(real, simulated)
     offset = _offset(*ours, *theirs, name)

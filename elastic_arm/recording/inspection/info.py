@@ -31,34 +31,17 @@ class TopicInfo:
 
 @dataclass
 class BagInfo:
-    """A bag in short.
+    """A bag in short."""
 
-    Parameters
-    ----------
-    path
-        Folder or file.
-    files
-        Names, with sizes in bytes.
-    compression
-        Of its chunks or files: "none", "lz4", "zstd", "unchunked", or several.
-    topics
-        In order of appearance.
-    joints, channels
-        Of the recording in it: `link.position` ...; empty where it holds none.
-    notes
-        What a reader assumes, or why it cannot use the bag.
-    damage
-        What is wrong with the files.
-    """
-
-    path: str
-    files: dict[str, int]
-    compression: list[str]
-    topics: list[TopicInfo]
+    path: str  # Folder or file
+    files: dict[str, int]  # Names, with sizes in bytes
+    compression: list[str]  # Of its chunks or files: "none", "lz4", "zstd", "unchunked", or several
+    topics: list[TopicInfo]  # In order of appearance
+    # Of the recording in it: `link.position` ...; empty where it holds none
     joints: list[str] = field(default_factory=list)
     channels: list[str] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
-    damage: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)  # What a reader assumes, or why it cannot use the bag
+    damage: list[str] = field(default_factory=list)  # What is wrong with the files
 
     @property
     def messages(self) -> int:
@@ -85,22 +68,7 @@ class BagInfo:
 
 
 def bag_info(path: str | Path, channels: ChannelMap | None = None, namespace: str | None = None) -> BagInfo:
-    """Sum up a bag.
-
-    Parameters
-    ----------
-    path
-        Bag folder, .mcap or .db3 file.
-    channels
-        A channel map, for a foreign bag.
-    namespace
-        Of the arm, where the bag holds several.
-
-    Raises
-    ------
-    RecordingError
-        If there is nothing that can be read.
-    """
+    """Sum up a bag, of the arm in a namespace where it holds several; a RecordingError if nothing can be read."""
     info = _counted(path)
     try:
         recording = read_recording(path, channels, namespace=namespace)

@@ -5,24 +5,17 @@ They tell a unit that was mistaken: degrees for radians, millimetres for metres.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import NDArray
 
-from elastic_arm.recording.inspection.plausibility import listed, span_of
-from elastic_arm.recording.inspection.report import Finding
+from elastic_arm.recording.inspection.report import Finding, warning
 from elastic_arm.recording.recording import Recording
-from elastic_arm.recording.sides import Array, Side, joints_with
-from elastic_arm.robot import Robot
-from elastic_arm.robot.parts import Limits
+from elastic_arm.recording.sides import Array, joints_with, listed, span_of
+from elastic_arm.robot import Joint, Robot
 
 _FEWEST = 200  # samples; below, nothing is concluded
 _BEYOND = 0.1  # of a joint's range: more than a zero, or a limit, that is set a little otherwise
-_FAR = 5.0  # times the limit; less is no unit; convention
 _TOO_FAST = 3.0  # times the limit of the velocity; controllers may pass that a little
-_DEGREES = 180.0 / np.pi
-_MILLIMETRES = 1000.0
 
 
 def hardly_usable(recording: Recording) -> list[str]:
@@ -41,81 +34,68 @@ def hardly_usable(recording: Recording) -> list[str]:
 
 
 def beyond_limits(recording: Recording, robot: Robot) -> list[Finding]:
-    """Return which angles and speeds are far beyond the limits of the description.
-
-    Parameters
-    ----------
-    recording
-        Of the arm; without damaged samples.
-    robot
-        Its description; joints without limits are not looked at.
-    """
+    """Return which angles and speeds are far beyond the limits of the description."""
     findings = []
     for name, side in recording.select(robot.joint_names).measured().items():
-        if len(side) >= _FEWEST:
-            findings += _positions(name, side, robot) + _speeds(name, side, robot)
+        if len(side) >= _FEWEST and side.position is not None:
+            findings += _positions(name, side.position, robot)
+        if len(side) >= _FEWEST and side.velocity is not None:
+            findings += _speeds(name, side.velocity, robot)
     return findings
 
 
-def _positions(name: str, side: Side, robot: Robot) -> list[Finding]:
-    if side.position is None:
-        return []
-    low, high = side.position.min(axis=0), side.position.max(axis=0)
-    limits, slides = [joint.limits for joint in robot.joints], [joint.prismatic for joint in robot.joints]
-    found = ~_within(low, high, limits, slides) & joints_with(side.position)
+def _positions(name: str, position: Array, robot: Robot) -> list[Finding]:
+    ends = np.stack([position.min(axis=0), position.max(axis=0)], axis=1)
+    found = joints_with(position) & [not _within(joint, *own) for joint, own in zip(robot.joints, ends, strict=True)]
     if not found.any():
         return []
-    j = int(np.argmax(np.where(found, high - low, -np.inf)))
-    reached = f"{low[j]:.3g} to {high[j]:.3g} {robot.joints[j].unit('rad')}"
-    least, most = limits[j].position_min or 0.0, limits[j].position_max or 0.0
+    j = int(np.argmax(np.where(found, np.ptp(ends, axis=1), -np.inf)))
+    limits, (low, high) = robot.joints[j].limits, ends[j]
     message = (
         f"{name} position of {listed(robot.joint_names, found)} is beyond the limits of the description: "
-        f"{robot.joint_names[j]} goes from {reached}, its limits are {least:.3g} to {most:.3g}"
+        f"{robot.joint_names[j]} goes from {low:.3g} to {high:.3g} {robot.joints[j].unit('rad')}, its limits are "
+        f"{limits.position_min or 0.0:.3g} to {limits.position_max or 0.0:.3g}"
     )
-    unit = np.where(slides, _MILLIMETRES, _DEGREES)
-    far = np.maximum(np.abs(low), np.abs(high))[j] > _FAR * max(abs(least), abs(most))
-    if far and _within(low / unit, high / unit, limits, slides)[found].all():
-        what = _mistaken(np.asarray(slides)[found])
-        remedy = f"divided by {span_of(unit[found])} all are within: check the unit ({what})"
+    units, what = _other_units(robot, found)
+    fit = [_within(joint, *own / unit) for joint, own, unit in zip(robot.joints, ends, units, strict=True)]
+    # Less than the smaller of both units a motion is off by its zero.
+    if np.all(np.array(fit)[found]) and (np.abs(ends[j]).max() > 5.0 * max(map(abs, _range(robot.joints[j])))):
+        remedy = f"divided by {span_of(units[found])} all are within: check the unit ({what})"
     else:
         remedy = "check units, columns and zeros (offset)"
-    return [Finding("warning", "beyond_limits", f"{message}: {remedy}")]
+    return [warning("beyond_limits", message, remedy)]
 
 
-def _within(low: Array, high: Array, limits: Sequence[Limits], slides: Sequence[bool]) -> NDArray[np.bool_]:
-    """Return whether each joint (n,) stays within its limits, or would if an angle were given by other whole turns."""
-    inside = []
-    for least, most, limit, slide in zip(low, high, limits, slides, strict=True):
-        if limit.position_min is None or limit.position_max is None:
-            inside.append(True)
-            continue
-        more = _BEYOND * (limit.position_max - limit.position_min)
-        away = 0.5 * (limit.position_min + limit.position_max - least - most)
-        turns = 0.0 if slide else 2 * np.pi * round(float(away) / (2 * np.pi))
-        inside.append(limit.position_min - more <= least + turns and most + turns <= limit.position_max + more)
-    return np.array(inside)
+def _range(joint: Joint) -> tuple[float, float]:
+    least, most = joint.limits.position_min, joint.limits.position_max
+    return (-np.inf, np.inf) if least is None or most is None else (least, most)
 
 
-def _speeds(name: str, side: Side, robot: Robot) -> list[Finding]:
+def _within(joint: Joint, low: float, high: float) -> bool:
+    """Return whether a joint stays within its limits, or would if its angle were given by other whole turns."""
+    least, most = _range(joint)
+    if np.isinf(least):
+        return True
+    more = _BEYOND * (most - least)
+    turns = 0.0 if joint.prismatic else 2 * np.pi * round(0.5 * (least + most - low - high) / (2 * np.pi))
+    return bool(least - more <= low + turns and high + turns <= most + more)
+
+
+def _speeds(name: str, velocity: Array, robot: Robot) -> list[Finding]:
     """Look at the root mean square of the velocities: of a joint at its limit all the time it is the limit."""
-    if side.velocity is None:
-        return []
     limit = np.array([joint.limits.velocity or np.inf for joint in robot.joints])
-    share = np.sqrt(np.mean(side.velocity**2, axis=0)) / limit
+    share = np.sqrt(np.mean(velocity**2, axis=0)) / limit
     found = share > _TOO_FAST
     if not found.any():
         return []
-    slides = np.array([joint.prismatic for joint in robot.joints])[found]
-    message = (
-        f"{name} velocity of {listed(robot.joint_names, found)} is {span_of(share[found])} times the limit of the "
-        "description (root mean square)"
-    )
-    near = share[found].max() < np.where(slides, _MILLIMETRES, _DEGREES).max()
-    remedy = f"check the unit ({_mistaken(slides)})" if near else "check units and columns"
-    return [Finding("warning", "beyond_limits", f"{message}: {remedy}")]
+    units, what = _other_units(robot, found)
+    times = f"{span_of(share[found])} times the limit of the description (root mean square)"
+    remedy = f"check the unit ({what})" if share[found].max() < units[found].max() else "check units and columns"
+    return [warning("beyond_limits", f"{name} velocity of {listed(robot.joint_names, found)} is {times}", remedy)]
 
 
-def _mistaken(slides: NDArray[np.bool_]) -> str:
-    """Return which units were mistaken at joints of which some slide."""
-    words = ["degrees taken as radians"] if not slides.all() else []
-    return " and ".join([*words, *(["millimetres taken as metres"] if slides.any() else [])])
+def _other_units(robot: Robot, found: NDArray[np.bool_]) -> tuple[Array, str]:
+    """Return by what positions (n,) are too large in the unit that is mistaken most, and which that is."""
+    slides = np.array([joint.prismatic for joint in robot.joints])
+    words = {False: "degrees taken as radians", True: "millimetres taken as metres"}
+    return np.where(slides, 1000.0, 180.0 / np.pi), " and ".join(words[kind] for kind in sorted(set(slides[found])))

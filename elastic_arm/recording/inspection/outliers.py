@@ -1,9 +1,10 @@
-"""Numbers that are finite and yet far beyond all others of their channel: damaged words, not motion or torque.
+"""What a recording needs before anything is computed from it, done once: for the check and for all that fits.
 
-A sample counts as an outlier where it lies further from the median of its neighbours than several times the range in
-which nearly all samples of the channel lie. Noise, impacts and friction reversals stay well within that. A single
-sample counts, too, that lies off the cubic through its four neighbours by many times what the others do, and by more
-than an arm can move in a sample.
+Samples of zeros alone that another publisher sends between those of the arm are left out. Numbers that are finite and
+yet far beyond all others of their channel, damaged words, are left out, too: those further from the median of their
+neighbours than several times the range in which nearly all samples of the channel lie, and single ones that lie off the
+cubic through four neighbours by many times what the others do, and by more than an arm can move in a sample. Angles
+that are given within a turn are unwound. Where a joint jumps as none can, the recording is parted.
 """
 
 from __future__ import annotations
@@ -16,10 +17,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.codegen.parallel import share_out
-from elastic_arm.recording.inspection.impossible import require_possible
+from elastic_arm.errors import RecordingError
+from elastic_arm.recording.inspection.quality import moment
+from elastic_arm.recording.inspection.report import Finding, warning
+from elastic_arm.recording.inspection.two_encoders import with_one_zero
 from elastic_arm.recording.recording import Recording
-from elastic_arm.recording.sides import Array, Side, joints_with
+from elastic_arm.recording.sides import Array, Side, joints_with, listed
 
+# rad (or m), rad/s, Nm, rad/s². Angles larger than that have lost the digits that a motion is computed from; numbers of
+# this size are counts of an encoder, or a channel that holds something else.
+LARGEST = {"position": 1e6, "velocity": 1e6, "effort": 1e9, "acceleration": 1e9}
+_UNITS = {"position": "rad", "velocity": "rad/s", "effort": "Nm", "acceleration": "rad/s²"}
+# Nm; the squares of smaller torques are zero, whatever they measure.
+SMALLEST_TORQUE = 1e-150
 _FEWEST = 50  # samples; of fewer no range is known
 _LOOKED_AT = 5000  # samples that the range is taken from
 _CENTRAL = (0.5, 99.5)  # per cent of the samples that the range spans
@@ -39,95 +49,297 @@ _ACCELERATION = 30.0  # rad/s^2, to which an arm changes within a sample
 _TORQUE_STEP = 0.003  # of the range
 _OPPOSITE = 0.45  # of a spike's distance, by which its neighbours are off the other way
 _CUBIC = np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / 6.0
-_BLOCK = 16384  # samples looked at together: what a core's cache holds
 _LEAST = {"position": 1e-3, "velocity": 1e-3, "effort": 0.1, "acceleration": 1e-2}  # rad, rad/s, Nm, rad/s^2
+_RANGE = 1.1  # turns, with noise at the ends, that an angle spans which is given within one
+_SLACK = 0.05  # rad, that play and wind-up of a drive release at once where it turns round
+_LATE = 3.0  # cycles that a sample may be late
+_OF_A_TURN = 0.1  # that nearly all steps are below, where turns can be told from motion
+_APART, _APART_SECONDS = 6, 0.02  # samples, and s, left out behind a jump: a hole that nobody bridges
 
 
 @dataclass(frozen=True)
 class Outliers:
-    """The outliers of one channel of one joint.
-
-    Parameters
-    ----------
-    side, channel, joint
-        Where.
-    rows
-        Indices of the samples.
-    largest
-        The one furthest from zero, rad, rad/s or Nm.
-    span : (2,)
-        Between which nearly all others lie; of single samples, how far the one furthest off is from the cubic through
-        its neighbours, and how far nearly all samples are at most.
-    single
-        Whether they were found by their neighbours: they may well lie within the range of all others.
-    """
+    """The outliers of one channel of one joint: where, which samples, the one furthest from zero, and in words."""
 
     side: str
     channel: str
     joint: str
     rows: NDArray[np.intp]
     largest: float
-    span: Array
-    single: bool = False
+    why: str
 
     def words(self) -> str:
         """Return what was found, as a clause."""
         count = f"{len(self.rows)} sample{'s' if len(self.rows) > 1 else ''}"
-        what, (low, high) = f"{count} of the {self.side} {self.channel} of {self.joint}", self.span
-        if self.single:
-            kept = f"where {_NEARLY_ALL:.0f} % of all stay within {high:.2g}"
-            if len(self.rows) == 1:
-                return f"{what}, {self.largest:.3g}, off the curve through its neighbours by {low:.2g}, {kept}"
-            return f"{what}, up to {self.largest:.3g}, off the curves through neighbours by up to {low:.2g}, {kept}"
-        return f"{what} up to {self.largest:.3g}, where nearly all others lie between {low:.3g} and {high:.3g}"
+        return f"{count} of the {self.side} {self.channel} of {self.joint} up to {self.largest:.3g}, {self.why}"
+
+
+def usable(recording: Recording) -> Recording:
+    """Return the recording as all that computes from it takes it; its notes state what was done."""
+    whole, found = cleared(recording)
+    if not found:
+        return whole
+    where = recording.source or "the recording"
+    return replace(whole, notes=(*recording.notes, *(f"{where}: {finding.message}." for finding in found)))
+
+
+without_outliers = usable
+
+
+def cleared(recording: Recording) -> tuple[Recording, list[Finding]]:
+    """Return the recording as it can be used, and what was done to it; one of which nothing was is the same object."""
+    found: list[Finding] = []
+    for step in (without_zeros, _without_outliers, _in_one_piece):
+        recording = step(recording, found)
+    _require_possible(recording)
+    return with_one_zero(recording, found), found
+
+
+def without_zeros(recording: Recording, found: list[Finding]) -> Recording:
+    """Leave out samples of zeros alone where most are no motion: their neighbours are nearer to each other."""
+    kept: dict[str, Any] = {}
+    for name, side in recording.measured().items():
+        q = side.position
+        if q is None or len(side) < _FEWEST:
+            continue
+        zero = np.flatnonzero(~np.nan_to_num(q).any(axis=1))
+        for values in side.channels().values():
+            zero = zero[~np.nan_to_num(values[zero]).any(axis=1)]
+        others = np.delete(np.arange(len(side)), zero)
+        if not len(zero) or not len(others):
+            continue
+        place = np.clip(np.searchsorted(others, zero), 1, len(others) - 1)
+        before, after = q[others[place - 1]], q[others[place]]
+        least = [_STEPS * _resolution(column) for column in q[others].T]
+        away = np.minimum(np.abs(before), np.abs(after)) - np.abs(after - before) > least
+        if np.mean(away.any(axis=1)) > 0.5:
+            words = f"{len(zero)} of {len(side)} samples of the {name} side hold zeros alone, between others"
+            first = moment(side.stamp_ns, int(zero[0]))
+            found.append(warning("zeros_between", words, f"a second publisher? They are left out, first at {first}"))
+            kept[name] = side.at(others)
+    return replace(recording, **kept) if kept else recording
+
+
+def _without_outliers(recording: Recording, found: list[Finding]) -> Recording:
+    good: dict[str, NDArray[np.bool_]] = {}
+    for outliers in find_outliers(recording):
+        side: Side = getattr(recording, outliers.side)
+        good.setdefault(outliers.side, np.ones(len(side), np.bool_))[outliers.rows] = False
+        found.append(Finding("warning", "outliers", f"left out as outliers: {outliers.words()}"))
+    kept: dict[str, Any] = {name: getattr(recording, name).at(rows) for name, rows in good.items()}
+    return replace(recording, **kept) if kept else recording
+
+
+def _in_one_piece(recording: Recording, found: list[Finding]) -> Recording:
+    """Unwind angles that are given within a turn, and part sides where a joint jumps as none can."""
+    kept: dict[str, Any] = {}
+    for name, side in recording.measured().items():
+        if side.position is None or len(side) < _FEWEST or not np.all(np.diff(side.stamp_ns) > 0):
+            continue
+        if np.nanmax(np.abs(side.position), initial=0.0) > LARGEST["position"]:
+            continue
+        t = np.asarray((side.stamp_ns - side.stamp_ns[0]) * 1e-9)
+        columns = [(t, column) for column in np.ascontiguousarray(side.position.T)]
+        position, parted = side.position.copy(), np.zeros(len(side), np.bool_)
+        looked_at = share_out(lambda one: _continuous(*one), columns)
+        jumping = [row for each in looked_at for row in each.rows.tolist()]
+        for j, (joint, each) in enumerate(zip(recording.joints, looked_at, strict=True)):
+            what, rows = f"{name} position of {joint}", each.rows
+            if len(each.turned):
+                position[:, j] = each.q
+                first = f"{len(each.turned)} times, first after {moment(side.stamp_ns, int(each.turned[0]))}"
+                words = f"{what} is given within a turn of {each.turn:.4g} rad, and jumps by it {first}: it was unwound"
+                found.append(Finding("note", "wrapped", words))
+            if not len(rows):
+                continue
+            k = int(np.argmax(np.abs(each.size)))
+            many = ("", "") if len(rows) == 1 else (f"{len(rows)} times ", "the furthest ")
+            place = f"by {each.size[k]:.4g} rad after sample {rows[k]}, {moment(side.stamp_ns, int(rows[k]))}"
+            words = f"{what} jumps {many[0]}as no joint moves, {many[1]}{place}"
+            remedy = "two publishers, or a channel that is no angle? Nothing that follows from it can be trusted"
+            if len(rows) <= _SPIKE_SHARE * len(side):
+                for row in rows.tolist():
+                    parted[row + 1 : row + 1 + max(_APART, round(_APART_SECONDS * len(t) / t[-1]))] = True
+                alone = np.array([jumping.count(row) == 1 and _runs_on(side.effort, row) for row in rows.tolist()])
+                alone &= each.runs_on & (side.effort is not None or recording.n > 1)
+                jumps = np.zeros(len(side) - 1)
+                jumps[rows[alone]] = each.size[alone]
+                position[:, j] = _less(position[:, j], jumps)
+                remedy = "joined recordings? It is parted there"
+                if alone.all():
+                    remedy = "speed and all else run on, so its zero was set: it is taken for running on from before"
+            found.append(Finding("warning", "jumps", f"{words}: {remedy}", joint=joint, time=float(t[rows[k]])))
+        if parted.any() or not np.array_equal(position, side.position, equal_nan=True):
+            kept[name] = replace(side, position=position).at(~parted)
+    return replace(recording, **kept) if kept else recording
+
+
+def _runs_on(effort: Array | None, row: int) -> bool:
+    """Return whether torques (N, n) change no more behind a sample than they usually do."""
+    if effort is None:
+        return True
+    steps = np.abs(np.diff(effort[max(row - _LOOKED_AT, 0) : row + _LOOKED_AT], axis=0))
+    usual = np.nanpercentile(steps, _NEARLY_ALL, axis=0) if joints_with(effort).all() else np.inf
+    return bool((np.abs(effort[row + 1] - effort[row]) <= 2.0 * usual).all())
+
+
+class _Continuous(NamedTuple):
+    """An angle (N,) unwound behind samples `turned`; its jumps by `size` behind `rows`, and where its speed runs on."""
+
+    q: Array
+    turned: NDArray[np.intp]
+    turn: float
+    rows: NDArray[np.intp]
+    size: Array
+    runs_on: NDArray[np.bool_]
+
+
+def _continuous(t: Array, q: Array) -> _Continuous:
+    """Take out the turns of an angle, and find where it jumps otherwise.
+
+    Three jumps and more of one size are turns, too: a motor's angle within its turn jumps by that over the gear ratio.
+    """
+    if np.isnan(q[0]):
+        return _Continuous(q, *(np.empty(0, np.intp), 0.0, np.empty(0, np.intp), np.empty(0), np.empty(0, np.bool_)))
+    turns = np.zeros(len(q) - 1)
+    # An angle that is given within a turn stays in that range.
+    if np.ptp(q) < _RANGE * 2 * np.pi and np.abs(step := np.diff(q)).max() > np.pi:
+        turns = np.rint(step / (2 * np.pi))
+        # What still jumps then was no turn, and nothing is where any two samples are half a turn apart.
+        unwound = _less(q, 2 * np.pi * turns)
+        turns[_jumps(t, unwound)[0]] = 0.0
+        turns *= np.percentile(np.abs(np.diff(unwound)), _NEARLY_ALL) < _OF_A_TURN * 2 * np.pi
+        q = _less(q, 2 * np.pi * turns)
+    turned = np.flatnonzero(turns)
+    rows, size, doubt, runs_on = _jumps(t, q)
+    usual = float(np.median(np.abs(size))) if len(rows) > 2 else 0.0
+    if len(rows) > 2 and np.ptp(q) < _RANGE * usual and (np.abs(np.abs(size) - usual) < doubt).all():
+        jumps = np.zeros_like(turns)
+        jumps[rows] = usual * np.sign(size)
+        return _Continuous(_less(q, jumps), rows, usual, rows[:0], size[:0], runs_on[:0])
+    return _Continuous(q, turned, 2 * np.pi, rows, size, runs_on)
+
+
+def _less(q: Array, jumps: Array) -> Array:
+    return q - np.concatenate([[0.0], np.cumsum(jumps)])
+
+
+def _jumps(t: Array, q: Array) -> tuple[NDArray[np.intp], Array, Array, NDArray[np.bool_]]:
+    """Return behind which samples an angle (N,) moves much faster than before and after, as no force makes a joint.
+
+    With by how much it jumps there, within which limits that is known, and whether the speed is the same behind it. Of
+    a channel that holds its values the intervals between updates are looked at.
+    """
+    step = np.diff(q)
+    bent = np.abs(np.diff(step))
+    noise = 1.48 * float(np.median(bent[:: max(len(bent) // _LOOKED_AT, 1)]))
+    least = 0.5 * _ACCELERATION * float(np.diff(t).min()) ** 2
+    # Nearly all angles end here: a jump is one of the steps, too.
+    rows = np.flatnonzero(step) if bent.max() > _SPIKE * noise + least else np.empty(0, np.intp)
+    if len(rows) < _FEWEST:
+        return rows[:0], np.empty(0), np.empty(0), np.empty(0, np.bool_)
+    ends = np.append(rows, len(q) - 1)
+    moved, lasting = np.diff(q[ends]), np.diff(t[ends])
+    near = np.pad(moved / lasting, 2, mode="reflect")
+    around = np.stack([near[k : k + len(moved)] for k in (0, 1, 3, 4)])
+    noise = 1.48 * float(np.median(np.abs(moved[1:] - moved[:-1] * (lasting[1:] / lasting[:-1]))))
+    fastest = np.abs(around).max(axis=0)
+    limit = _SLACK + _SPIKE * noise + 0.5 * _ACCELERATION * lasting**2 + _STEPS * _resolution(q)
+    # A sample that is some cycles late moves as far as the joint does in them.
+    usual = float(np.median(np.diff(t)))
+    limit += _LATE * fastest * usual
+    # Where samples are missing a joint may have gone anywhere.
+    together = t[rows + 1] - t[rows] < 2.5 * usual
+    found = np.flatnonzero(together & (np.abs(moved) - fastest * lasting > limit))
+    around, lasting, limit = around[:, found], lasting[found], limit[found]
+    size = moved[found] - np.median(around, axis=0) * lasting
+    runs_on = np.abs(around[2] - around[1]) * lasting < 2.0 * limit
+    return rows[found], size, 2.0 * limit, runs_on
 
 
 def find_outliers(recording: Recording) -> list[Outliers]:
     """Return the outliers of the measured sides of a recording."""
-    sides = {"link": recording.link, "motor": recording.motor}
     channels = [
-        _ChannelSamples(name, channel, side.stamp_ns, step, *_recorded(values, recording.joints))
-        for name, side in sides.items()
-        if side is not None and len(side) >= _FEWEST
-        for step in [float(np.median(np.diff(side.stamp_ns))) * 1e-9]
-        for channel, values in side.channels().items()
-        if joints_with(values).any()
+        (recording.joints, name, side, channel)
+        for name, side in recording.measured().items()
+        if len(side) >= _FEWEST
+        for channel in side.channels()
     ]
-    return [found for of_channel in share_out(lambda one: list(_all_of_channel(one)), channels) for found in of_channel]
+    return [found for of_channel in share_out(lambda one: list(_of_channel(*one)), channels) for found in of_channel]
 
 
-def _recorded(values: Array, joints: Sequence[str]) -> tuple[Array, Sequence[str]]:
-    """Return a channel's columns (N, k) of the joints that have it, and their names."""
-    there = joints_with(values)
-    return (values, joints) if there.all() else (values[:, there], [joints[j] for j in np.flatnonzero(there).tolist()])
+def _of_channel(joints: Sequence[str], name: str, side: Side, channel: str) -> Iterator[Outliers]:
+    """Yield what is far off the range of nearly all samples, and of the other joints what is off its neighbours."""
+    values = side.channels()[channel]
+    there = np.flatnonzero(joints_with(values))
+    if not len(there):
+        return
+    low, high = _central(values[:, there], channel)
+    interval = np.diff(side.stamp_ns) * 1e-9
+    step = float(np.median(interval))
+    usual = interval < 1.5 * step
+    regular = usual[:-3] & usual[1:-2] & usual[2:-1] & usual[3:]
+    for j, least, most in zip(there.tolist(), low.tolist(), high.tolist(), strict=True):
+        column = np.ascontiguousarray(values[:, j])
+        rows = _far(column, least, most, channel)
+        why = f"where nearly all others lie between {least:.3g} and {most:.3g}"
+        if not len(rows):
+            rows, why = _off_neighbours(column, step, regular, channel)
+        if len(rows):
+            largest = float(column[rows[np.argmax(np.abs(column[rows]))]])
+            yield Outliers(name, channel, joints[j], rows, largest, why)
 
 
-def without_outliers(recording: Recording) -> Recording:
-    """Return the recording without the samples that hold an outlier; its notes state which.
+def _far(column: Array, low: float, high: float, channel: str) -> NDArray[np.intp]:
+    """Return which samples are several ranges from the median of their neighbours, or absurdly far from all."""
+    width = high - low
+    # Nearly all channels end with one look at their extremes. Halves, as the largest numbers that there are overflow.
+    if column.max() <= high + 0.5 * _BEYOND * width and column.min() >= low - 0.5 * _BEYOND * width:
+        return np.empty(0, np.intp)
+    suspects = np.flatnonzero((column > high + 0.5 * width) | (column < low - 0.5 * width))
+    begin = np.clip(suspects - _NEIGHBOURS, 0, len(column) - 2 * _NEIGHBOURS - 1)
+    around = np.median(column[begin[:, None] + np.arange(2 * _NEIGHBOURS + 1)], axis=1)
+    apart = np.abs(0.5 * column[suspects] - 0.5 * around)
+    absurd = np.abs(0.5 * column[suspects] - 0.25 * (low + high))
+    least = max(width, _LEAST_INNER * _LEAST[channel])
+    return suspects[(apart > 0.5 * _BEYOND * width) | (absurd > 0.5 * _ABSURD * least)]
 
-    Raises
-    ------
-    RecordingError
-        If a channel is of no arm throughout, so that nothing would be left.
+
+def _off_neighbours(
+    column: Array, step: float, regular: NDArray[np.bool_], channel: str
+) -> tuple[NDArray[np.intp], str]:
+    """Return which single samples are far off the cubic through their neighbours, and in words how far.
+
+    Both neighbours of such a sample are off by two thirds of it the other way; one of those of a step by a third.
     """
-    found = find_outliers(recording)
-    whole = _left(recording, found) if found else recording
-    require_possible(whole)
-    return whole
+    low, high = np.percentile(column[:: max(len(column) // _LOOKED_AT, 1)], _INNER)
+    # Numbers near the largest that there are have been found by the range.
+    off = np.convolve(
+        np.clip(column, low - _ABSURD * (high - low), high + _ABSURD * (high - low)), _CUBIC, mode="valid"
+    )
+    apart = np.abs(off)
+    typical = apart[:: max(len(apart) // _LOOKED_AT, 1)]
+    tail = float(np.percentile(typical, _NEARLY_ALL))
+    limit = max(_SPIKE * float(np.median(typical)) / 0.6745, _SPIKE_TAIL * tail)
+    limit += {
+        "position": _ACCELERATION * step**2,
+        "velocity": _ACCELERATION * step,
+        "effort": _TORQUE_STEP * float(high - low),
+    }.get(channel, 0.0)
+    rows = 1 + np.flatnonzero((apart > limit)[1:-1] & regular[1:-1])
+    if not 0 < len(rows) <= _SPIKE_SHARE * len(column):
+        return rows[:0], ""
+    opposite = np.maximum(off[rows - 1] / off[rows], off[rows + 1] / off[rows])
+    rows = rows[(opposite < -_OPPOSITE) & (apart[rows] > limit + _STEPS * _resolution(column))]
+    furthest = float(apart[rows].max(initial=0.0))
+    kept = f"where {_NEARLY_ALL:.0f} % of all stay within {tail:.2g}"
+    return rows + 2, f"off the curve through its neighbours by up to {furthest:.2g}, {kept}"
 
 
-def _left(recording: Recording, found: Sequence[Outliers]) -> Recording:
-    where = recording.source or "the recording"
-    kept: dict[str, Any] = {}
-    for name in {outliers.side for outliers in found}:
-        side: Side = getattr(recording, name)
-        good = np.ones(len(side), np.bool_)
-        for outliers in found:
-            if outliers.side == name:
-                good[outliers.rows] = False
-        kept[name] = side.at(good)
-    notes = [f"{where}: left out as outliers: {outliers.words()}." for outliers in found]
-    return replace(recording, notes=(*recording.notes, *notes), **kept)
+def _resolution(column: Array) -> float:
+    """Return the smallest difference between two samples that are not equal."""
+    different = np.abs(np.diff(column[:_LOOKED_AT]))
+    return float(different[different > 0].min(initial=np.inf)) if different.any() else 0.0
 
 
 def sane_limits(values: Array, channel: str) -> tuple[Array, Array]:
@@ -137,131 +349,38 @@ def sane_limits(values: Array, channel: str) -> tuple[Array, Array]:
     return middle - _ABSURD * spread, middle + _ABSURD * spread
 
 
-@dataclass(frozen=True)
-class _ChannelSamples:
-    """A channel of a side: its samples `values` (N, n) of the `joints` that have it, and the usual `step` in s."""
-
-    side: str
-    channel: str
-    stamp_ns: NDArray[np.int64]
-    step: float
-    values: Array
-    joints: Sequence[str]
-
-    def found(self, joint: int, rows: NDArray[np.intp], low: float, high: float) -> Outliers:
-        """Return the outliers of a joint, by its index, where nearly all samples lie between two numbers."""
-        among = self.values[rows, joint]
-        largest = float(among[np.argmax(np.abs(among))])
-        return Outliers(self.side, self.channel, self.joints[joint], rows, largest, np.array([low, high]))
-
-    def singles(self, joint: int, rows: NDArray[np.intp], off: float, usual: float) -> Outliers:
-        """Return single samples of a joint, one of them `off` the cubic, where nearly all are not above `usual`."""
-        return replace(self.found(joint, rows, off, usual), single=True)
-
-
-class _Extremes(NamedTuple):
-    """Smallest and largest samples (n,) of a channel, and the largest distance from the cubic."""
-
-    bottom: Array
-    top: Array
-    off: Array
-
-
-def _all_of_channel(of: _ChannelSamples) -> Iterator[Outliers]:
-    """Yield what is far off the range, and of the other joints what is off its neighbours."""
-    # Nearly all channels end with one look at their extremes.
-    extremes = _extremes(of.values)
-    far = list(_of_channel(of, extremes))
-    yield from far
-    named = {outliers.joint for outliers in far}
-    yield from (outliers for outliers in _spikes(of, extremes) if outliers.joint not in named)
-
-
-def _extremes(values: Array) -> _Extremes:
-    found = []
-    for start in range(0, max(len(values) - 4, 1), _BLOCK):
-        # NumPy is slow along the first axis of a narrow array.
-        block = np.ascontiguousarray(values[start : start + _BLOCK + 4].T)
-        off = np.array([np.abs(np.convolve(row, _CUBIC, mode="valid")).max() for row in block])
-        found.append((block.min(axis=1), block.max(axis=1), off))
-    bottoms, tops, distances = (np.array(each) for each in zip(*found, strict=True))
-    return _Extremes(bottoms.min(axis=0), tops.max(axis=0), distances.max(axis=0))
-
-
-def _of_channel(of: _ChannelSamples, extremes: _Extremes) -> Iterator[Outliers]:
-    low, high = _central(of.values, of.channel)
-    width = high - low
-    least = _LEAST_INNER * _LEAST[of.channel]
-    far = (extremes.top > high + 0.5 * _BEYOND * width) | (extremes.bottom < low - 0.5 * _BEYOND * width)
-    for j in map(int, np.flatnonzero(far)):
-        column = of.values[:, j]
-        suspects = np.flatnonzero((column > high[j] + 0.5 * width[j]) | (column < low[j] - 0.5 * width[j]))
-        begin = np.clip(suspects - _NEIGHBOURS, 0, len(column) - 2 * _NEIGHBOURS - 1)
-        window = begin[:, None] + np.arange(2 * _NEIGHBOURS + 1)
-        # Halves, as the difference of two numbers near the largest that there are would overflow.
-        apart = np.abs(0.5 * column[suspects] - 0.5 * np.median(column[window], axis=1))
-        absurd = np.abs(0.5 * column[suspects] - 0.25 * (low[j] + high[j])) > 0.5 * _ABSURD * max(width[j], least)
-        rows = suspects[(apart > 0.5 * _BEYOND * width[j]) | absurd]
-        if len(rows):
-            yield of.found(j, rows, low[j], high[j])
-
-
-def _spikes(of: _ChannelSamples, extremes: _Extremes) -> Iterator[Outliers]:
-    """Yield single samples far off the cubic through their neighbours, where samples follow one another regularly."""
-    floor = {"position": _ACCELERATION * of.step**2, "velocity": _ACCELERATION * of.step}.get(of.channel, 0.0)
-    for j, column in enumerate(of.values.T):
-        # Numbers near the largest that there are have been found by the range.
-        low, high = np.percentile(column[:: max(len(column) // _LOOKED_AT, 1)], _INNER)
-        least, most = low - _ABSURD * (high - low), high + _ABSURD * (high - low)
-        centres = 2 + np.arange(0, len(column) - 4, max((len(column) - 4) // _LOOKED_AT, 1))
-        around = np.clip(column[centres[:, None] + np.arange(-2, 3)], least, most)
-        typical = np.abs(around @ _CUBIC)
-        std, tail = float(np.median(typical)) / 0.6745, float(np.percentile(typical, _NEARLY_ALL))
-        limit = max(_SPIKE * std, _SPIKE_TAIL * tail)
-        limit += max(floor, _TORQUE_STEP * float(high - low) if of.channel == "effort" else 0.0)
-        if extremes.off[j] <= limit and extremes.bottom[j] >= least and extremes.top[j] <= most:
-            continue
-        column = np.clip(column, least, most)
-        off = np.convolve(column, _CUBIC, mode="valid")
-        apart = np.abs(off)
-        rows = 1 + np.flatnonzero((apart > limit)[1:-1] & _regular(of)[1:-1])
-        if not 0 < len(rows) <= _SPIKE_SHARE * len(column):
-            continue
-        # Both neighbours of a spike are off by two thirds of it the other way; one of those of a step by a third.
-        opposite = np.maximum(off[rows - 1] / off[rows], off[rows + 1] / off[rows])
-        rows = 2 + rows[(opposite < -_OPPOSITE) & (apart[rows] > limit + _STEPS * _resolution(column))]
-        if len(rows):
-            yield of.singles(j, rows, float(apart[rows - 2].max()), tail)
-
-
-def _regular(of: _ChannelSamples) -> NDArray[np.bool_]:
-    """Return whether five samples (N - 4,) in a row follow one another regularly."""
-    regular = np.diff(of.stamp_ns) * 1e-9 < 1.5 * of.step
-    return regular[:-3] & regular[1:-2] & regular[2:-1] & regular[3:]
-
-
-def _resolution(column: Array) -> float:
-    """Return the smallest difference between two samples that are not equal."""
-    different = np.abs(np.diff(column[:_LOOKED_AT]))
-    return float(different[different > 0].min(initial=np.inf)) if different.any() else 0.0
-
-
-def _without_impulses(values: Array) -> Array:
-    """Return medians of five samples in a row, (M, n), around some of the samples (N, n)."""
-    centres = 2 + np.arange(0, len(values) - 4, max((len(values) - 4) // _LOOKED_AT, 1))
-    return np.asarray(np.median(values[centres[:, None] + np.arange(-2, 3)], axis=1), dtype=np.float64)
-
-
 def _central(values: Array, channel: str) -> tuple[Array, Array]:
     """(n,) lower and upper end of the range of nearly all samples, never narrower than what a channel resolves."""
-    looked_at = values[:: max(len(values) // _LOOKED_AT, 1)]
-    lowest, highest = sane_limits(looked_at, channel)
-    limited = np.clip(looked_at, lowest, highest)
-    sane = np.where(limited == looked_at, looked_at, 0.5 * (lowest + highest))
+    centres = 2 + np.arange(0, len(values) - 4, max((len(values) - 4) // _LOOKED_AT, 1))
+    looked_at = values[centres[:, None] + np.arange(-2, 3)]
+    lowest, highest = sane_limits(looked_at[:, 2], channel)
+    sane = np.where(
+        (looked_at[:, 2] >= lowest) & (looked_at[:, 2] <= highest), looked_at[:, 2], 0.5 * (lowest + highest)
+    )
     low, high = np.percentile(sane, _CENTRAL, axis=0)
     # Impulses that one sample in a hundred or more holds, and neighbours do not, must not widen it either.
-    calm_low, calm_high = np.percentile(_without_impulses(values), _CENTRAL, axis=0)
+    calm_low, calm_high = np.percentile(np.median(looked_at, axis=1), _CENTRAL, axis=0)
     impulsive = (high - low) / _IMPULSIVE > np.maximum(calm_high - calm_low, _LEAST[channel])
     low, high = np.where(impulsive, calm_low, low), np.where(impulsive, calm_high, high)
     narrow = 0.5 * np.maximum(np.maximum(_LEAST[channel], _SHARE * (high - low).max()) - (high - low), 0.0)
     return low - narrow, high + narrow
+
+
+def _require_possible(recording: Recording) -> None:
+    """Refuse a recording with numbers that no arm has, naming side, channel, joints and the largest number."""
+    for name, side in recording.measured().items():
+        for channel, values in side.channels().items():
+            if not len(values):
+                continue
+            # NumPy is slow along the first axis of a narrow array.
+            ends = [(np.fmin.reduce(row), np.fmax.reduce(row)) for row in np.ascontiguousarray(values.T)]
+            largest = np.array([np.nan_to_num(max(-low, high)) for low, high in ends])
+            what = ""
+            if (beyond := largest > LARGEST[channel]).any():
+                reached = f"{largest.max():.3g} {_UNITS[channel]}"
+                what = f"{name} {channel} of {listed(recording.joints, beyond)} reaches {reached}"
+            elif channel == "effort" and 0.0 < largest.max() < SMALLEST_TORQUE:
+                what = f"{name} effort is {largest.max():.3g} Nm at most"
+            if what:
+                problem = f"{recording.source or 'the recording'}: {what}, which is of no arm"
+                raise RecordingError(problem, "Look at its unit, and at what the channel holds")

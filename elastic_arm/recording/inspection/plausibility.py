@@ -12,19 +12,18 @@ the same time, which noise of their sensors does not.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from elastic_arm.recording.inspection.report import Finding
-from elastic_arm.recording.inspection.torque_spectrum import torque_spectrum
+from elastic_arm.recording.inspection.report import Finding, warning
+from elastic_arm.recording.inspection.torque_spectrum import FEWEST, torque_spectrum
 from elastic_arm.recording.recording import Recording
-from elastic_arm.recording.sides import Array, Side, joints_with
+from elastic_arm.recording.sides import Array, Samples, Side, joints_with, listed, span_of
+from elastic_arm.recording.timebase.clocks import evidence, numbered
 
-_FEWEST = 200  # samples; below, nothing is concluded
 _ENOUGH = 20_000  # samples of a side that show a wrong unit; bounds the time
 _WINDOW = 0.02  # s over which a velocity is compared with the position's advance: above the encoders' steps
 _STILL = 1e-3  # rad/s rms below which a joint does not move
@@ -32,36 +31,23 @@ _TRAVEL = 0.05  # rad that a joint has moved all the same, if at a speed below: 
 _FASTEST = 500.0  # rad/s rms from sample to sample; beyond, the numbers are no motion of an arm
 _SMOOTH = "smooth_torque"
 _FOLLOWS = 0.5  # share of a velocity that its position must explain
-_SELDOM = 0.02  # share of samples at which a joint can pass a full turn
 _GAIN = 0.03  # a unit or a sign is off by more
-_HELD = 0.002  # share of repeated samples; a lost cycle in 500 is ordinary
 _REGULAR = 2e-6  # of the interval: rounding of stamps to a nanosecond or a float, no clock
 _COMMON = 0.02  # of the interval: joints advance too far together by more than that
 _AGREE = 0.3  # correlation of two groups of joints about it
 _JITTER = 0.02  # of the interval: stamps that spread more must be those of the motion
 _SAME = 1e-12  # span of a difference of two channels that are the same numbers, but for an offset
-_LOOKED_AT = 1000  # samples that rule it out mostly
 _PARTS = 20  # of a recording, whose scatter shows how certain its work is
 _CERTAIN = 3.0  # standard deviations
 _LENT = 1.5  # of the torque's rms times the range: what gravity may have taken at the end
 _WORK = 0.05  # of the torque's rms times the path, beyond that
 
 
-@dataclass(frozen=True)
-class _ComparedMotion:
-    """One side's positions and velocities, and how the two agree.
+class _Compared(NamedTuple):
+    """Positions q and velocities v (N, n) of one side at times t (N,), and how the two agree, (n,) each.
 
-    Parameters
-    ----------
-    t : (N,)
-        s.
-    q, v : (N, n)
-        rad and rad/s.
-    gain, lag, share, doubt : (n,)
-        g and tau (s) of the module's equation, the share of the advance that it explains, and the standard deviation of
-        tau, s; NaN for joints at rest.
-    slow : (n,)
-        Whether the positions advance so slowly that noise of the velocity may hide what they share.
+    gain and lag (s) of the module's equation, the share of the advance that it explains and the deviation of the lag;
+    NaN for joints at rest. slow: whether noise of the velocity may hide what they share.
     """
 
     t: Array
@@ -72,32 +58,28 @@ class _ComparedMotion:
     share: Array
     doubt: Array
     slow: NDArray[np.bool_]
-
-    @property
-    def step(self) -> float:
-        """Usual sample interval, s."""
-        return float(np.median(np.diff(self.t)))
+    step: float
 
 
 def implausible(recording: Recording) -> list[Finding]:
-    """Return what no sensors of a moving arm measure; nothing of numbers that are no motion at all."""
+    """Return what no sensors of a moving arm measure; nothing of numbers that are no motion at all.
+
+    Of a long recording the middle decides on velocities and stamps: what is wrong shows in every stretch.
+    """
     sides = {name: _whole(side, recording.joints) for name, side in recording.measured().items()}
     if not all(_is_motion(side) for side, _ in sides.values()):
         return []
     findings = _same_arrays(recording)
     for name, (side, joints) in sides.items():
-        if len(side) < _FEWEST:
+        if len(side) < FEWEST:
             continue
-        if side.position is not None:
-            findings += _wrapped(name, side.position, joints)
-            findings += _held(name, side, joints)
         if side.position is not None and side.velocity is not None:
-            motion = _compared(side)
+            begin = max(0, (len(side) - _ENOUGH) // 2)
+            motion = _compared(side.at(slice(begin, begin + _ENOUGH)))
             findings += _velocities(name, motion, joints)
             findings += _stamps(name, motion)
-        if side.effort is not None:
-            findings += _noiseless(name, side, joints)
-    return findings + _backward_findings(recording)
+        findings += _noiseless(name, side, joints)
+    return findings + _backwards(recording)
 
 
 def _whole(side: Side, joints: Sequence[str]) -> tuple[Side, Sequence[str]]:
@@ -111,42 +93,12 @@ def _whole(side: Side, joints: Sequence[str]) -> tuple[Side, Sequence[str]]:
 
 def smoothed_torques(recording: Recording) -> list[str]:
     """Return in words which torques were low-passed before they were recorded: they hold not even noise above."""
-    sides = [(name, side) for name, side in (("link", recording.link), ("motor", recording.motor)) if side is not None]
-    long = [(name, side) for name, side in sides if side.effort is not None and len(side) >= _FEWEST]
-    found = [finding for name, side in long for finding in _noiseless(name, side, recording.joints)]
+    sides = recording.measured().items()
+    found = [one for name, side in sides for one in _noiseless(name, side, recording.joints)]
     return [finding.message for finding in found if finding.code == _SMOOTH]
 
 
-def backward_torques(recording: Recording) -> list[str]:
-    """Return in words which torques do work against the friction of their joints."""
-    return [finding.message for finding in _backward_findings(recording)]
-
-
-def jumping_angles(recording: Recording) -> list[str]:
-    """Return in words which angles jump by a turn between samples."""
-    sides = [(name, *_whole(side, recording.joints)) for name, side in recording.measured().items()]
-    looked_at = [(name, side.position, joints) for name, side, joints in sides if side.position is not None]
-    found = [finding for name, q, joints in looked_at if len(q) > 1 for finding in _wrapped(name, q, joints)]
-    return [finding.message for finding in found]
-
-
-def wrong_velocities(recording: Recording) -> list[str]:
-    """Return in words which velocities are no derivatives of their positions, by column, unit or sign.
-
-    Of a long recording the middle decides: a wrong unit shows in every stretch.
-    """
-    found: list[Finding] = []
-    for name, whole in recording.sides().items():
-        if name == "reference" or whole.position is None or whole.velocity is None:
-            continue
-        begin = max(0, (len(whole) - _ENOUGH) // 2)
-        side, joints = _whole(whole.at(slice(begin, begin + _ENOUGH)), recording.joints)
-        if len(side) >= _FEWEST and _is_motion(side):
-            found += _velocities(name, _compared(side), joints)
-    return [finding.message for finding in found if finding.severity == "warning"]
-
-
-def _compared(side: Side) -> _ComparedMotion:
+def _compared(side: Side) -> _Compared:
     """Fit the module's equation to every joint."""
     assert side.position is not None and side.velocity is not None
     t = (side.stamp_ns - side.stamp_ns[0]) * 1e-9
@@ -167,7 +119,7 @@ def _compared(side: Side) -> _ComparedMotion:
         doubt = np.sqrt(rest @ rest / len(rest) * width / power) if power > 0.0 else np.inf
         fits[:, j] = *fit, 1.0 - rest @ rest / (advance[:, j] @ advance[:, j]), doubt
     gain, lag, share, doubt = fits
-    return _ComparedMotion(t, q, v, gain, lag, share, doubt, slow)
+    return _Compared(t, q, v, gain, lag, share, doubt, slow, float(np.median(np.diff(t))))
 
 
 def _is_motion(side: Side) -> bool:
@@ -182,10 +134,6 @@ def is_motion(t: Array, position: Array) -> bool:
     return bool((np.sqrt(np.mean(speed**2, axis=0)) < _FASTEST).all())
 
 
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(values**2)))
-
-
 def _advances(t: Array, q: Array, v: Array, width: int) -> tuple[Array, Array, Array]:
     """Return (N - width, n) mean rates of q, means of v and mean rates of v, over intervals of `width` samples."""
     span = (t[width:] - t[:-width])[:, None]
@@ -193,7 +141,7 @@ def _advances(t: Array, q: Array, v: Array, width: int) -> tuple[Array, Array, A
     return tuple((x[width:] - x[:-width]) / span for x in (q, integral, v))  # type: ignore[return-value]
 
 
-def _velocities(name: str, motion: _ComparedMotion, joints: Sequence[str]) -> list[Finding]:
+def _velocities(name: str, motion: _Compared, joints: Sequence[str]) -> list[Finding]:
     moving = np.isfinite(motion.share)
     follows = motion.share >= _FOLLOWS
     strange = moving & ~follows & ~motion.slow
@@ -202,7 +150,7 @@ def _velocities(name: str, motion: _ComparedMotion, joints: Sequence[str]) -> li
     findings = []
     if strange.any():
         message = f"{name} velocity of {listed(joints, strange)} is not the derivative of the position"
-        findings.append(Finding("warning", "velocity", f"{message}: check the columns, units and signs"))
+        findings.append(warning("velocity", message, "check the columns, units and signs"))
     if scaled.any():
         factors = span_of(1.0 / motion.gain[scaled])
         message = f"{name} velocity of {listed(joints, scaled)} is {factors} times the derivative of the position"
@@ -210,150 +158,91 @@ def _velocities(name: str, motion: _ComparedMotion, joints: Sequence[str]) -> li
         alike = np.abs(motion.gain[moving] / np.median(motion.gain[moving]) - 1.0) < _GAIN
         if alike.all() and scaled[moving].all():
             remedy = f"check units and signs, and the unit of the times: the samples come at {1 / motion.step:.3g} Hz"
-        findings.append(Finding("warning", "velocity", f"{message}: {remedy}"))
-    if late.any():
-        for words, chosen in (("behind", late & (motion.lag > 0.0)), ("ahead of", late & (motion.lag < 0.0))):
-            if chosen.any():
-                size = f"{span_of(1e3 * np.abs(motion.lag[chosen]))} ms {words} the position"
-                message = f"{name} velocity of {listed(joints, chosen)} is {size}: one of the two was filtered"
-                findings.append(Finding("note", "velocity_lag", message))
+        findings.append(warning("velocity", message, remedy))
+    for words, chosen in (("behind", late & (motion.lag > 0.0)), ("ahead of", late & (motion.lag < 0.0))):
+        if chosen.any():
+            size = f"{span_of(1e3 * np.abs(motion.lag[chosen]))} ms {words} the position"
+            message = f"{name} velocity of {listed(joints, chosen)} is {size}: one of the two was filtered"
+            findings.append(Finding("note", "velocity_lag", message))
     return findings
 
 
-def _wrapped(name: str, q: Array, joints: Sequence[str]) -> list[Finding]:
-    turns = np.abs(np.abs(np.diff(q, axis=0)) - 2 * np.pi) < 0.5
-    jumps = turns.any(axis=0) & (turns.mean(axis=0) < _SELDOM) & (np.abs(np.diff(q, axis=0)).max(axis=0) < 7.0)
-    if not jumps.any():
-        return []
-    message = f"{name} position of {listed(joints, jumps)} jumps by a turn between samples"
-    return [Finding("warning", "wrapped", f"{message}: an angle that is given within one turn; unwrap it")]
-
-
-def _held(name: str, side: Side, joints: Sequence[str]) -> list[Finding]:
-    """Find positions that repeat although the joint moves by more than the encoder's steps.
-
-    Of a channel that is updated every third cycle a step is that of three: the noise is what it is off from there.
-    """
-    assert side.position is not None
-    step = np.diff(side.position, axis=0)
-    updated = scipy.ndimage.uniform_filter1d((step != 0.0).astype(np.float64), 9, axis=0)
-    smallest = np.where(step != 0.0, np.abs(step), np.inf).min(axis=0)
-    expected = scipy.ndimage.uniform_filter1d(step, 9, axis=0)
-    off = np.ma.array(np.abs(step * updated - expected), mask=step == 0.0)
-    noise = 1.48 * np.ma.median(off, axis=0).filled(0.0)
-    held = (step == 0.0) & (np.abs(expected) > 4.0 * np.maximum(smallest, noise))
-    share = held.mean(axis=0)
-    many = share > _HELD
-    if not many.any():
-        return []
-    message = f"{span_of(100 * share[many])} % of the {name} positions of {listed(joints, many)} repeat the one before"
-    remedy = "the joint moves: cycles were missed, or the channel is updated more slowly than it is stamped"
-    return [Finding("warning", "held", f"{message} while {remedy}")]
-
-
-def _stamps(name: str, motion: _ComparedMotion) -> list[Finding]:
+def _stamps(name: str, motion: _Compared) -> list[Finding]:
     """Compare the stamps with the instants that the motion of all joints implies."""
     good = np.isfinite(motion.share) & (motion.share > 0.9)
     if np.count_nonzero(good) < 2:
         return []
-    interval = np.diff(motion.t)
-    t: Array = motion.step * np.arange(len(motion.t), dtype=np.float64)
-    advance, mean, change = _advances(t, motion.q[:, good], motion.v[:, good], 1)
+    even = np.abs(np.diff(motion.t) / motion.step - 1.0).max() <= _REGULAR
+    if not even:
+        number, rate, _, jitter = numbered(motion.t)
+        usual = np.std(np.diff(jitter)) / np.sqrt(2.0) * rate
+        samples = Samples(motion.t, motion.q, motion.v, None, None, None, None, (1e9 * motion.t).astype(np.int64))
+        found = evidence(samples, number, rate) if usual > _JITTER else None
+        if found is None or found.stamps:
+            return []
+        spread = f"the stamps spread by {1e6 * usual / rate:.3g} us (std) and the motion does not follow them"
+        return [warning("arrival_stamps", f"{name} side: {spread}", "times of arrival, of samples taken regularly")]
+    advance, mean, change = _advances(motion.t, motion.q[:, good], motion.v[:, good], 1)
     rest = advance - mean * motion.gain[good] - change * motion.lag[good]
     # Two groups of joints, each with its own answer: by how many intervals too far each sample is.
     parts = (slice(0, None, 2), slice(1, None, 2))
-    ahead, weight = zip(*(_common(rest[:, part], mean[:, part]) for part in parts), strict=True)
+    weight = [np.sum(mean[:, part] ** 2, axis=1) + 1e-300 for part in parts]
+    ahead = [np.sum(rest[:, part] * mean[:, part], axis=1) / w for part, w in zip(parts, weight, strict=True)]
     sure = (weight[0] > np.median(weight[0])) & (weight[1] > np.median(weight[1]))
-    if np.count_nonzero(sure) < _FEWEST // 4:
+    if np.count_nonzero(sure) < FEWEST // 4:
         return []
     one, other = (part[sure] - part[sure].mean() for part in ahead)
-    both = float(np.mean(one * other))
-    if np.abs(interval / motion.step - 1.0).max() <= _REGULAR:
-        agree = both / max(float(one.std() * other.std()), 1e-300)
-        spread = np.sqrt(max(both, 0.0))
-        if agree > _AGREE and spread > _COMMON:
-            size = f"{1e6 * spread * motion.step:.3g} us (std)"
-            words = f"all joints together are {size} ahead of what their velocities give, or behind"
-            message = f"{name} side: the stamps are perfectly regular and made up: {words}"
-            return [Finding("warning", "made_up_stamps", message)]
+    both = max(float(np.mean(one * other)), 0.0)
+    if both <= max(_AGREE * float(one.std() * other.std()), _COMMON**2):
         return []
-    return _followed(name, interval[sure] / motion.step - 1.0, 0.5 * (one + other), motion.step)
-
-
-def _followed(name: str, jitter: Array, ahead: Array, step: float) -> list[Finding]:
-    """Find stamps that spread while the motion advances evenly: times of arrival, not of sampling."""
-    usual = np.abs(jitter) < 1.5  # no gaps
-    jitter, ahead = jitter[usual] - jitter[usual].mean(), ahead[usual]
-    power = float(jitter @ jitter)
-    if len(jitter) < _FEWEST // 4 or np.sqrt(power / len(jitter)) < _JITTER:
-        return []
-    slope = float(jitter @ ahead) / power
-    doubt = float(np.std(ahead - slope * jitter)) / np.sqrt(power)
-    if slope > 0.5 or doubt > 0.1:
-        return []
-    spread = 1e6 * step * np.sqrt(power / len(jitter))
-    message = f"{name} side: the stamps spread by {spread:.3g} us (std) and the motion does not follow them: "
-    return [Finding("warning", "arrival_stamps", f"{message}times of arrival, of samples taken regularly")]
-
-
-def _common(rest: Array, mean: Array) -> tuple[Array, Array]:
-    """Return (N,) the time by which all joints are ahead, in intervals, and its weight."""
-    weight = np.sum(mean**2, axis=1)
-    return np.sum(rest * mean, axis=1) / np.maximum(weight, 1e-300), weight
+    size = f"{1e6 * np.sqrt(both) * motion.step:.3g} us (std)"
+    words = f"all joints together are {size} ahead of what their velocities give, or behind"
+    return [warning("made_up_stamps", f"{name} side: the stamps are perfectly regular and made up", words)]
 
 
 def _noiseless(name: str, side: Side, joints: Sequence[str]) -> list[Finding]:
     """Find torques with less noise than a converter of 16 bits: smoothed, or computed."""
-    assert side.effort is not None
+    if side.effort is None or len(side) < FEWEST:
+        return []
     found = torque_spectrum(side.effort, 1e9 / float(np.median(np.diff(side.stamp_ns))))
     findings = []
-    if found.computed.any():
-        message = (
-            f"{name} effort of {listed(joints, found.computed)} has {span_of(found.level[found.computed])} dB of noise"
-        )
+    if (computed := found.computed).any():
+        message = f"{name} effort of {listed(joints, computed)} has {span_of(found.level[computed])} dB of noise"
         remedy = "less than a converter of 16 bits: it is computed, as by a model, not measured"
         findings.append(Finding("warning", "computed_torque", f"{message}, {remedy}"))
-    smooth = found.low_passed
-    if smooth.any():
+    if (smooth := found.low_passed).any():
         message = f"{name} effort of {listed(joints, smooth)} holds nothing above {span_of(found.end[smooth])} Hz, not"
         falls = f"even noise, and falls steeply from {span_of(found.knee[smooth])} Hz on"
         findings.append(Finding("note", _SMOOTH, f"{message} {falls}: it was low-passed there, or computed"))
     return findings
 
 
-def _backward_findings(recording: Recording) -> list[Finding]:
-    """Look at the work of the motors' torques over their angles, or over those of the links at joints without any."""
+def _backwards(recording: Recording) -> list[Finding]:
+    """Find motor torques that take energy out of a joint while friction takes it, too: their sign is wrong.
+
+    Torque sensors behind a drive see little friction, and a lag of theirs does work of either sign. What gravity and
+    inertia take they give back as the joint moves to and fro, but for one way over its range. At joints without a
+    motor's angle the link's will do: a spring gives back what it takes.
+    """
     motor, link = recording.motor, recording.link
     if motor is None or motor.effort is None:
         return []
     angle = np.full_like(motor.effort, np.nan) if motor.position is None else motor.position.copy()
-    absent = np.flatnonzero(~joints_with(angle))
     if link is not None and link.position is not None:
-        # A deflection hardly changes the way that a joint goes: its spring gives back what it takes.
-        for j in absent.tolist():
+        for j in np.flatnonzero(~joints_with(angle)).tolist():
             angle[:, j] = np.interp(motor.stamp_ns, link.stamp_ns, link.position[:, j])
     side, joints = _whole(Side(motor.stamp_ns, angle, effort=motor.effort), recording.joints)
-    known = len(side) >= _FEWEST and len(joints) > 0 and _is_motion(side)
-    return _backwards(side, joints) if known else []
-
-
-def _backwards(motor: Side, joints: Sequence[str]) -> list[Finding]:
-    """Find motor torques that take energy out of a joint while friction takes it, too: their sign is wrong.
-
-    Torque sensors behind a drive see little friction, and a lag of theirs does work of either sign. What gravity and
-    inertia take they give back as the joint moves to and fro, but for one way over its range.
-    """
-    assert motor.position is not None and motor.effort is not None
-    path = np.diff(motor.position, axis=0)
-    effort = 0.5 * (motor.effort[1:] + motor.effort[:-1])
+    if side.position is None or side.effort is None or len(side) < FEWEST or not joints or not _is_motion(side):
+        return []
+    path, effort = np.diff(side.position, axis=0), 0.5 * (side.effort[1:] + side.effort[:-1])
     work = np.array([part.sum(axis=0) for part in np.array_split(effort * path, _PARTS)])
-    lent = _LENT * np.ptp(motor.position, axis=0) + _WORK * np.abs(path).sum(axis=0)
+    lent = _LENT * np.ptp(side.position, axis=0) + _WORK * np.abs(path).sum(axis=0)
     certain = work.mean(axis=0) < -_CERTAIN * work.std(axis=0, ddof=1) / np.sqrt(_PARTS)
     found = certain & (work.sum(axis=0) < -np.sqrt(np.mean(effort**2, axis=0)) * lent)
     if not found.any():
         return []
     message = f"motor effort of {listed(joints, found)} takes energy out of the motion, as its friction does"
-    return [Finding("warning", "backward_torque", f"{message}: check its sign, and that of the angle")]
+    return [warning("backward_torque", message, "check its sign, and that of the angle")]
 
 
 def _same_arrays(recording: Recording) -> list[Finding]:
@@ -363,25 +252,9 @@ def _same_arrays(recording: Recording) -> list[Finding]:
     findings = []
     for channel, words in (("position", "there is one encoder"), ("effort", "there is one torque")):
         one, other = link.channels().get(channel), motor.channels().get(channel)
-        if one is None or other is None:
-            continue
-        begin = one[:_LOOKED_AT] - other[:_LOOKED_AT]
-        if (np.ptp(begin, axis=0) > _SAME).all():
-            continue
-        same = (np.ptp(one - other, axis=0) <= _SAME) & (np.ptp(one, axis=0) > 0.0)
-        if same.any():
-            message = f"link and motor {channel} of {listed(recording.joints, same)} are the same numbers: {words}"
-            findings.append(Finding("warning", f"same_{channel}", message))
+        if one is not None and other is not None:
+            same = (np.ptp(one - other, axis=0) <= _SAME) & (np.ptp(one, axis=0) > 0.0)
+            if same.any():
+                message = f"link and motor {channel} of {listed(recording.joints, same)} are the same numbers"
+                findings.append(warning(f"same_{channel}", message, words))
     return findings
-
-
-def listed(joints: Sequence[str], chosen: Any) -> str:
-    """Return the names of the chosen joints (n,), as a mask, or that they are all."""
-    return "all joints" if np.all(chosen) else ", ".join(np.array(joints)[chosen])
-
-
-def span_of(values: Array) -> str:
-    """Return the smallest and the largest of some numbers as text; one where they are alike."""
-    # Three digits, and 1000 rather than 1e+03.
-    low, high = (f"{float(f'{end:.3g}'):g}" for end in (np.min(values), np.max(values)))
-    return low if low == high else f"{low} to {high}"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from bisect import bisect_left
 from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,7 +12,6 @@ from numpy.typing import NDArray
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording.reading import read_content
 from elastic_arm.recording.series import Series
-from elastic_arm.recording.sides import Stamps
 from elastic_arm.recording.storage.bag import bag_stem, open_bag
 from elastic_arm.recording.storage.messages import read_messages, read_topics
 from elastic_arm.recording.stream_writer import StreamWriter
@@ -24,17 +22,7 @@ _MENDED = (JOINT_STATES, MOTOR_STATES, JOINT_TORQUES)
 
 @dataclass
 class Repair:
-    """What a repair did.
-
-    Parameters
-    ----------
-    path
-        The new bag.
-    kept
-        Messages in it.
-    dropped
-        What was left out, and what could not be mended, in words.
-    """
+    """What a repair did: the new bag, how many messages are in it, what was left out or could not be mended."""
 
     path: Path
     kept: int = 0
@@ -42,22 +30,10 @@ class Repair:
 
 
 def repair_bag(path: str | Path, out: str | Path | None = None) -> Repair:
-    """Copy what is usable of a bag into a new one.
+    """Copy what is usable of a bag into a new one, by default `<name>_repaired` beside it.
 
-    Damaged chunks and torn ends are left out. Of the joint topics so are messages that are not finite, and the fewest
-    messages without which the stamps advance.
-
-    Parameters
-    ----------
-    path
-        Bag folder, .mcap or .db3 file.
-    out
-        New folder; `<name>_repaired` beside the bag by default.
-
-    Raises
-    ------
-    RecordingError
-        If nothing can be read, or the new bag cannot be written.
+    Damaged chunks and torn ends are left out, and of the joint topics messages with numbers that are none. Stamps stay
+    as they are: readers put messages in order.
     """
     path = Path(path)
     repair = Repair(Path(out) if out is not None else path.with_name(f"{bag_stem(path)}_repaired"))
@@ -66,7 +42,7 @@ def repair_bag(path: str | Path, out: str | Path | None = None) -> Repair:
         raise RecordingError(f"{path}: nothing in it can be saved", "Record again.")
     repair.dropped += content.damage
     keep = {
-        topic: _usable(series, repair.dropped)
+        topic: _finite(series, repair.dropped)
         for topic, series in content.series.items()
         if series.type_name == TYPES[topic]
     }
@@ -89,45 +65,16 @@ def repair_bag(path: str | Path, out: str | Path | None = None) -> Repair:
     return repair
 
 
-def _usable(series: Series, dropped: list[str]) -> NDArray[np.bool_]:
-    """(N,) True for the messages of a topic, in log order, that can be used; `dropped` gets what is left out."""
-    finite = np.ones(series.count, dtype=bool)
-    for name, joint, values in series.all_columns():
-        good = np.isfinite(values)
-        if good.sum() >= len(good) / 2:
-            finite &= good
-        else:
-            dropped.append(f"{series.topic}.{name} of {joint} is mostly not finite and was left as it is")
-    keep = finite.copy()
-    rows = np.flatnonzero(finite)
-    keep[rows] = _longest_advance(series.stamp_ns[rows])
-    for count, reason in (
-        (series.count - int(finite.sum()), "with numbers that are not finite"),
-        (int(finite.sum() - keep.sum()), "whose stamps repeat or jump back in time"),
-    ):
-        if count:
-            dropped.append(f"{count} of {series.count} messages on {series.topic} {reason}")
-    return keep
-
-
-def _longest_advance(stamp_ns: Stamps) -> NDArray[np.bool_]:
-    """Mark a longest strictly increasing subsequence (patience sorting): so the fewest messages are left out."""
-    if np.all(np.diff(stamp_ns) > 0):
-        return np.ones(len(stamp_ns), dtype=bool)
-    tails: list[int] = []
-    last: list[int] = []
-    before = np.full(len(stamp_ns), -1)
-    for row, stamp in enumerate(stamp_ns.tolist()):
-        place = bisect_left(tails, stamp)
-        if place == len(tails):
-            tails.append(stamp)
-            last.append(row)
-        else:
-            tails[place], last[place] = stamp, row
-        before[row] = last[place - 1] if place else -1
-    keep = np.zeros(len(stamp_ns), dtype=bool)
-    row = last[-1] if last else -1
-    while row >= 0:
-        keep[row] = True
-        row = int(before[row])
-    return keep
+def _finite(series: Series, dropped: list[str]) -> NDArray[np.bool_]:
+    """Return which messages (N,) of a topic, in log order, hold numbers; `dropped` gets what is left out."""
+    good = np.ones(series.count, np.bool_)
+    log_ns = np.empty(series.count, np.int64)
+    for piece in series.pieces:
+        good[piece.rows], log_ns[piece.rows] = piece.finite(), piece.log_ns
+        for path, values in piece.values.items():
+            mostly = np.isfinite(values).mean(axis=0) < 0.5
+            names = [name for name, none in zip(piece.names, mostly.tolist(), strict=False) if none]
+            dropped += [f"{series.topic}.{path} of {name} is mostly not finite and was left as it is" for name in names]
+    if not good.all():
+        dropped.append(f"{(~good).sum()} of {series.count} messages on {series.topic} with numbers that are not finite")
+    return good[np.argsort(log_ns, kind="stable")]

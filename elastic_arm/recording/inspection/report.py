@@ -1,4 +1,4 @@
-"""Findings about a bag, and all of them together."""
+"""Findings about a recording, and all of them together."""
 
 from __future__ import annotations
 
@@ -12,30 +12,24 @@ Severity = Literal["error", "warning", "note"]
 
 @dataclass(frozen=True)
 class Finding:
-    """Something found in a bag.
+    """Something found in a bag or a recording."""
 
-    Parameters
-    ----------
-    severity
-        "error": it cannot be used as it is; "warning": it can, with less accuracy; "note": good to know.
-    code
-        A word for scripts.
-    message
-        For people.
-    topic, joint, time
-        Where, as far as it is of one place; seconds from the topic's first message.
-    """
-
+    # "error": it cannot be used as it is; "warning": it can, with less accuracy; "note": good to know
     severity: Severity
-    code: str
-    message: str
-    topic: str | None = None
+    code: str  # A word for scripts
+    message: str  # For people
+    topic: str | None = None  # Where, as far as it is of one place; seconds from the first sample
     joint: str | None = None
     time: float | None = None
 
     def __post_init__(self) -> None:
         # Names come out of bags.
         object.__setattr__(self, "message", one_line(self.message))
+
+
+def warning(code: str, message: str, remedy: str = "") -> Finding:
+    """Return a warning, with what to do about it."""
+    return Finding("warning", code, f"{message}: {remedy}" if remedy else message)
 
 
 @dataclass
@@ -56,15 +50,7 @@ class Report:
         return all(finding.severity != "error" for finding in self.findings)
 
     def add(self, severity: Severity, code: str, message: str, **where: Any) -> None:
-        """Add a finding.
-
-        Parameters
-        ----------
-        severity, code, message
-            As in :class:`Finding`.
-        **where
-            Its topic, joint and time.
-        """
+        """Add a finding with its place: topic, joint, time."""
         self.findings.append(Finding(severity, code, message, **where))
 
     def to_json(self) -> dict[str, Any]:

@@ -1,20 +1,26 @@
-"""Channels that stay where they are while the arm does not: torques at an end of their range, frozen recordings."""
+"""Channels that do not follow the arm: stuck, held, filled with zeros, at an end of their range, or frozen."""
 
 from __future__ import annotations
+
+from collections import defaultdict
 
 import numpy as np
 from numpy.typing import NDArray
 
-from elastic_arm.recording.inspection.report import Finding
+from elastic_arm.recording.inspection.report import Finding, warning
 from elastic_arm.recording.recording import Recording
-from elastic_arm.recording.sides import Array, Side, joints_with
+from elastic_arm.recording.sides import Array, Side, joints_with, listed, span_of
 
 # An arm whose joints all travel less than this, rad, stands still.
 STILL = 1e-3
 NO_MOTION = "Record an excitation: `elastic-arm excite` makes one"
+FEWEST = 200  # samples; below, nothing is concluded
+_ENOUGH = 50_000  # samples of a channel that show how it is updated; bounds the time
 _TRAVEL = 0.05  # rad that a joint has moved for certain: beyond play, wind-up and the steps of encoders
 _NOTHING = {"effort": 1e-9}  # Nm within which a torque does not change: no sensor resolves it
-_FEWEST = 200  # samples; below, nothing is concluded
+_CLEAR = 4.0  # times the channel's resolution: a change that no rounding makes
+_SMALL = 0.1  # of the usual change
+_HELD = 0.002  # share of repeated samples; a lost cycle in 500 is ordinary
 _LEVELS = 3  # next to the extreme, that it is compared with
 # Times the samples at any of these: a sine without noise is at its peak 2.4 times as often as a step below.
 _PILED = 5.0
@@ -27,30 +33,129 @@ _AROUND = 5  # samples to either side, within which a joint that turns changes i
 _LONG = 5  # samples in a row that repeat; a lost cycle or two is ordinary
 _TIMES = 3.0  # times the usual run of repeats, of channels that hold every value for some samples
 _LOOKED_AT = 0.1  # s of a run over which a joint would have moved on; one that brakes has stopped by then
-_ADVANCE = 5e-3  # rad, beyond the steps of any encoder
-_STEPS = 10  # of the channel's resolution, likewise
+_ADVANCE = 0.01  # rad, beyond the steps of any encoder
 _LISTED = 5  # times that are written out
 
+# Codes, words and remedies.
+_SAID = {
+    "stuck": (
+        "stuck",
+        "stays where it is while the joint moves",
+        "the channel is not connected, or not read: nothing that follows from it can be trusted",
+    ),
+    "zeros": ("zeros_between", "is zero between values that are none", "zeros are filled in: leave them out"),
+    "clipped": (
+        "clipped",
+        "sits at an end of its range while the joint moves",
+        "the drive or its channel saturates, and the true torque is beyond: record with less torque",
+    ),
+}
 
-def stuck(recording: Recording) -> list[Finding]:
-    """Return which channels hold one number throughout while their joints move: they measure nothing.
 
-    A joint moves where its other side does, or where its velocity adds up to a motion.
-    """
-    motion = _travels(recording)
-    findings = []
+def moves(recording: Recording) -> bool:
+    """Return whether any joint travels, or holds numbers that are none; any may where there are no positions."""
+    positions = [side.position for side in recording.measured().values() if side.position is not None]
+    if not positions or not all(map(len, positions)):
+        return True
+    return any(not np.ptp(column) < STILL for values in positions for column in values[:, joints_with(values)].T)
+
+
+def channel_findings(recording: Recording) -> list[Finding]:
+    """Return which channels do not follow the arm: each channel of each joint is looked at once, by all rules."""
+    if not moves(recording):
+        words = "the recording holds no motion: identify and diagnose have nothing to fit"
+        return [warning("no_motion", f"{words}. {NO_MOTION}")]
+    travel, findings = _travels(recording), []
     for name, side in recording.measured().items():
-        if len(side) < _FEWEST:
+        if len(side) < FEWEST:
             continue
+        position = _position(recording, side)
         for channel, values in side.channels().items():
-            moving = np.any([travel > _TRAVEL for what, travel in motion.items() if what != (name, channel)], axis=0)
-            constant = joints_with(values) & (np.ptp(values, axis=0) <= _NOTHING.get(channel, 0.0)) & moving
-            held = [f"{recording.joints[j]} at {float(values[0, j]) + 0.0:.3g}" for j in np.flatnonzero(constant)]
-            if held:
-                message = f"{name} {channel} stays where it is while the joint moves: {', '.join(held)}"
-                remedy = "the channel is not connected, or not read: nothing that follows from it can be trusted"
-                findings.append(Finding("warning", f"stuck_{channel}", f"{message}: {remedy}"))
+            if channel != "acceleration":
+                others = [far > _TRAVEL for what, far in travel.items() if what != (name, channel)]
+                moving = np.any(others, axis=0) if others else np.zeros(recording.n, np.bool_)
+                findings += _of_channel(recording, f"{name} {channel}", side, values, position, moving)
     return findings
+
+
+def _of_channel(
+    recording: Recording, what: str, side: Side, values: Array, position: Array | None, moving: NDArray[np.bool_]
+) -> list[Finding]:
+    """Return what one channel of all joints shows; `moving` are the joints that others show to move."""
+    channel = what.split()[1]
+    middle = slice(max(0, (len(side) - _ENOUGH) // 2), (len(side) + _ENOUGH) // 2)
+    said: dict[str, list[str]] = defaultdict(list)
+    periods, shares = np.zeros(recording.n), np.zeros(recording.n)
+    for j in np.flatnonzero(joints_with(values)).tolist():
+        joint, column = recording.joints[j], values[:, j]
+        if np.ptp(column) <= _NOTHING.get(channel, 0.0):
+            if moving[j]:
+                said["stuck"].append(f"{joint} at {float(column[0]) + 0.0:.3g}")
+            continue
+        turning = np.ones(len(side), np.bool_) if position is None else _changing(position[:, j])
+        zeros = _filled_in(column[middle], turning[middle])
+        if zeros > _HELD:
+            said["zeros"].append(f"{joint} in {100 * zeros:.2g} % of the samples")
+        else:
+            shares[j], periods[j] = _held(column[middle], turning[middle])
+        ends = _piled(column, turning) if channel == "effort" else {}
+        if ends:
+            share = 100.0 * sum(ends.values())
+            said["clipped"].append(f"{joint} for {share:.2g} % ({', '.join(f'{end:.3g}' for end in ends)})")
+    found = [
+        warning(code, f"{what} {words}: {', '.join(said[kind])}", remedy)
+        for kind, (code, words, remedy) in _SAID.items()
+        if said[kind]
+    ]
+    held = shares > _HELD
+    if held.any():
+        names, rate = listed(recording.joints, held), 1e9 / float(np.median(np.diff(side.stamp_ns)))
+        every = periods[held]
+        message = f"{what} of {names} repeats the value before in {span_of(100 * shares[held])} % of the samples"
+        remedy = "the joint moves: cycles were missed"
+        if every.max() > 1.0:
+            rates = f"{span_of(rate / every)} Hz in a recording of {rate:.4g} Hz"
+            message = f"{what} of {names} is held: a new value comes every {span_of(every)} samples, {rates}"
+            remedy = "the channel is updated more slowly than it is stamped; up to so much of it is late"
+        found.append(warning("held", message, remedy))
+    return found
+
+
+def _held(column: Array, moving: NDArray[np.bool_]) -> tuple[float, float]:
+    """Return the share of samples that repeat although the channel changes before and after, and samples an update.
+
+    A rounded channel repeats by chance as often as it changes by one step; a joint at rest repeats, too.
+    """
+    step = np.diff(column)
+    changes = np.flatnonzero(step)
+    size = np.abs(step[changes])
+    if len(changes) < 10:
+        return 0.0, 1.0
+    smallest = size.min()
+    clear = size > max(_CLEAR * smallest, _SMALL * float(np.sqrt(np.mean(size**2))))
+    runs = np.diff(changes)
+    between = clear[:-1] & clear[1:] & moving[changes[:-1] + 1]
+    # Longer ones are standstills, or the recording froze.
+    between &= runs <= _LONG * max(float(np.median(runs[between])) if between.any() else 1.0, 1.0)
+    repeats = int((runs[between] - 1).sum())
+    # Changes by one step that lie between clear ones.
+    chance = int(((size[1:-1] < 1.5 * smallest) & clear[:-2] & clear[2:]).sum())
+    if repeats <= chance + 4.0 * np.sqrt(chance + 1.0):
+        return 0.0, 1.0
+    return repeats / float(runs[between].sum()), float(np.median(runs[between]))
+
+
+def _filled_in(column: Array, moving: NDArray[np.bool_]) -> float:
+    """Return the share of zeros between values of one sign that are further from zero than from each other."""
+    others = np.flatnonzero(column)
+    if len(others) in (0, len(column)):
+        return 0.0
+    before, after = column[others[:-1]], column[others[1:]]
+    apart = np.abs(after - before)
+    least = _CLEAR * apart[apart > 0.0].min(initial=np.inf)
+    away = np.minimum(np.abs(before), np.abs(after)) > apart + least
+    missing = (np.diff(others) - 1)[away & (before * after > 0.0) & moving[others[:-1] + 1]]
+    return float(missing.sum() / len(column))
 
 
 def _travels(recording: Recording) -> dict[tuple[str, str], Array]:
@@ -65,27 +170,6 @@ def _travels(recording: Recording) -> dict[tuple[str, str], Array]:
             moving = side.velocity - side.velocity.mean(axis=0)
             found[name, "velocity"] = np.ptp(np.cumsum(moving * step, axis=0), axis=0)
     return found
-
-
-def clipped_torques(recording: Recording) -> list[Finding]:
-    """Return which torques sit at an end of their range while their joints move: there the true one is beyond."""
-    findings = []
-    for name, side in recording.measured().items():
-        if side.effort is None or len(side) < _FEWEST:
-            continue
-        position = _position(recording, side)
-        found = []
-        for j in np.flatnonzero(joints_with(side.effort)).tolist():
-            moving = np.ones(len(side), np.bool_) if position is None else _changing(position[:, j])
-            ends = _piled(side.effort[:, j], moving)
-            if ends:
-                share = 100.0 * sum(ends.values())
-                found.append(f"{recording.joints[j]} for {share:.2g} % ({', '.join(f'{end:.3g}' for end in ends)})")
-        if found:
-            message = f"{name} effort sits at an end of its range while the joint moves: {', '.join(found)}"
-            remedy = "the drive or its channel saturates, and the true torque is beyond: record with less torque"
-            findings.append(Finding("warning", "clipped", f"{message}: {remedy}"))
-    return findings
 
 
 def _position(recording: Recording, side: Side) -> Array | None:
@@ -134,22 +218,6 @@ def _impulses(torque: Array, end: float) -> bool:
     return bool(len(rows) and np.mean(apart > high - low) > 0.5)
 
 
-def moves(recording: Recording) -> bool:
-    """Return whether any joint travels, or holds numbers that are none; any may where there are no positions."""
-    positions = [side.position for side in recording.measured().values() if side.position is not None]
-    if not positions or not all(map(len, positions)):
-        return True
-    return any(not np.ptp(column) < STILL for values in positions for column in values[:, joints_with(values)].T)
-
-
-def motionless(recording: Recording) -> list[Finding]:
-    """Return that the arm stands still throughout, if it does."""
-    if moves(recording):
-        return []
-    words = "the recording holds no motion: identify and diagnose have nothing to fit"
-    return [Finding("warning", "no_motion", f"{words}. {NO_MOTION}")]
-
-
 def frozen(recording: Recording) -> list[Finding]:
     """Return when all channels stay the same for a while although the arm moves: what was recorded is an old sample."""
     link, motor = recording.link, recording.motor
@@ -161,51 +229,34 @@ def frozen(recording: Recording) -> list[Finding]:
 
 
 def _frozen(what: str, sides: list[Side], start_ns: int) -> list[Finding]:
-    """Return the stretches in which the channels of sides with equal stamps stay as they are."""
+    """Return the stretches in which the channels of sides with equal stamps stay as they are, at speed before them."""
     columns = np.hstack([values for side in sides for values in side.channels().values()])
     t: Array = np.asarray((sides[0].stamp_ns - start_ns) * 1e-9, dtype=np.float64)
-    if len(t) < _FEWEST:
+    moving = [(side.position, side.velocity) for side in sides if side.position is not None]
+    if len(t) < FEWEST or not moving:
         return []
     same = (np.diff(columns[:, joints_with(columns)], axis=0) == 0.0).all(axis=1)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]]).astype(np.int8)))
-    begin, length = edges[::2], edges[1::2] - edges[::2]
+    begin, end = edges[::2], edges[1::2]
     # Of an arm that stands still every sample is like the first.
-    if not len(length) or same.all():
+    if not len(begin) or same.all():
         return []
     usual = float(np.median(np.diff(np.flatnonzero(~same), prepend=-1)))
-    long = (length >= _LONG) & (length > _TIMES * usual)
-    stretches = [
-        (float(t[first]), float(t[first + count] - t[first]))
-        for first, count in zip(begin[long].tolist(), length[long].tolist(), strict=True)
-        if _moved_on(sides, t, first, first + count)
-    ]
-    if not stretches:
+    before = np.maximum(begin - _AROUND, 0)
+    seconds = np.maximum(t[begin] - t[before], 1e-9)
+    rates = [(q[begin] - q[before]) / seconds[:, None] if v is None else v[begin] for q, v in moving]
+    speed = np.max([np.nan_to_num(np.abs(rate)).max(axis=1) for rate in rates], axis=0)
+    lasting = t[end] - t[begin]
+    long = (end - begin >= _LONG) & (end - begin > _TIMES * usual)
+    found = np.flatnonzero(long & (speed * np.minimum(lasting, _LOOKED_AT) > _ADVANCE))
+    if not len(found):
         return []
-    shown = ", ".join(f"{lasting:.2g} s from {at:.2f} s" for at, lasting in stretches[:_LISTED])
-    more = f" and {len(stretches) - _LISTED} more" if len(stretches) > _LISTED else ""
-    longest = max(stretches, key=lambda stretch: stretch[1])
-    if longest not in stretches[:_LISTED]:
-        more += f", the longest {longest[1]:.2g} s from {longest[0]:.2f} s"
-    often = "once" if len(stretches) == 1 else f"{len(stretches)} times"
-    message = f"{what} stay as they are {often} while the arm moves: {shown}{more}"
+    stretches = [f"{lasting[k]:.2g} s from {t[begin[k]]:.2f} s" for k in found]
+    shown = ", ".join(stretches[:_LISTED])
+    if len(found) > _LISTED:
+        longest = int(np.argmax(lasting[found]))
+        shown += f" and {len(found) - _LISTED} more, the longest {stretches[longest]}"
+    often = "once" if len(found) == 1 else f"{len(found)} times"
+    message = f"{what} stay as they are {often} while the arm moves: {shown}"
     remedy = "the recording froze, and these samples are old ones: cut them out"
-    return [Finding("warning", "frozen", f"{message}: {remedy}", time=stretches[0][0])]
-
-
-def _moved_on(sides: list[Side], t: Array, first: int, last: int) -> bool:
-    """Return whether a joint was so fast at sample `first` that its position cannot be the same at `last`."""
-    lasting = min(float(t[last] - t[first]), _LOOKED_AT)
-    for side in sides:
-        if side.position is None:
-            continue
-        if side.velocity is not None:
-            rate = side.velocity[first]
-        else:
-            earlier = max(first - _AROUND, 0)
-            rate = (side.position[first] - side.position[earlier]) / max(float(t[first] - t[earlier]), 1e-9)
-        steps = np.abs(np.diff(side.position, axis=0))
-        smallest = np.where(steps > 0.0, steps, np.inf).min(axis=0)
-        least = np.maximum(_ADVANCE, _STEPS * np.where(np.isfinite(smallest), smallest, 0.0))
-        if (np.abs(rate) * lasting > least).any():
-            return True
-    return False
+    return [Finding("warning", "frozen", f"{message}: {remedy}", time=float(t[begin[found[0]]]))]

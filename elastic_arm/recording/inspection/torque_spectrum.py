@@ -25,26 +25,13 @@ STEPS_PER_DECADE, SPAN = 50, 10  # of frequencies, and how many of them a slope 
 
 @dataclass(frozen=True, eq=False)
 class TorqueSpectrum:
-    """What the torques of one side hold at high frequencies.
+    """What the torques of one side hold at high frequencies."""
 
-    Parameters
-    ----------
-    level
-        (n,) dB of the torque's variance, if it were white: the noise in the upper part of the spectrum.
-    computed
-        (n,) whether it is that of white noise, and yet less than any converter's.
-    low_passed
-        (n,) whether there is none at all.
-    end
-        (n,) Hz, above which a torque that was low-passed holds nothing; infinite for others.
-    knee
-        (n,) Hz, from which on it falls as steeply as nothing but a low pass does, up to its end; infinite for others.
-    """
-
-    level: Array
-    computed: NDArray[np.bool_]
-    low_passed: NDArray[np.bool_]
-    end: Array
+    level: Array  # (n,) dB of the torque's variance, if it were white: the noise in the upper part of the spectrum
+    computed: NDArray[np.bool_]  # (n,) whether it is that of white noise, and yet less than any converter's
+    low_passed: NDArray[np.bool_]  # (n,) whether there is none at all
+    end: Array  # (n,) Hz, above which a torque that was low-passed holds nothing; infinite for others
+    # (n,) Hz, from which on it falls as steeply as nothing but a low pass does, up to its end; infinite for others
     knee: Array
 
     @property
@@ -54,15 +41,7 @@ class TorqueSpectrum:
 
 
 def torque_spectrum(effort: Array, rate: float) -> TorqueSpectrum:
-    """Look at the high frequencies of torques.
-
-    Parameters
-    ----------
-    effort
-        (N, n) Nm, or any unit; NaN throughout at joints without a torque, of which nothing is said.
-    rate
-        Samples per second.
-    """
+    """Look at the high frequencies of torques."""
     effort = np.where(joints_with(effort), effort, 0.0)
     varying = effort.std(axis=0) > 0.0
     rows = min(1024, len(effort) // 2)

@@ -1,7 +1,8 @@
-"""Encoders of links and of motors of an arm that is described as rigid: both measure one angle.
+"""Both encoders of a joint: of its link and of its motor.
 
-The torque of a motor goes with the motion of its own encoder. What a link's encoder has besides is its lag, its zero
-and the compliance of a drive, of which a rigid arm has none.
+Of an arm that is described as rigid both measure one angle: the torque of a motor goes with the motion of its own
+encoder, and what a link's encoder has besides is its lag and its zero. Of any arm the two may disagree by more than a
+drive winds up: theta - q = a + b q + tau / K + T dq, where the zero a and the ratio b should be none.
 """
 
 from __future__ import annotations
@@ -10,24 +11,88 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from scipy.signal import fftconvolve
 
-from elastic_arm.recording.inspection.plausibility import listed, span_of
+from elastic_arm.errors import RecordingError
+from elastic_arm.recording.inspection.report import Finding, warning
 from elastic_arm.recording.recording import Recording
-from elastic_arm.recording.sides import Array, Samples, joints_with
+from elastic_arm.recording.sides import Array, Samples, joints_with, listed, span_of
 from elastic_arm.robot import Robot
+
+_FEWEST = 200  # samples; below, nothing is concluded
+_ENOUGH = 5000  # samples that are looked at; bounds the time
+_CERTAIN = 5.0  # standard deviations
+_TOGETHER = 0.01  # of the squares of the motor's angle, that the link's does not explain
+_RATIO = 5e-4  # more than a ratio that is given with four digits is off
+UNREFERENCED = 0.05  # rad; encoders are set to zero more closely than that, and no drive is assembled so
+
+
+def with_one_zero(recording: Recording, found: list[Finding]) -> Recording:
+    """Take out what motors' encoders differ from links' by throughout, where no drive winds up so far: a zero unset."""
+    zero, ratio = _apart(recording)
+    off = (np.abs(zero) > UNREFERENCED) & (np.abs(ratio) < _TOGETHER)
+    motor = recording.motor
+    if motor is None or motor.position is None or not off.any():
+        return recording
+    message = (
+        f"motor and link position of {listed(recording.joints, off)} are {span_of(zero[off])} rad apart throughout"
+    )
+    remedy = "more than a drive winds up: an encoder that was not referenced? The motor's is taken for off by that"
+    found.append(warning("encoder_zeros", message, remedy))
+    return replace(recording, motor=replace(motor, position=motor.position - np.where(off, zero, 0.0)))
+
+
+def disagreeing(recording: Recording) -> list[Finding]:
+    """Return at which joints the two encoders disagree by a ratio."""
+    _, ratio = _apart(recording)
+    if not (off := np.abs(ratio) > _RATIO).any():
+        return []
+    times = ", ".join(f"{1.0 + each:.4f}" for each in ratio[off])
+    message = f"motor positions of {listed(recording.joints, off)} are {times} times those of the link"
+    remedy = "check the gear ratios and signs of the map, and the encoders' resolutions"
+    return [warning("encoder_ratio", f"{message}, besides what torques wind up", remedy)]
+
+
+def _apart(recording: Recording) -> tuple[Array, Array]:
+    """Return by how much motors are ahead of links, (n,) rad, and by which part of the angle; zero where uncertain."""
+    found = np.zeros((2, recording.n))
+    link, motor = recording.link, recording.motor
+    if link is None or motor is None or link.position is None or motor.position is None:
+        return found[0], found[1]
+    try:
+        samples = recording.samples()
+    except RecordingError:
+        # Sides that have no time in common are for others to refuse.
+        return found[0], found[1]
+    q, theta = samples.q, samples.theta
+    if q is None or theta is None or len(samples) < _FEWEST or (samples.tau_J is None and samples.tau_m is None):
+        return found[0], found[1]
+    speeds = np.gradient(theta, samples.t, axis=0)
+    every = slice(None, None, max(1, len(samples) // _ENOUGH))
+    loads = [x for x in (samples.tau_J, samples.tau_m, samples.dtheta) if x is not None]
+    for j in range(recording.n):
+        if {("q", j), ("theta", j)} & samples.lacking or not np.ptp(q[:, j]):
+            continue
+        columns = np.column_stack([np.ones(len(q)), *(each[:, j] for each in (q, speeds, *loads))])[every]
+        scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+        behind = (theta[:, j] - q[:, j])[every]
+        fit, *_ = np.linalg.lstsq(columns / scale, behind, rcond=None)
+        rest = behind - columns @ (fit / scale)
+        alike = fftconvolve(rest, rest[::-1])[len(rest) :] / max(float(rest @ rest), 1e-300)
+        inverse = np.linalg.pinv((columns / scale).T @ (columns / scale), hermitian=True)
+        slow = 1.0 + 2.0 * float(alike @ alike)
+        doubt = np.sqrt(np.diag(inverse) * float(rest @ rest) / len(rest) * slow)
+        # Angles that have nothing to do with each other are not two of one joint.
+        together = float(rest @ rest) < _TOGETHER * len(rest) * float(np.var(theta[:, j]))
+        sure = together & (np.abs(fit[:2]) > _CERTAIN * doubt[:2])
+        found[:, j] = np.where(sure, fit[:2] / scale[:2], 0.0)
+    return found[0], found[1]
 
 
 def by_motor_encoders(recording: Recording, robot: Robot) -> Recording:
     """Return a recording of a rigid arm without link encoders where motors have an encoder and a torque, with a note.
 
     That of any other arm, and one with joint torques, which go with the links, is returned as it is.
-
-    Parameters
-    ----------
-    recording
-        Of the arm.
-    robot
-        Its description.
     """
     link, motor = recording.link, recording.motor
     if robot.elastic or link is None or motor is None or link.effort is not None:

@@ -11,59 +11,42 @@ from typing import Any
 from elastic_arm.errors import RecordingError
 from elastic_arm.input_files import read_fields
 from elastic_arm.recording import limits
-from elastic_arm.recording.storage.interface import BagFile
-from elastic_arm.recording.storage.mcap import open_mcap
+from elastic_arm.recording.storage.mcap import McapFile, open_mcap
+from elastic_arm.recording.storage.mcap_blocks import McapBlock
 from elastic_arm.recording.storage.metadata import METADATA_KEY, stated_currents
-from elastic_arm.recording.storage.sqlite import open_sqlite
+from elastic_arm.recording.storage.sqlite import SqliteFile, open_sqlite
 
+# A storage format is a module with such a class, all of which have the same members, and a function that opens a file.
+BagFile = McapFile | SqliteFile
+Block = McapBlock
 METADATA = "metadata.yaml"
 _OPENERS: dict[str, Callable[[Path], BagFile]] = {".mcap": open_mcap, ".db3": open_sqlite}
 _PACKED = ("", ".zstd", ".zst")
+# Files that `bag import` makes bags of.
+ARRAY_FILES = (".csv", ".txt", ".dat", ".npy", ".npz", ".mat", ".parquet", ".h5", ".hdf5")
+_IMPORT = "Make a bag of it: elastic-arm bag import {} --guess --robot ARM --out import.yaml"
 WHAT_IS_A_BAG = "Give a rosbag2 folder, an .mcap or a .db3 file."
 
 
 @dataclass(frozen=True)
 class BagMetadata:
-    """What metadata.yaml holds beyond what the files themselves do.
+    """What metadata.yaml holds beyond what the files themselves do."""
 
-    Parameters
-    ----------
-    message_count
-        Messages in all files; None where it is not stated.
-    compression_mode
-        "none", "file" or "message"; may be empty.
-    files
-        Names in the folder, in time order.
-    currents
-        The torque channels that are motor currents times a torque constant, as its writer stated.
-    """
-
-    message_count: int | None
-    compression_mode: str
-    files: tuple[str, ...]
+    message_count: int | None  # messages in all files; None where it is not stated
+    compression_mode: str  # "none", "file" or "message"; may be empty
+    files: tuple[str, ...]  # names in the folder, in time order
+    # the torque channels that are motor currents times a torque constant, as its writer stated
     currents: tuple[str, ...] = ()
 
 
 @dataclass
 class Bag:
-    """An opened bag.
+    """An opened bag."""
 
-    Parameters
-    ----------
-    path
-        The folder or file.
-    files
-        Its files in time order.
-    metadata
-        From metadata.yaml; None for a bare file, or where it is missing.
-    damage
-        What is wrong with the bag as a whole, in words.
-    """
-
-    path: Path
-    files: list[BagFile]
-    metadata: BagMetadata | None = None
-    damage: list[str] = field(default_factory=list)
+    path: Path  # the folder or file
+    files: list[BagFile]  # its files in time order
+    metadata: BagMetadata | None = None  # from metadata.yaml; None for a bare file, or where it is missing
+    damage: list[str] = field(default_factory=list)  # what is wrong with the bag as a whole, in words
 
     def currents(self) -> list[str]:
         """Return the torque channels that are motor currents times a torque constant: as the files, without folder."""
@@ -81,13 +64,7 @@ class Bag:
 
 
 def open_bag(path: str | Path) -> Bag:
-    """Open a bag.
-
-    Raises
-    ------
-    RecordingError
-        If there is nothing there that can be read.
-    """
+    """Open a bag."""
     path = Path(path)
     if "\0" in str(path):
         raise RecordingError(f"{str(path)!r} is no name of a file: it holds a NUL", WHAT_IS_A_BAG)
@@ -108,15 +85,15 @@ def _opened(path: Path) -> Bag:
     present = sorted((entry for entry in path.iterdir() if _storage(entry)), key=_number)
     metadata, damage = _read_metadata(path)
     if not present:
-        raise RecordingError(f"{path} holds no .mcap or .db3 file", WHAT_IS_A_BAG)
+        arrays = any(file.suffix.lower() in ARRAY_FILES for depth in ("*", "*/*", "*/*/*") for file in path.glob(depth))
+        raise RecordingError(f"{path} holds no .mcap or .db3 file", _IMPORT.format(path) if arrays else WHAT_IS_A_BAG)
     if metadata is None:
         if len({_storage(file) for file in present}) > 1:
             raise RecordingError(f"{path} holds .mcap and .db3 files", "Name the one to be read.")
         return Bag(path, [_open_file(file) for file in present], None, damage)
     if metadata.compression_mode == "message":
-        raise RecordingError(
-            f"{path} compresses each message by itself", "Convert it with ros2 bag convert to storage compression."
-        )
+        problem = f"{path} compresses each message by itself"
+        raise RecordingError(problem, "Convert it with ros2 bag convert to storage compression.")
     # Of a name that is too long Path.exists raises.
     listed = {path / name: os.path.exists(path / name) for name in metadata.files}
     unlisted = [file for file in present if file not in listed]
@@ -180,4 +157,8 @@ def _storage(path: Path) -> str:
 def _open_file(path: Path) -> BagFile:
     if not path.is_file():
         raise RecordingError(f"{path} is no file, but a pipe or a device", WHAT_IS_A_BAG)
+    if path.suffix.lower() in ARRAY_FILES:
+        raise RecordingError(f"{path} holds arrays, and is no bag", _IMPORT.format(path))
+    if path.suffix.lower() == ".bag":
+        raise RecordingError(f"{path} is a bag of ROS 1", f"Run: rosbags-convert --src {path} --dst {path.stem}")
     return _OPENERS.get(_storage(path), open_mcap)(path)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import functools
 import struct
-from collections.abc import Callable, Iterator
+import zlib
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
@@ -21,9 +21,7 @@ from elastic_arm.codegen.parallel import ahead
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording import limits
 from elastic_arm.recording.spans import Bytes, Offsets, by_value, column
-from elastic_arm.recording.storage.checksum import crc32_for
-from elastic_arm.recording.storage.interface import LATEST_NS
-from elastic_arm.recording.storage.mcap_blocks import McapBlock, indexed, repeated
+from elastic_arm.recording.storage.mcap_blocks import LATEST_NS, McapBlock, indexed, repeated
 from elastic_arm.recording.storage.mcap_scan import Record, Scan, scan
 from elastic_arm.recording.storage.metadata import INSIDE, Topic, plain_data, stated_currents
 from elastic_arm.recording.storage.unpacking import PACKED_FILES, unpack_chunk, unpack_file
@@ -67,33 +65,18 @@ class Chunk(NamedTuple):
 
 @dataclass
 class McapFile:
-    """An MCAP file: what is in it, and its messages block by block.
+    """An MCAP file: what is in it, and its messages block by block."""
 
-    Parameters
-    ----------
-    path
-        The file.
-    profile, library
-        From its header.
-    schemas, channels
-        By id; those that stand only inside chunks appear once :meth:`blocks` has been run through.
-    chunks
-        In file order.
-    statistics
-        From the summary; None where there is none.
-    damage
-        What is wrong with the file, in words; empty for a whole one.
-    """
-
-    path: Path
+    path: Path  # the file
     buffer: Bytes
-    profile: str = ""
+    profile: str = ""  # profile, library: from its header
     library: str = ""
+    # schemas, channels: by id; those that stand only inside chunks appear once :meth:`blocks` has been run through
     schemas: dict[int, records.Schema] = field(default_factory=dict)
     channels: dict[int, records.Channel] = field(default_factory=dict)
-    chunks: list[Chunk] = field(default_factory=list)
-    statistics: records.Statistics | None = None
-    damage: list[str] = field(default_factory=list)
+    chunks: list[Chunk] = field(default_factory=list)  # in file order
+    statistics: records.Statistics | None = None  # from the summary; None where there is none
+    damage: list[str] = field(default_factory=list)  # what is wrong with the file, in words; empty for a whole one
     notes: list[Record] = field(default_factory=list)  # where metadata records lie
     loose: Offsets = field(default_factory=lambda: np.empty(0, np.int64))
     _before: McapBlock | None = None  # the chunk before, if all its bytes are messages
@@ -116,13 +99,7 @@ class McapFile:
         return [f"{self.path}: {open_chunks} of {len(self.chunks)} chunks have no checksum: damage may go unseen"]
 
     def check_lengths(self) -> None:
-        """Raise if all chunks together claim to unpack to more than the limit.
-
-        Raises
-        ------
-        RecordingError
-            Naming both lengths.
-        """
+        """Raise if all chunks together claim to unpack to more than the limit."""
         claimed = (chunk.size for chunk in self.chunks if chunk.compression)
         total, limit = sum(size for size in claimed if size <= limits.chunk_bytes()), limits.unpacked_bytes()
         if total > limit:
@@ -147,17 +124,10 @@ class McapFile:
         return [self.topic(channel) for channel in self.channels]
 
     def topic(self, channel: int) -> Topic:
-        """Return the topic of a channel; with an empty type where the file gives no schema.
-
-        Raises
-        ------
-        RecordingError
-            If the file does not describe the channel.
-        """
+        """Return the topic of a channel; with an empty type where the file gives no schema."""
         if channel not in self.channels:
-            raise RecordingError(
-                f"{self.path}: messages of channel {channel}, which the file does not describe", "Record again."
-            )
+            problem = f"{self.path}: messages of channel {channel}, which the file does not describe"
+            raise RecordingError(problem, "Record again.")
         described = self.channels[channel]
         schema = self.schemas.get(described.schema_id, records.Schema(0, b"", "", ""))
         return Topic(
@@ -174,18 +144,7 @@ class McapFile:
         return self.statistics.channel_message_counts.get(channel, 0) if self.statistics is not None else 0
 
     def blocks(self, strict: bool = True) -> Iterator[McapBlock]:
-        """Yield the messages, block by block in file order; slow chunks are unpacked ahead in threads.
-
-        Parameters
-        ----------
-        strict
-            Raise for a chunk that cannot be unpacked; otherwise note it in `damage` and go on.
-
-        Raises
-        ------
-        RecordingError
-            If a chunk is damaged.
-        """
+        """Yield the messages, block by block in file order; slow chunks are unpacked ahead in threads."""
         self._before = None
         starts = np.array([*(chunk.start_ns for chunk in self.chunks), LATEST_NS], np.int64)
         first, *horizons = np.minimum.accumulate(starts[::-1])[::-1].tolist()
@@ -202,21 +161,18 @@ class McapFile:
 
     def _unpacked_chunks(self) -> Iterator[Bytes | RecordingError]:
         """Yield the plain bytes of each chunk, or why there are none."""
-        # Found before there are threads, each of which might compile it.
-        crc32 = crc32_for(sum(chunk.size for chunk in self.chunks if chunk.crc))
-        unpack = functools.partial(self._unpack, crc32=crc32)
         # Unpacking and the checksum are all that is handed over: they do without the interpreter, which many small
         # steps in two threads would keep taking from each other. Checksums and lz4, which take no longer than the way
         # of the bytes from one core to another, are not worth it.
         slow = any(chunk.compression == "zstd" for chunk in self.chunks)
-        yield from (ahead if slow else map)(unpack, self.chunks)
+        yield from (ahead if slow else map)(self._unpack, self.chunks)
 
-    def _unpack(self, chunk: Chunk, crc32: Callable[[Bytes], int]) -> Bytes | RecordingError:
+    def _unpack(self, chunk: Chunk) -> Bytes | RecordingError:
         try:
             plain = unpack_chunk(self.buffer[chunk.begin : chunk.end], chunk.compression, chunk.size)
         except (RuntimeError, ValueError, MemoryError, zstandard.ZstdError) as error:
             return self._chunk_error(chunk, str(error))
-        if len(plain) != chunk.size or (chunk.crc and crc32(plain) != chunk.crc):
+        if len(plain) != chunk.size or (chunk.crc and zlib.crc32(plain.data) != chunk.crc):
             return self._chunk_error(chunk, "its checksum does not match")
         return plain
 
@@ -275,13 +231,7 @@ class McapFile:
 
 
 def open_mcap(path: Path) -> McapFile:
-    """Open an MCAP file; a torn one too, with its damage noted.
-
-    Raises
-    ------
-    RecordingError
-        If the file is missing, empty, or no MCAP file.
-    """
+    """Open an MCAP file; a torn one too, with its damage noted."""
     try:
         if path.suffix in PACKED_FILES:  # rosbag2's file compression
             buffer = np.frombuffer(unpack_file(path, limits.unpacked_bytes()), np.uint8)

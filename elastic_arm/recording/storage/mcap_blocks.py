@@ -8,28 +8,19 @@ import numpy as np
 from mcap.opcode import Opcode
 
 from elastic_arm.recording.spans import Bytes, Offsets, Spans, column, progression, shifted
-from elastic_arm.recording.storage.interface import LATEST_NS
 from elastic_arm.recording.storage.mcap_records import MESSAGE_HEAD, RECORD_HEAD
 from elastic_arm.recording.storage.mcap_scan import HEAD_WORDS, Record
+
+LATEST_NS = 2**63 - 1
 
 
 @dataclass(frozen=True)
 class McapBlock:
-    """The messages of one chunk, or of an unchunked file.
+    """The messages of one chunk, of an unchunked file, or of rows laid out as such."""
 
-    Parameters
-    ----------
-    buffer
-        Plain bytes.
-    messages
-        Where the message records begin, by channel.
-    horizon_ns
-        No message of a later block was logged before this.
-    """
-
-    buffer: Bytes
-    messages: dict[int, Offsets]
-    horizon_ns: int = LATEST_NS
+    buffer: Bytes  # plain bytes
+    messages: dict[int, Offsets]  # where the message records begin, by channel
+    horizon_ns: int = LATEST_NS  # no message of a later block was logged before this
     _where: dict[int, Offsets | slice] = field(default_factory=dict)
     _sizes: dict[int, Offsets] = field(default_factory=dict)
 
@@ -67,15 +58,6 @@ def repeated(before: McapBlock | None, plain: Bytes, horizon_ns: int) -> McapBlo
     """Return the messages of a chunk if they come as regularly as in the one before, and fill it; None if they do not.
 
     Their heads alone are read: that spares most of what there is to do with indexes.
-
-    Parameters
-    ----------
-    before
-        The messages of that chunk.
-    plain
-        The bytes of this one.
-    horizon_ns
-        See :class:`McapBlock`.
     """
     if before is None or not _in_turn(before):
         return None
@@ -112,17 +94,6 @@ def indexed(file: Bytes, indexes: list[Record], plain: Bytes, horizon_ns: int) -
     """Return the messages of a chunk by its indexes; None unless these account for every byte of it.
 
     Where topics come in no regular turn this spares the walk from record to record.
-
-    Parameters
-    ----------
-    file
-        The bytes of the file.
-    indexes
-        Where the indexes of the chunk lie in it.
-    plain
-        The bytes of the chunk.
-    horizon_ns
-        See :class:`McapBlock`.
     """
     block = McapBlock(plain, {}, horizon_ns)
     for _, begin, end in indexes:

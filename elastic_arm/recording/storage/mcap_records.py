@@ -15,17 +15,7 @@ _HEAD = struct.Struct("<BQHIQQ")
 
 
 def message_head(size: int, channel: int, sequence: int, log_ns: int, publish_ns: int) -> bytes:
-    """Return the head of a message's record.
-
-    Parameters
-    ----------
-    size
-        Length of the message, bytes.
-    channel, sequence
-        Its channel, and its number on it.
-    log_ns, publish_ns
-        When it was received and sent, ns.
-    """
+    """Return the head of a message's record."""
     length = MESSAGE_HEAD - RECORD_HEAD + size
     return _HEAD.pack(Opcode.MESSAGE, length, channel, sequence & 0xFFFFFFFF, log_ns, publish_ns)
 
@@ -33,23 +23,7 @@ def message_head(size: int, channel: int, sequence: int, log_ns: int, publish_ns
 def lay_messages(
     buffer: Bytes, offsets: Offsets, message: bytes, *, channel: int, first: int, stamp_ns: Offsets
 ) -> Offsets | slice:
-    """Lay records that all hold the same message into a buffer, and return where the messages begin.
-
-    Parameters
-    ----------
-    buffer
-        The bytes of a chunk.
-    offsets
-        (N,) where the records begin.
-    message
-        The message.
-    channel
-        Its channel.
-    first
-        Number of the first one on its channel.
-    stamp_ns
-        (N,) log and publish times.
-    """
+    """Lay records that all hold the same message into a buffer, and return where the messages begin."""
     where = progression(offsets)
     record = message_head(len(message), channel, 0, 0, 0) + message
     place(buffer, where, 0, np.frombuffer(record, f"V{len(record)}"))

@@ -37,40 +37,15 @@ class Record(NamedTuple):
 
 @dataclass(frozen=True)
 class Scan:
-    """The records of a byte string.
+    """The records of a byte string."""
 
-    Parameters
-    ----------
-    messages
-        Where each message record begins, in order.
-    others
-        All other records, in order.
-    end
-        Where the last whole record ends: less than requested if the bytes are torn.
-    """
-
-    messages: Offsets
-    others: list[Record]
-    end: int
+    messages: Offsets  # where each message record begins, in order
+    others: list[Record]  # all other records, in order
+    end: int  # where the last whole record ends: less than requested if the bytes are torn
 
 
 def scan(buffer: Bytes, begin: int, end: int, most: int = limits.RECORDS) -> Scan:
-    """Find all records between `begin` and `end`; stops before a torn one, or one that is shorter than its kind.
-
-    Parameters
-    ----------
-    buffer
-        The bytes.
-    begin, end
-        Where the first record begins, and where the last may end.
-    most
-        Records beside messages that there may be.
-
-    Raises
-    ------
-    ValueError
-        If there are more.
-    """
+    """Find all records between `begin` and `end`; stops before a torn one, or one that is shorter than its kind."""
     view = buffer.data
     found: list[Offsets] = []
     walked: list[int] = []

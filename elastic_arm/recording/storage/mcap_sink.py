@@ -51,17 +51,7 @@ class Packed:
 
 
 def pack(plain: bytes | memoryview, index: dict[int, tuple[Offsets, Offsets]], compression: Compression) -> Packed:
-    """Compress the records of a chunk; leaves the interpreter's lock, so threads may share the work.
-
-    Parameters
-    ----------
-    plain
-        The records.
-    index
-        By channel, (N,) log times and places of its messages among the bytes.
-    compression
-        "none", "lz4" or "zstd".
-    """
+    """Compress the records of a chunk; leaves the interpreter's lock, so threads may share the work."""
     size = len(plain)
     crc = zlib.crc32(plain)
     match compression:
@@ -75,20 +65,7 @@ def pack(plain: bytes | memoryview, index: dict[int, tuple[Offsets, Offsets]], c
 
 
 class McapSink:
-    """An MCAP file being written.
-
-    Parameters
-    ----------
-    path
-        File to make; must not exist.
-    compression
-        "none", "lz4" or "zstd".
-
-    Raises
-    ------
-    RecordingError
-        Here and in every method: if the file cannot be written. What was written before stays readable.
-    """
+    """An MCAP file being written."""
 
     def __init__(self, path: Path, compression: Compression) -> None:
         if compression not in COMPRESSIONS:

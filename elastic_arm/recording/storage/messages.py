@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from elastic_arm.recording.spans import offsets_of
-from elastic_arm.recording.storage.bag import open_bag
-from elastic_arm.recording.storage.interface import BagFile, Block
+from elastic_arm.recording.storage.bag import BagFile, Block, open_bag
 from elastic_arm.recording.storage.metadata import Topic
 
 
@@ -30,20 +29,6 @@ def read_messages(
 
     Within a file chunks are taken as they follow each other, and each is sorted; only chunks that overlap in time
     are held together, so memory stays small.
-
-    Parameters
-    ----------
-    path
-        A bag, or several that are merged.
-    topics
-        Those wanted; all by default.
-    strict
-        Raise for a damaged chunk; otherwise skip it.
-
-    Raises
-    ------
-    RecordingError
-        If a bag cannot be read.
     """
     paths = [path] if isinstance(path, str | Path) else list(path)
     files = [file for each in paths for file in open_bag(each).files]
@@ -51,24 +36,12 @@ def read_messages(
 
 
 def read_topics(path: str | Path) -> list[Topic]:
-    """Return the topics of a bag, with the definitions and qualities of service that it holds.
-
-    Raises
-    ------
-    RecordingError
-        If the bag cannot be read.
-    """
+    """Return the topics of a bag, with the definitions and qualities of service that it holds."""
     return topics_of(open_bag(path).files)
 
 
 def topics_of(files: Sequence[BagFile]) -> list[Topic]:
-    """Return the topics of opened files; where a file does not list them all, from a look through its messages.
-
-    Parameters
-    ----------
-    files
-        The files; damage that is met on the way is noted in them.
-    """
+    """Return the topics of opened files; where a file does not list them all, from a look through its messages."""
     found: dict[str, Topic] = {}
     for file in files:
         if not all(topic.type_name for topic in file.topics()) or not file.topics():

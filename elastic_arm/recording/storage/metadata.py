@@ -21,25 +21,16 @@ _FOREVER = {"sec": 9223372036, "nsec": 854775807}
 
 @dataclass(frozen=True)
 class Topic:
-    """A topic of a bag.
+    """A topic of a bag."""
 
-    Parameters
-    ----------
-    name, type_name
-        `/joint_states`, `sensor_msgs/msg/JointState`; an empty type where the file does not hold it.
-    definition, encoding
-        Text that defines the type, empty where the file holds none, and its language: "ros2msg" or "ros2idl".
-    type_hash
-        RIHS01 hash of the type; may be empty.
-    qos
-        Quality of service offered, as YAML.
-    """
-
+    # name, type_name: `/joint_states`, `sensor_msgs/msg/JointState`; an empty type where the file does not hold it
     name: str
     type_name: str
+    # definition, encoding: text that defines the type, empty where the file holds none, and its language: "ros2msg" or
+    # "ros2idl"
     definition: str
-    type_hash: str
-    qos: str
+    type_hash: str  # RIHS01 hash of the type; may be empty
+    qos: str  # quality of service offered, as YAML
     encoding: str = ""
 
 
@@ -76,17 +67,7 @@ def offered_qos(topic: str) -> str:
 
 
 def metadata(topics: Sequence[Topic], files: Sequence[FileSummary], currents: Sequence[str] = ()) -> dict[str, Any]:
-    """Return the content of metadata.yaml under its one key.
-
-    Parameters
-    ----------
-    topics
-        Of the bag.
-    files
-        Its files, in time order.
-    currents
-        The torque channels that are motor currents times a torque constant; stated as custom data of the bag.
-    """
+    """Return the content of metadata.yaml under its one key."""
     filled = [file for file in files if file.messages]
     start = min((file.start_ns for file in filled), default=0)
     end = max((file.end_ns for file in filled), default=0)

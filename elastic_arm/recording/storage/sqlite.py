@@ -6,15 +6,15 @@ import sqlite3
 from collections.abc import Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
-from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording import limits
-from elastic_arm.recording.spans import Bytes, Offsets, Spans, by_value, progression
+from elastic_arm.recording.spans import by_value, place
+from elastic_arm.recording.storage.mcap_blocks import McapBlock
+from elastic_arm.recording.storage.mcap_records import MESSAGE_HEAD, RECORD_HEAD
 from elastic_arm.recording.storage.metadata import Topic
 from elastic_arm.recording.storage.unpacking import PACKED_FILES, unpack_file
 
@@ -33,74 +33,15 @@ _MESSAGES = (
 )
 
 
-@dataclass(frozen=True)
-class SqliteBlock:
-    """Messages in a row, in the order of their timestamps.
-
-    Parameters
-    ----------
-    buffer
-        Their bytes, one message after the other.
-    channel, stamp_ns, size
-        (N,) of each message.
-    """
-
-    buffer: Bytes
-    channel: Offsets
-    stamp_ns: Offsets
-    size: Offsets
-
-    @property
-    def horizon_ns(self) -> int:
-        """No later message was received before this."""
-        return int(self.stamp_ns[-1])
-
-    def counts(self) -> dict[int, int]:
-        """Return how many messages of each channel there are."""
-        return {channel: len(self.stamp_ns[where]) for channel, where in self._rows.items()}
-
-    def spans(self, channel: int) -> Spans:
-        """Return where the messages of a channel lie."""
-        chosen = self._rows[channel]
-        return Spans(self.buffer, progression(self._begin[chosen]), self.size[chosen])
-
-    def log_ns(self, channel: int) -> Offsets:
-        """(N,) when the messages of a channel were received."""
-        return self.stamp_ns[self._rows[channel]]
-
-    def publish_ns(self, channel: int) -> Offsets:
-        """(N,) the same: this format holds one time a message."""
-        return self.log_ns(channel)
-
-    @cached_property
-    def _rows(self) -> dict[int, NDArray[np.intp] | slice]:
-        return by_value(self.channel)
-
-    @cached_property
-    def _begin(self) -> Offsets:
-        return np.cumsum(self.size) - self.size
-
-
 @dataclass
 class SqliteFile:
-    """A .db3 file: its topics, and its messages block by block.
+    """A .db3 file: its topics, and its messages block by block."""
 
-    Parameters
-    ----------
-    path
-        The file.
-    image
-        Its plain content where the file is compressed; None where SQLite reads the file itself.
-    channels
-        Its topics by their numbers in the file.
-    damage
-        What is wrong with the file, in words; empty for a whole one.
-    """
-
-    path: Path
+    path: Path  # the file
+    # its plain content where the file is compressed; None where SQLite reads the file itself
     image: bytearray | None = None
-    channels: dict[int, Topic] = field(default_factory=dict)
-    damage: list[str] = field(default_factory=list)
+    channels: dict[int, Topic] = field(default_factory=dict)  # its topics by their numbers in the file
+    damage: list[str] = field(default_factory=list)  # what is wrong with the file, in words; empty for a whole one
 
     @property
     def size(self) -> int:
@@ -124,36 +65,18 @@ class SqliteFile:
         return list(self.channels.values())
 
     def topic(self, channel: int) -> Topic:
-        """Return the topic of a channel.
-
-        Raises
-        ------
-        RecordingError
-            If the file does not describe the channel.
-        """
+        """Return the topic of a channel."""
         if channel not in self.channels:
-            raise RecordingError(
-                f"{self.path}: messages of topic number {channel}, which the file does not describe", "Record again."
-            )
+            problem = f"{self.path}: messages of topic number {channel}, which the file does not describe"
+            raise RecordingError(problem, "Record again.")
         return self.channels[channel]
 
     def expected(self, _: int) -> int:
         """Return 0: to count the messages takes as long as to read them."""
         return 0
 
-    def blocks(self, strict: bool = True) -> Iterator[SqliteBlock]:
-        """Yield the messages in the order of their timestamps.
-
-        Parameters
-        ----------
-        strict
-            Raise for a damaged file; otherwise note the damage and end with the last row that can be read.
-
-        Raises
-        ------
-        RecordingError
-            If the file is damaged.
-        """
+    def blocks(self, strict: bool = True) -> Iterator[McapBlock]:
+        """Yield the messages in the order of their timestamps."""
         rows: list[tuple[int, int, bytes]] = []
         size, most = 0, limits.chunk_bytes()
         try:
@@ -179,13 +102,7 @@ class SqliteFile:
             yield _block(rows)
 
     def connect(self) -> sqlite3.Connection:
-        """Open the database for reading alone.
-
-        Raises
-        ------
-        sqlite3.Error
-            If it cannot be opened.
-        """
+        """Open the database for reading alone."""
         if self.image is not None:
             database = sqlite3.connect(":memory:", check_same_thread=False)
             database.deserialize(self.image)
@@ -206,13 +123,7 @@ def _text(content: bytes) -> str:
 
 
 def open_sqlite(path: Path) -> SqliteFile:
-    """Open a .db3 file.
-
-    Raises
-    ------
-    RecordingError
-        If the file is missing, empty, or no SQLite bag.
-    """
+    """Open a .db3 file."""
     file = SqliteFile(path, _unpacked(path))
     head = _head(path) if file.image is None else file.image[: len(_MAGIC)]
     if not head:
@@ -267,8 +178,14 @@ def _columns(database: sqlite3.Connection, table: str) -> set[str]:
     return {row[1] for row in database.execute(f"PRAGMA table_info({table})")}
 
 
-def _block(rows: Sequence[tuple[int, int, bytes]]) -> SqliteBlock:
-    channel, stamp_ns, data = zip(*rows, strict=True)
-    size = np.fromiter(map(len, data), np.int64, len(data))
-    buffer = np.frombuffer(b"".join(data), np.uint8)
-    return SqliteBlock(buffer, np.array(channel, np.int64), np.array(stamp_ns, np.int64), size)
+def _block(rows: Sequence[tuple[int, int, bytes]]) -> McapBlock:
+    """Lay rows into bytes as the records of an MCAP file are."""
+    channel, stamps, data = zip(*rows, strict=True)
+    size, stamp_ns = np.fromiter(map(len, data), np.int64, len(data)), np.array(stamps, np.int64)
+    head = bytearray(MESSAGE_HEAD)
+    buffer = np.frombuffer(head + head.join(data), np.uint8)
+    begin = np.cumsum(size + MESSAGE_HEAD) - size - MESSAGE_HEAD
+    for at, items in ((1, size + MESSAGE_HEAD - RECORD_HEAD), (15, stamp_ns), (23, stamp_ns)):
+        place(buffer, begin, at, items)
+    where = by_value(np.array(channel, np.int64))
+    return McapBlock(buffer, {number: begin[rows] for number, rows in where.items()}, int(stamp_ns[-1]))

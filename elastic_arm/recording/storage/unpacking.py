@@ -18,22 +18,7 @@ _UNKNOWN = -1  # what zstandard returns for a frame that does not state its leng
 
 
 def unpack_chunk(packed: Bytes, compression: str, size: int) -> Bytes:
-    """Return the plain bytes of a chunk.
-
-    Parameters
-    ----------
-    packed
-        Its bytes in the file.
-    compression
-        "", "lz4" or "zstd".
-    size
-        The length that it claims to unpack to; never more memory than that is taken.
-
-    Raises
-    ------
-    ValueError, RuntimeError, zstandard.ZstdError
-        If it cannot be unpacked, or does not unpack to that length.
-    """
+    """Return the plain bytes of a chunk."""
     if compression and size > limits.chunk_bytes():
         limit = f"{limits.chunk_bytes()} ($ELASTIC_ARM_MAX_CHUNK_MB)"
         raise ValueError(f"it claims to unpack to {size} bytes, above the limit of {limit}")
@@ -55,30 +40,15 @@ def unpack_chunk(packed: Bytes, compression: str, size: int) -> Bytes:
 
 
 def unpack_file(path: Path, limit: int) -> bytearray:
-    """Return the plain bytes of a file that is compressed with zstd as a whole; of a torn one what is there.
-
-    Parameters
-    ----------
-    path
-        The file.
-    limit
-        Bytes that it may unpack to; no copy of them is made.
-
-    Raises
-    ------
-    RecordingError
-        If it is no zstd file, or unpacks to more than the limit.
-    """
+    """Return the plain bytes of a file that is compressed with zstd as a whole; of a torn one what is there."""
     plain = bytearray()
     try:
         with open(path, "rb") as file, zstandard.ZstdDecompressor().stream_reader(file) as reader:
             while piece := reader.read(_PIECE):
                 plain += piece
                 if len(plain) > limit:
-                    raise RecordingError(
-                        f"{path} unpacks to more than {limit // limits.MEGABYTE} MB",
-                        "If you trust it, raise the limit: set ELASTIC_ARM_MAX_UNPACKED_MB.",
-                    )
+                    problem = f"{path} unpacks to more than {limit // limits.MEGABYTE} MB"
+                    raise RecordingError(problem, "If you trust it, raise the limit: set ELASTIC_ARM_MAX_UNPACKED_MB.")
     except zstandard.ZstdError as error:
         raise RecordingError(f"{path} cannot be read: {error}", "Copy it again: it is not whole.") from None
     return plain

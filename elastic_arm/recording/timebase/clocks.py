@@ -44,21 +44,11 @@ DERIVED = 1e-3
 
 @dataclass(frozen=True)
 class Evidence:
-    """What speaks for the stamps.
+    """What speaks for the stamps."""
 
-    Parameters
-    ----------
-    share
-        Of the stamps' jitter that the motion shows: 1 where stamps are true, 0 where samples are regular.
-    std
-        Its standard deviation.
-    words
-        Where it comes from.
-    """
-
-    share: float
-    std: float
-    words: str
+    share: float  # Of the stamps' jitter that the motion shows: 1 where stamps are true, 0 where samples are regular
+    std: float  # Its standard deviation
+    words: str  # Where it comes from
 
     @property
     def stamps(self) -> bool:
@@ -67,17 +57,7 @@ class Evidence:
 
 
 def evidence(samples: Samples, k: NDArray[np.int64], rate: float) -> Evidence | None:
-    """Return what the recording shows of its clock; None where noise hides it.
-
-    Parameters
-    ----------
-    samples
-        Of one recording.
-    k
-        (N,) number of each sample on a regular clock.
-    rate
-        Of that clock, samples per second.
-    """
+    """Return what the recording shows of its clock; None where noise hides it."""
     jitter = jitter_of(samples.t, k)
     if wanders(jitter, rate):
         size = float(np.std(np.diff(jitter))) / np.sqrt(2.0)
@@ -98,15 +78,7 @@ def evidence(samples: Samples, k: NDArray[np.int64], rate: float) -> Evidence | 
 
 
 def increments(steps: Array, missing: float = MISSING) -> NDArray[np.int64]:
-    """Return how many steps (N,) of a regular clock lie between samples.
-
-    Parameters
-    ----------
-    steps
-        (N,) between stamps, in sample intervals.
-    missing
-        From so many on samples are missing between them.
-    """
+    """Return how many steps (N,) of a regular clock lie between samples."""
     points = np.ones(len(steps), np.int64)
     apart = np.flatnonzero(steps >= missing)
     points[apart] = np.rint(steps[apart])
@@ -118,11 +90,6 @@ def numbered(t: Array) -> tuple[NDArray[np.int64], float, float, Array]:
 
     Stamps that are late by more than an interval look like missing samples. They are counted as such if they then keep
     to a regular clock, or if no other way of counting makes them do so; else in the way that keeps to it most closely.
-
-    Parameters
-    ----------
-    t
-        (N,) increasing stamps, s.
     """
     steps = np.diff(t)
     interval = float(np.median(steps))
@@ -141,13 +108,7 @@ def numbered(t: Array) -> tuple[NDArray[np.int64], float, float, Array]:
 
 
 def bunched(t: Array) -> float:
-    """Return the mean interval, s, in most stretches of :data:`BUNCH` samples.
-
-    Parameters
-    ----------
-    t
-        (N,) increasing stamps, s.
-    """
+    """Return the mean interval, s, in most stretches of :data:`BUNCH` samples."""
     span = min(BUNCH, len(t) - 1)
     return float(np.median((t[span:] - t[:-span]) / span))
 
@@ -163,29 +124,13 @@ def jitter_of(t: Array, k: NDArray[np.int64]) -> Array:
 
 
 def wanders(jitter: Array, rate: float) -> bool:
-    """Return whether stamps part from a regular clock by much more than they jitter.
-
-    Parameters
-    ----------
-    jitter
-        (N,) s, what :func:`jitter_of` returned.
-    rate
-        Of the clock, samples per second.
-    """
+    """Return whether stamps part from a regular clock by much more than they jitter."""
     size = np.std(np.diff(jitter)) / np.sqrt(2.0)
     return bool(np.std(jitter) * rate > WANDER and np.std(jitter) > WANDER_OVER_JITTER * size)
 
 
 def is_even(jitter: Array, rate: float) -> bool:
-    """Return whether stamps are as good as regular.
-
-    Parameters
-    ----------
-    jitter
-        (N,) s, what :func:`jitter_of` returned.
-    rate
-        Of the clock, samples per second.
-    """
+    """Return whether stamps are as good as regular."""
     return bool(np.std(np.diff(jitter)) * rate < NO_JITTER)
 
 

@@ -20,20 +20,7 @@ SHORTEST = 12
 
 
 def join(link: Side | None, motor: Side | None, clock: ClockMode | None = None) -> Samples:
-    """Bring both sides to one time base, see :func:`pair`.
-
-    Parameters
-    ----------
-    link, motor
-        The sides; None where one was not recorded.
-    clock
-        What stamps mean, where that is known.
-
-    Raises
-    ------
-    RecordingError
-        If neither side was recorded, or the two do not overlap in time.
-    """
+    """Bring both sides to one time base, see :func:`pair`."""
     if link is not None and motor is not None and (len(link) or len(motor)):
         link, motor, notes = pair(link, motor, "the motor side", "the link side", clock)
         return _samples(link.stamp_ns, link, motor, notes)
@@ -52,25 +39,6 @@ def pair(
     spline (never beyond its ends or across its gaps), between the times at which samples were taken: where they were
     taken regularly, the jitter of stamps is none of the motion's. A cubic spline passes what lies well below half the
     sample rate and damps what lies close to it.
-
-    Parameters
-    ----------
-    base, other
-        Two sides, or two channels of a side, (N, n) and (M, n).
-    other_name, base_name
-        What they are called in notes and errors.
-    clock
-        What stamps mean, where that is known; else the motion decides.
-
-    Returns
-    -------
-    base, other, notes
-        Both with the stamps they now share, and what was done.
-
-    Raises
-    ------
-    RecordingError
-        If the two do not overlap in time.
     """
     if np.array_equal(base.stamp_ns, other.stamp_ns):
         return base, other, ()
@@ -149,11 +117,6 @@ def _filled(t: Array, link: Side, motor: Side) -> tuple[Side, Side, Lacking]:
     """Return both sides with numbers for joints that lack a channel, and which these are.
 
     An angle is that of the joint's other side, a velocity the derivative of the angle, a torque zero.
-
-    Raises
-    ------
-    RecordingError
-        If a joint has neither angle.
     """
     if not any(np.isnan(v[:1]).any() for side in (link, motor) for v in side.channels().values()):
         return link, motor, frozenset()

@@ -1,7 +1,8 @@
-"""MATLAB files are read in a process of their own: what ends it, or takes too much, is one line of an error."""
+"""MATLAB, Parquet and HDF5 files are read in a process of their own: what ends it is one line of an error."""
 
 from __future__ import annotations
 
+import os
 import resource
 import struct
 import subprocess
@@ -13,7 +14,7 @@ import pytest
 import scipy.io
 
 from elastic_arm.errors import RecordingError
-from elastic_arm.recording.foreign import matlab
+from elastic_arm.recording.foreign import compiled_readers
 from elastic_arm.recording.foreign.array_files import load_arrays
 
 
@@ -36,10 +37,22 @@ def test_a_file_that_ends_its_reader_is_refused_in_one_line(file: Path, monkeypa
     """The signal is named; this process lives."""
     crash = file.with_name("crash.py")
     crash.write_text("import os, signal\nos.kill(os.getpid(), signal.SIGSEGV)\n")
-    monkeypatch.setattr(matlab.matlab_process, "__file__", str(crash))
+    monkeypatch.syspath_prepend(str(crash.parent))
+    monkeypatch.setattr(compiled_readers, "MODULE", "crash")
     with pytest.raises(RecordingError, match="SIGSEGV") as refused:
         load_arrays(file)
     assert "\n" not in str(refused.value)
+
+
+def test_modules_beside_the_files_are_not_run(file: Path) -> None:
+    """A folder of data may hold a numpy.py: reading in it runs nothing of it."""
+    file.with_name("numpy.py").write_text("raise SystemExit('owned')")
+    script = "import sys; from elastic_arm.recording.foreign.array_files import load_arrays; from pathlib import Path; "
+    script += "print(load_arrays(Path('run.mat'))['q'].sum())"
+    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}
+    command = [sys.executable, "-P", "-c", script]
+    done = subprocess.run(command, cwd=file.parent, env=environment, capture_output=True, text=True, check=False)
+    assert done.stdout.strip() == "15.0", done.stderr
 
 
 def test_claimed_sizes_do_not_take_this_process_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -62,9 +75,10 @@ def test_a_reader_that_never_ends_is_ended(file: Path, monkeypatch: pytest.Monke
     """By the time on the clock that a file of this size may take."""
     sleep = file.with_name("sleep.py")
     sleep.write_text("import time\ntime.sleep(60)\n")
-    monkeypatch.setattr(matlab.matlab_process, "__file__", str(sleep))
-    monkeypatch.setattr(matlab, "START_SECONDS", 1)
-    monkeypatch.setattr(matlab, "PATIENCE", 1)
+    monkeypatch.syspath_prepend(str(sleep.parent))
+    monkeypatch.setattr(compiled_readers, "MODULE", "sleep")
+    monkeypatch.setattr(compiled_readers, "START_SECONDS", 1)
+    monkeypatch.setattr(compiled_readers, "PATIENCE", 1)
     with pytest.raises(RecordingError, match="takes more than 1 s"):
         load_arrays(file)
 
@@ -78,3 +92,27 @@ def test_a_file_is_read_where_the_user_s_own_limit_is_lower(tmp_path: Path) -> N
     command.append(str(tmp_path / "a.mat"))
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.stdout.strip() == "3.0", done.stderr
+
+
+@pytest.mark.parametrize("name", ["run.parquet", "run.h5"])
+def test_damaged_bytes_end_in_one_line_and_never_this_process(tmp_path: Path, name: str) -> None:
+    """Ten files with bytes changed at random, as episodes of a dataset: what their libraries abort on is named."""
+    pa, pq, h5py = (pytest.importorskip(library) for library in ("pyarrow", "pyarrow.parquet", "h5py"))
+    numbers = np.arange(60.0).reshape(30, 2)
+    if name.endswith("h5"):
+        with h5py.File(tmp_path / name, "w") as file:
+            file["q"], file["t"] = numbers, numbers[:, 0]
+    else:
+        pq.write_table(pa.table({"q": numbers.tolist(), "t": numbers[:, 0]}), tmp_path / name)
+    whole, rng = (tmp_path / name).read_bytes(), np.random.default_rng(0)
+    (tmp_path / name).unlink()
+    for k in range(10):
+        content = bytearray(whole)
+        for at in rng.integers(len(whole), size=6):
+            content[at] = rng.integers(256)
+        (tmp_path / f"{k}_{name}").write_bytes(content)
+    for source in (tmp_path, *sorted(tmp_path.iterdir())):
+        try:
+            load_arrays(source)
+        except RecordingError as refused:
+            assert "\n" not in str(refused)

@@ -1,0 +1,56 @@
+"""Files of results: written aside and renamed, so that a full disk or an interrupt leaves what was there before."""
+
+from __future__ import annotations
+
+import os
+import secrets
+import shutil
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from elastic_arm.errors import ElasticArmError, OutputError
+from elastic_arm.input_files import WHOLE_FROM, WHOLE_TO
+
+
+def write_result(
+    path: str | Path,
+    content: str | bytes,
+    kind: type[ElasticArmError] = OutputError,
+    remedy: str = "Name another place with --out.",
+) -> Path:
+    """Write a file, and its folder where there is none, wholly or not at all; an error of `kind` where it cannot be."""
+    path = Path(path)
+    # Of names of files that are no text the bytes are written out.
+    data = content.encode("utf-8", "backslashreplace") if isinstance(content, str) else content
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if path.exists() and not path.is_file():  # as /dev/stdout, and a folder, which cannot be opened
+            path.write_bytes(data)
+            return path
+        _replace(Path(os.path.realpath(path)), data)
+    except OSError as error:
+        raise kind(f"{path} cannot be written: {error.strerror}", remedy) from error
+    return path
+
+
+def _replace(path: Path, data: bytes) -> None:
+    if path.exists() and not os.access(path, os.W_OK):
+        raise PermissionError(0, "it may not be overwritten")
+    part = path.parent / f".{secrets.token_hex(8)}.part"
+    try:
+        with open(part, "xb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        if path.exists():
+            shutil.copymode(path, part)
+        os.replace(part, path)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def yaml_text(content: Any, **options: Any) -> str:
+    """Return YAML that :mod:`elastic_arm.input_files` refuses where its end is missing."""
+    return f"{WHOLE_FROM}\n{yaml.safe_dump(content, sort_keys=False, width=120, **options)}{WHOLE_TO}\n"

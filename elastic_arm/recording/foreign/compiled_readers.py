@@ -1,0 +1,193 @@
+"""MATLAB, Parquet and HDF5 files, read by ``python -m …compiled_readers BYTES SECONDS FILE…``, a process with bounds.
+
+The libraries that read these formats are compiled code, which may end its process on a damaged file, and believe the
+sizes that a file claims. Here that costs no more than this process, whose memory (bytes beside what Python itself
+takes) and processor time are limited. The arrays go to standard output as an .npz file; why a file is refused goes to
+standard error, as problem and remedy.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import io
+import os
+import resource
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from elastic_arm.errors import ElasticArmError, MissingExtraError, RecordingError
+
+# Processor time: to start, and for each byte of the file (packed files of 10 MB take a second).
+START_SECONDS = 20
+BYTES_A_SECOND = 1_000_000
+PATIENCE = 10  # time on the clock for a second of the processor: a busy machine gives a process a tenth of a core
+REFUSED = 3  # exit code where the reason stands on standard error
+MODULE = "elastic_arm.recording.foreign.compiled_readers"
+LIBRARIES = {".mat": "scipy", ".parquet": "pyarrow", ".h5": "h5py", ".hdf5": "h5py"}
+_FILE = "file "  # begin of a line on standard error
+_COPIES = 3  # of the arrays in the process, packed ones included
+
+
+def load_compiled(paths: Sequence[Path], most: int) -> list[dict[str, np.ndarray]]:
+    """Read the arrays of files that unpack to so many bytes together at most.
+
+    Fields of a MATLAB struct are called `struct.field`, HDF5's datasets by their paths with dots. A Parquet column of
+    lists of equally many numbers, such as LeRobot's `observation.state`, is one array. Pictures and texts are left out.
+    """
+    for library in {LIBRARIES[path.suffix.lower()] for path in paths}:
+        if importlib.util.find_spec(library) is None:
+            missing = f"{paths[0]} needs {library}, which is not installed"
+            raise MissingExtraError(missing, "Install it with: pip install 'elastic_arm[learning]'")
+    seconds = START_SECONDS + sum(path.stat().st_size for path in paths) // BYTES_A_SECOND
+    # As here, and without the folder that the user stands in, which may hold modules of any name.
+    command = [sys.executable, "-P", "-m", MODULE, str(most), str(seconds), *(str(path.absolute()) for path in paths)]
+    known = [folder or os.getcwd() for folder in sys.path]
+    where = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1") | {"PYTHONPATH": os.pathsep.join(known)}
+    try:
+        run = subprocess.run(command, capture_output=True, timeout=PATIENCE * seconds, env=os.environ | where)
+    except subprocess.TimeoutExpired:
+        raise RecordingError(f"{paths[0]} takes more than {PATIENCE * seconds} s to read", "Save it as .npz.") from None
+    if run.returncode != 0:
+        # Every file is announced by a line with its number.
+        said = run.stderr.decode("utf-8", "replace").strip().splitlines()
+        path = paths[max((int(line[len(_FILE) :]) for line in said if line.startswith(_FILE)), default=0)]
+        if run.returncode == REFUSED:
+            raise RecordingError(f"{path}{said[-2]}", said[-1])
+        reason = " ".join(said[-1:])[:200] or "it is damaged"
+        if run.returncode < 0:
+            reason = f"its reader ends with {signal.Signals(-run.returncode).name}: it is damaged, or takes too long"
+        raise RecordingError(f"{path} cannot be read: {reason}", "Check the path and the format.")
+    found: list[dict[str, np.ndarray]] = [{} for _ in paths]
+    with np.load(io.BytesIO(run.stdout), allow_pickle=False) as content:
+        for k, (file, name) in enumerate(zip(content["files"].tolist(), content["names"].tolist(), strict=True)):
+            found[file][name] = content[f"array_{k}"]
+    return found
+
+
+def _matlab(path: str, _: int) -> Iterator[tuple[str, np.ndarray]]:
+    import scipy.io
+
+    try:
+        content = scipy.io.loadmat(path)
+    except NotImplementedError:
+        raise RecordingError(" is a MATLAB 7.3 file", "Save it with -v7.") from None
+    for name in content:
+        yield from _fields(name, content[name])
+
+
+def _fields(name: object, values: object) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield the arrays of a MATLAB variable: those of a struct's fields, or itself."""
+    # What MATLAB keeps for itself has no name, or one with two underscores in front.
+    if not isinstance(name, str) or name.startswith("__") or not isinstance(values, np.ndarray):
+        return
+    if values.dtype.names is None:
+        # Cells hold what is no number and cannot be sent as plain data.
+        yield name, np.full(values.shape, "cell") if values.dtype.hasobject else values
+    elif values.size == 1:
+        for field in values.dtype.names:
+            yield from _fields(f"{name}.{field}", values[field].item())
+
+
+def _parquet(path: str, most: int) -> Iterator[tuple[str, np.ndarray]]:
+    import pyarrow.parquet as pq
+
+    with pq.ParquetFile(path) as file:
+        # A few bytes may stand for any number of equal values, so that the file's own sizes do not count.
+        groups = (file.metadata.row_group(k) for k in range(file.metadata.num_row_groups))
+        columns = (group.column(k) for group in groups for k in range(group.num_columns))
+        _refuse_large(8 * sum(c.num_values for c in columns if c.physical_type != "BYTE_ARRAY"), most)
+        table = file.read(columns=[field.name for field in file.schema_arrow if _has_numbers(field.type)])
+    for name in table.column_names:
+        if (values := _column(table.column(name))) is not None:
+            yield name, values
+
+
+def _has_numbers(kind: Any) -> bool:
+    import pyarrow.types as types
+
+    if types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind):
+        kind = kind.value_type
+    return bool(types.is_integer(kind) or types.is_floating(kind) or types.is_boolean(kind) or types.is_timestamp(kind))
+
+
+def _column(column: Any) -> np.ndarray | None:
+    """Return a column as (N,), or as (N, k) where it has lists of k; None where these differ in length."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    if pa.types.is_timestamp(column.type):
+        return np.asarray(column.cast(pa.timestamp("ns")).cast(pa.int64()).to_numpy())
+    if not pa.types.is_nested(column.type):
+        values = np.asarray(column.to_numpy())
+        return values if values.dtype.kind in "biuf" else values.astype(str)
+    lengths = {n for n in pc.unique(pc.list_value_length(column)).to_pylist() if n is not None}
+    if len(lengths) != 1:
+        return None
+    values = np.full((len(column), lengths.pop()), np.nan)
+    values[column.is_valid().to_numpy()] = pc.list_flatten(column).to_numpy().reshape(-1, values.shape[1])
+    return values
+
+
+def _hdf5(path: str, most: int) -> Iterator[tuple[str, np.ndarray]]:
+    import h5py
+
+    found: list[tuple[str, Any]] = []
+
+    def visit(name: str, item: Any) -> None:
+        if isinstance(item, h5py.Dataset) and item.dtype.kind in "biuf" and item.ndim in (1, 2):
+            if item.external or item.is_virtual:
+                problem = f": {name[:60]} lies in other files, which an HDF5 file may name at will"
+                raise RecordingError(problem, "Copy it into the file itself, for example with h5repack.")
+            found.append((name, item))
+
+    with h5py.File(path, "r") as file:
+        file.visititems(visit)
+        _refuse_large(sum(item.size * item.dtype.itemsize for _, item in found), most)
+        for name, item in found:
+            yield name.replace("/", "."), item[()]
+
+
+def _refuse_large(size: int, most: int) -> None:
+    if size > most:
+        raise RecordingError(f" unpacks to {size} bytes, {most} are the limit", "Cut it into parts.")
+
+
+def _main(most: int, seconds: int, paths: Sequence[str]) -> int:
+    """Read files within the bounds and write an .npz file to standard output."""
+    for library in {LIBRARIES[Path(path).suffix.lower()] for path in paths}:
+        importlib.import_module(library)
+    own = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0]) * resource.getpagesize()
+    bounds = {resource.RLIMIT_AS: own + _COPIES * most, resource.RLIMIT_CPU: seconds, resource.RLIMIT_CORE: 0}
+    for limited, bound in bounds.items():
+        _, allowed = resource.getrlimit(limited)  # a limit of the user's shell cannot be raised
+        bound = bound if allowed == resource.RLIM_INFINITY else min(bound, allowed)
+        resource.setrlimit(limited, (bound, bound))
+    files: list[int] = []
+    names: list[str] = []
+    arrays: dict[str, np.ndarray] = {}
+    try:
+        for number, path in enumerate(paths):
+            print(f"{_FILE}{number}", file=sys.stderr, flush=True)
+            read = {".mat": _matlab, ".parquet": _parquet}.get(Path(path).suffix.lower(), _hdf5)
+            for name, values in read(path, most - sum(one.nbytes for one in arrays.values())):
+                files.append(number)
+                names.append(name)
+                arrays[f"array_{len(arrays)}"] = values
+    except ElasticArmError as error:
+        print(f"{error.problem}\n{error.remedy}", file=sys.stderr)
+        return REFUSED
+    packed = io.BytesIO()
+    np.savez(packed, files=np.array(files, int), names=np.array(names, dtype=np.str_), **arrays)  # type: ignore[arg-type]
+    sys.stdout.buffer.write(packed.getbuffer())
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(_main(int(sys.argv[1]), int(sys.argv[2]), sys.argv[3:]))

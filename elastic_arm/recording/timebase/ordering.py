@@ -1,0 +1,79 @@
+"""Messages in the order of their stamps, whatever order they came in and whoever set the clock on the way."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.recording.inspection.quality import check_stamped, moment
+from elastic_arm.recording.inspection.report import Finding
+from elastic_arm.recording.sides import Stamps
+
+_AROUND = 50  # messages on either side of a step back that show whether the clock stays behind
+_LATE = 1_000_000_000  # ns; no message is on its way for longer
+_TWICE = 0.2  # of the intervals that stand twice in what the clock passed twice; half where that is all of it
+_CROWDED = 0.75  # sample intervals, below which two clocks seem to stamp in turn
+
+
+def in_order(stamp_ns: Stamps, topic: str) -> tuple[Stamps, NDArray[np.intp], list[Finding]]:
+    """Return stamps (N',) in order, where each message stands among those given, and what had to be done.
+
+    A clock that was set back runs on from where it was. Messages that overtook each other are sorted. One whose stamp
+    is far from all others is left out.
+    """
+    check_stamped(stamp_ns, topic)
+    stamp_ns, found = _one_clock(stamp_ns.copy(), topic)
+    rows = np.argsort(stamp_ns, kind="stable")
+    overtaken = stamp_ns < np.maximum.accumulate(stamp_ns)
+    if not overtaken.any():
+        return stamp_ns, rows, found
+    far = _far_off(stamp_ns[rows], rows)
+    if far.any():
+        words = (
+            f"{topic}: {far.sum()} of {len(rows)} messages have a stamp more than a second off all others, the first"
+        )
+        message = f"{words} {moment(stamp_ns, int(rows[far].min()))}: they are left out"
+        found.append(Finding("warning", "stray_stamps", message, topic=topic))
+        rows = rows[~far]
+        kept = stamp_ns[np.sort(rows)]
+        overtaken = kept < np.maximum.accumulate(kept)
+    if overtaken.any():
+        kept = stamp_ns[np.sort(rows)]
+        late = float((np.maximum.accumulate(kept) - kept).max()) * 1e-9
+        words = f"{topic}: {overtaken.sum()} of {len(rows)} messages came after later ones, by up to {late:.3g} s"
+        found.append(Finding("note", "out_of_order", f"{words}: they are sorted by their stamps", topic=topic))
+    return stamp_ns[rows], rows, found
+
+
+def _one_clock(stamp_ns: Stamps, topic: str) -> tuple[Stamps, list[Finding]]:
+    """Move stamps on where the clock was set back: it stays behind, and stamps of before come a second time."""
+    found: list[Finding] = []
+    ranked = np.sort(stamp_ns)
+    steps = np.diff(ranked)
+    usual = float(np.median(steps[steps > 0]))
+    for k in np.flatnonzero(np.diff(stamp_ns) < 0).tolist():
+        since = stamp_ns[max(k + 1 - _AROUND, 0) : k + 1 + _AROUND] - stamp_ns[k]
+        number = np.arange(len(since)) - min(k, _AROUND - 1)
+        ahead = since - usual * number
+        back = float(np.median(ahead[number <= 0]) - np.median(ahead[number > 0]))
+        again, until = np.searchsorted(ranked, (stamp_ns[k + 1], stamp_ns[k]))
+        crowded = np.mean(steps[again:until] < _CROWDED * usual) if until > again else 0.0
+        if back > 0.5 * (stamp_ns[k] - stamp_ns[k + 1]) and crowded > _TWICE and number[-1] > 5:
+            words = f"{topic}: the clock was set back by {back * 1e-9:.4g} s after {moment(stamp_ns, k)}"
+            message = f"{words}: later stamps are taken for as much later"
+            time = float(stamp_ns[k] - stamp_ns[0]) * 1e-9
+            found.append(Finding("warning", "clock_set_back", message, topic=topic, time=time))
+            stamp_ns[k + 1 :] += round(back)
+    return stamp_ns, found
+
+
+def _far_off(stamp_ns: Stamps, rows: NDArray[np.intp]) -> NDArray[np.bool_]:
+    """Return which sorted stamps, of messages that arrived as `rows`, stand alone at an end and did not come there."""
+    far = np.zeros(len(rows), np.bool_)
+    for ends, last in ((range(len(rows) - 1, 0, -1), len(rows) - 1), (range(len(rows) - 1), 0)):
+        for i in ends:
+            inner = i - 1 if last else i + 1
+            if rows[i] == last or abs(int(stamp_ns[i] - stamp_ns[inner])) < _LATE:
+                break
+            far[i] = True
+    return far

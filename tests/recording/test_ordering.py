@@ -1,0 +1,126 @@
+"""Messages in the order of their stamps: what reader and check make of every order they may come in."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from elastic_arm.errors import RecordingError
+from elastic_arm.recording import Recording, load_channels, read_recording
+from elastic_arm.recording.inspection.check import check_bag
+from tests.helpers.bags import JOINT_STATE, JOINTS, joint_state, stamps, states, write_foreign
+
+COUNT = 3000
+TAKEN = stamps(COUNT)
+
+
+def recorded(folder: Path, stamp_ns: np.ndarray, names: Sequence[str] = JOINTS) -> Path:
+    """A bag of both sides whose messages arrive in turn, whatever their stamps are: the numbers tell which is which."""
+    arrival = stamps(len(stamp_ns))
+    both = [m for topic in ("/joint_states", "/motor_states") for m in states(topic, stamp_ns, names)]
+    return write_foreign(folder, [(t, k, int(arrival[i % len(arrival)]), d) for i, (t, k, _, d) in enumerate(both)])
+
+
+def rows(recording: Recording) -> np.ndarray:
+    """The numbers of the messages that became samples."""
+    assert recording.motor is not None and recording.motor.position is not None
+    return np.rint(recording.motor.position[:, 0]).astype(int)
+
+
+def codes(bag: Path) -> set[str]:
+    """What the check says of stamps."""
+    known = {"out_of_order", "clock_set_back", "duplicate", "stray_stamps", "unusable", "gaps"}
+    return {finding.code for finding in check_bag(bag).findings} & known
+
+
+@pytest.mark.parametrize("block", [1, 3, 60, 500])
+def test_messages_out_of_order_are_sorted(tmp_path: Path, block: int) -> None:
+    """Pairs, or blocks, that overtook each other: no message is lost, and it is a note."""
+    order = np.arange(COUNT).reshape(-1, 2, block)[:, ::-1].ravel()
+    bag = recorded(tmp_path / "bag", TAKEN[order])
+    recording = read_recording(bag)
+    np.testing.assert_array_equal(recording.motor.stamp_ns, TAKEN)  # type: ignore[union-attr]
+    np.testing.assert_array_equal(rows(recording)[order], np.arange(COUNT))
+    assert codes(bag) == {"out_of_order"}
+    assert any("came after later ones" in note for note in recording.notes)
+
+
+@pytest.mark.parametrize("back", [0.5, 0.5003, 0.08, 2.0])
+def test_a_clock_that_was_set_back_is_named_as_that(tmp_path: Path, back: float) -> None:
+    """The later samples run on from where it was, none is lost."""
+    set_back = TAKEN - np.where(np.arange(COUNT) > 1800, round(1e9 * back), 0)
+    bag = recorded(tmp_path / "bag", set_back)
+    recording = read_recording(bag)
+    assert codes(bag) == {"clock_set_back"}
+    np.testing.assert_array_equal(recording.motor.stamp_ns, TAKEN)  # type: ignore[union-attr]
+    np.testing.assert_array_equal(rows(recording), np.arange(COUNT))
+    assert any(f"the clock was set back by {back:.4g} s after 1.800000 s" in note for note in recording.notes)
+
+
+def test_a_stamp_far_from_all_others_is_left_out(tmp_path: Path) -> None:
+    """One message from the far future costs that message alone."""
+    wild = TAKEN.copy()
+    wild[100] += 10**12
+    bag = recorded(tmp_path / "bag", wild)
+    np.testing.assert_array_equal(rows(read_recording(bag)), np.delete(np.arange(COUNT), 100))
+    assert codes(bag) == {"stray_stamps"}
+
+
+def test_of_messages_with_one_stamp_one_is_taken(tmp_path: Path) -> None:
+    """Where two differ that is a warning, as it may be two publishers."""
+    twice = TAKEN.copy()
+    twice[77] = twice[76]
+    bag = recorded(tmp_path / "bag", twice)
+    np.testing.assert_array_equal(rows(read_recording(bag)), np.delete(np.arange(COUNT), 77))
+    (finding,) = [f for f in check_bag(bag).findings if f.code == "duplicate" and f.topic == "/motor_states"]
+    assert finding.severity == "warning" and "repeats a stamp 1 times, first that of 0.076" in finding.message
+
+
+def test_equal_stamps_are_said_to_be_equal_and_arrival_is_believed(tmp_path: Path) -> None:
+    """Nobody stamped the messages: the error says so; with the times of arrival, by option or map, all is in order."""
+    bag = recorded(tmp_path / "bag", np.full(COUNT, TAKEN[0]))
+    with pytest.raises(RecordingError, match=f"all {COUNT} header stamps are equal.*time: arrival"):
+        read_recording(bag)
+    assert codes(bag) == {"unusable"}
+    np.testing.assert_array_equal(read_recording(bag, arrival=True).motor.stamp_ns, TAKEN)  # type: ignore[union-attr]
+    file = tmp_path / "map.yaml"
+    motor = "{position: {topic: /motor_states}, effort: {topic: /motor_states}}"
+    file.write_text("time: arrival\njoints:\n" + "".join(f"  {joint}: {{motor: {motor}}}\n" for joint in JOINTS))
+    np.testing.assert_array_equal(rows(read_recording(bag, file)), np.arange(COUNT))
+    assert check_bag(bag, load_channels(file)).usable
+
+
+@pytest.mark.parametrize("late_ns", [0, 300_000])
+def test_half_messages_of_one_arm_are_joined(tmp_path: Path, late_ns: int) -> None:
+    """Two publishers of some joints each, stamped alike or apart: one recording of all joints, for reader and check."""
+    parts = [
+        (topic, JOINT_STATE, int(t) + late, joint_state(int(t) + late, names, [1e-9 * (t + late - TAKEN[0])] * n))
+        for topic in ("/joint_states", "/motor_states")
+        for names, n, late in ((JOINTS[:1], 1, 0), (JOINTS[1:], 2, late_ns))
+        for t in TAKEN
+    ]
+    bag = write_foreign(tmp_path / "bag", sorted(parts, key=lambda message: message[2]))
+    recording = read_recording(bag)
+    assert recording.joints == JOINTS and recording.motor is not None and recording.motor.position is not None
+    seconds = 1e-9 * (recording.motor.stamp_ns - TAKEN[0])
+    np.testing.assert_allclose(recording.motor.position, np.tile(seconds[:, None], 3), rtol=0, atol=1e-9)
+    assert len(seconds) >= COUNT - 1
+    assert check_bag(bag).usable and any("they are joined" in note for note in recording.notes)
+    file = tmp_path / "map.yaml"
+    file.write_text(
+        "joints:\n" + "".join(f"  {j}: {{motor: {{position: {{topic: /motor_states}}}}}}\n" for j in JOINTS)
+    )
+    mapped = read_recording(bag, file)
+    assert mapped.motor is not None and mapped.motor.position is not None
+    np.testing.assert_allclose(mapped.motor.position, recording.motor.position, rtol=0, atol=1e-9)
+
+
+def test_messages_of_a_gripper_are_no_fault(tmp_path: Path) -> None:
+    """What the reader sets aside the check sets aside: one note, no number that is none."""
+    gripper = states("/motor_states", TAKEN + 300_000, ["finger"])
+    both = sorted(states("/motor_states", TAKEN) + gripper, key=lambda message: message[2])
+    report = check_bag(write_foreign(tmp_path / "bag", both))
+    assert report.usable and not [finding for finding in report.findings if "finite" in finding.message]
