@@ -36,7 +36,8 @@ def model(y: Array, N: Array | None = None, **more: Any) -> LinearModel:
     """Return the data with the columns of some numbers, all trusted; none where they are not given."""
     N = np.zeros((len(y), 0)) if N is None else N
     count = N.shape[1]
-    more = {"mean": np.zeros(count), "trusted": np.ones(count, dtype=bool), "name": "as built", **more}
+    own = np.ones(count, dtype=bool)
+    more = {"mean": np.zeros(count), "trusted": own, "moving": own, "name": "as built", **more}
     return LinearModel(y, N, bands(len(y) // (2 * HARMONICS)), **more)
 
 

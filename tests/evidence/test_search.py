@@ -27,7 +27,8 @@ ODDS = 6.0
 
 def search(data: LinearModel, terms: Sequence[Term]) -> Search:
     """Return a search among terms that have no nonlinear numbers."""
-    return Search(data, Screen(data.grams, terms), lambda feature, theta: COLUMNS, lambda joint: 1.0)
+    linear: Any = None  # of nonlinear numbers alone
+    return Search(linear, data, [Screen(data.grams, terms)])
 
 
 def test_a_terms_price_and_gain_add_up_to_the_score() -> None:
@@ -114,11 +115,13 @@ def test_a_nonlinear_number_comes_out_within_its_deviation(true: float) -> None:
     w = np.linspace(-0.5, 0.5, ROWS)
     columns = lambda feature, theta: np.exp(-((w / theta[0]) ** 2))[:, None]  # noqa: E731
     bump: Any = Bump()
+    problem = SimpleNamespace(largest_at=lambda joint: 10.0)
+    linear: Any = SimpleNamespace(columns=columns, problem=problem, most=lambda feature, p: np.inf)
     errors = []
     for seed in range(20):
         data = model(3.0 * columns(bump, [true])[:, 0] + np.random.default_rng(seed).standard_normal(ROWS), N)
         start = Term(bump.key, "effect", columns(bump, [0.1]), np.array([10.0]), feature=bump, theta=(0.1,))
-        found, fit = refined(data, columns, start, [], data.fit([]), lambda joint: 10.0)
+        found, fit = refined(linear, data, start, [], data.fit([]))
         width = moved(bump.searched[0], found.theta[0], float(fit.beta(found)[1]))
         errors.append(np.log(width / true) / np.sqrt(fit.covariance(found)[1, 1]))
     assert np.abs(errors).max() < 4.0 and 0.5 < np.sqrt(np.mean(np.square(errors))) < 1.6
