@@ -60,7 +60,7 @@ def test_report_shows_verdict_map_causes_and_prediction_in_a_browser(two_causes:
     titles = re.findall(r"<h2>([^<]*)</h2>", page)
     assert titles[:2] == ["Verdict", "Where the gap lies"]
     assert {"coulomb friction, joint_2", "transmission error, joint_1"} < set(titles)
-    assert {"Before and after", "How far ahead the model sees", "Numbers of arm and sensors"} < set(titles)
+    assert {"Before and after", "How far ahead the model sees", "What the residuals follow"} < set(titles)
     assert page.index("explained: ") < page.index("<svg")
     # Map, two causes, before and after, horizons.
     assert page.count("<svg") == 5
