@@ -29,6 +29,7 @@ from elastic_arm.diagnosis.result import (
 from elastic_arm.diagnosis.words import REPEATED_MOTION, law_note, no_separation, shape_note
 from elastic_arm.effects.model import EffectInstance
 from elastic_arm.errors import DiagnosisError, require_kind
+from elastic_arm.evidence.changes import CHANGE
 from elastic_arm.evidence.grams import OCTAVES
 from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.model import Fit
@@ -39,6 +40,7 @@ from elastic_arm.recording import Recording
 from elastic_arm.recording.recording import recordings_of
 
 Array = NDArray[np.float64]
+LAW = "law"
 Name = tuple[str, str | None]  # effect and joint: the same law on two sides is one cause
 
 
@@ -138,13 +140,23 @@ class Answer:
     def _added(self, term: Term, *, stated: bool = False) -> list[Array]:
         """Return what a term adds to the residuals (N', R) of each stretch that judges, Nm; or what is stated of it."""
         if term.kind == "number":
-            moves = term.what @ self.best.beta(term)
-            return [N @ moves for N in self._plain_numbers]
+            return [X @ self.best.beta(term) for X in self._columns(term)]
+        if term.kind == CHANGE:
+            common = next(t for t in self.best.terms if t.key == term.what)
+            each = self.best.raw(term).reshape(-1, common.linear)
+            each = (each - each.mean(axis=0)) * self.prepared.problem.held_back
+            parts = zip(self._columns(common), self.judging.data.parts, strict=True)
+            return [X @ each[part.recording] for X, part in parts]
         if term.kind == "law":
             return [X @ self.best.beta(term) for X in term.what.plain(self.judging.data)]
-        columns = self.judging.data.plain(term.feature, theta_of(term, self.best))
         beta = term.mean if stated and term.trusted else self._coefficients(term)
-        return [X @ beta for X in columns]
+        return [X @ beta for X in self._columns(term)]
+
+    def _columns(self, term: Term) -> list[Array]:
+        """Return the columns (N', R, k) of a term of each stretch that judges, Nm."""
+        if term.kind == "number":
+            return [N @ term.what for N in self._plain_numbers]
+        return self.judging.data.plain(term.feature, theta_of(term, self.best))
 
     @cached_property
     def _plain_numbers(self) -> list[Array]:
@@ -205,7 +217,7 @@ class Answer:
     def causes(self) -> list[tuple[Cause, list[Array]]]:
         """Return the effects that are likelier there than not, most important first, each with what it leaves alone."""
         found = []
-        names = dict.fromkeys(_name(k) for _, fit in self.sets for k in fit.keys if k[0] != "law")
+        names = dict.fromkeys(_name(k) for _, fit in self.sets for k in fit.keys if k[0] not in (LAW, CHANGE))
         # One that the recording does not tell from others is there where they are together likelier than not.
         best = {_name(k) for k in self.best.keys}
         for name in names:
@@ -216,7 +228,7 @@ class Answer:
         return found
 
     def _cause(self, name: Name, probability: float) -> tuple[Cause, list[Array]]:
-        holding = [(p, fit, t) for p, fit in self.sets for t in fit.optional if t.kind != "law" and _name(t.key) == name]
+        holding = [(p, fit, t) for p, fit in self.sets for t in fit.optional if t.kind not in (LAW, CHANGE) and _name(t.key) == name]
         _, fit, term = holding[0]
         problem = self.prepared.problem
         values = self.explanation.linear.values
@@ -251,7 +263,7 @@ class Answer:
         """Return the probabilities of what is there in the sets without a cause and not in the most probable one."""
         best, found = {_name(k) for k in self.best.keys}, {}
         for p, fit in self.sets:
-            own = {_name(k) for k in fit.keys if k[0] != "law"}
+            own = {_name(k) for k in fit.keys if k[0] not in (LAW, CHANGE)}
             if name not in own:
                 for other in own - best:
                     found[other] = found.get(other, 0.0) + p
@@ -316,7 +328,7 @@ class Answer:
         V, _ = model.basis
         left = model.y - model.N @ (fit.numbers - fit.far_off)
         for t in fit.terms:
-            left = left - (0.0 if t.offset is None else t.offset) - t.columns @ fit.beta(t)
+            left = left - (0.0 if t.offset is None else t.offset) - t.columns @ fit.raw(t)
         return left
 
     def imperfections(self) -> tuple[Imperfection, ...]:

@@ -1,77 +1,56 @@
-"""What differs between recordings of one arm: a size common to all, or one of each, two sets like any others."""
+"""What differs between recordings of one arm, by the sets in which a size is not common to all."""
 
 from __future__ import annotations
-
-from dataclasses import replace
 
 import numpy as np
 
 from elastic_arm.diagnosis.estimates import estimated
 from elastic_arm.diagnosis.result import Change
-from elastic_arm.evidence.priors import CHANGED
+from elastic_arm.evidence.changes import CHANGE
+from elastic_arm.evidence.model import Fit
 from elastic_arm.evidence.problem import Problem
 from elastic_arm.evidence.relinearise import Explanation
 from elastic_arm.evidence.term import Term
 
 
 def changes_between(explanation: Explanation, problem: Problem) -> tuple[Change, ...]:
-    """Return the causes and known effects whose size is not the same in all recordings that were fitted.
+    """Return the causes and known effects whose size is likelier not the same in all recordings that were fitted.
 
     Parameters
     ----------
     explanation
-        With its most probable set.
+        Sets and their posteriors.
     problem
         The recordings.
     """
-    if len(problem.observed[0]) < 2:
-        return ()
-    best, model = explanation.best, explanation.search.model
-    data = explanation.linear.data
-    recording = data.of_stretches([part.recording for part in data.parts])
-    found = []
-    for term in best.terms:
-        if term.kind == "law" or not term.linear or term.offset is not None:
-            continue
-        others = [t for t in best.optional if t is not term]
-        each = [_of_one(term, recording == k, k) for k in range(len(problem.observed[0]))]
-        # The common size stays: what each recording has beside it is as large as the size itself, at most.
-        apart = model.fit([*others, *([term] if term in best.optional else []), *each[1:]], best)
-        odds = np.exp(np.clip(apart.score - best.score + np.log(CHANGED), -50.0, 50.0))
-        if (confidence := float(odds / (1.0 + odds))) <= 0.5:
-            continue
-        values = []
-        for k, own in enumerate(each):
-            shift = np.zeros(len(apart.found.x))
-            shift[apart.slices[term.ident].start] = 1.0
-            if k:
-                shift[apart.slices[own.ident].start] = 1.0
-            value, std = float(shift @ apart.found.x), float(np.sqrt(shift @ apart.found.S @ shift))
-            values.append((problem.observed[0][k].source, value, std))
-        parameters, _ = estimated(best, term, problem.numbers, explanation.linear.values)
-        name, first = next(iter(parameters.items()))
-        if term.kind == "number":
-            k = int(np.flatnonzero(term.what[:, 0])[0])
-            number = problem.numbers[k]
-            base = number.neutral + (explanation.linear.values[k] + best.numbers[k] - best.far_off[k]) * number.prior_std
-            values = [(r, base + v * number.prior_std, s * number.prior_std) for r, v, s in values]
-        found.append(Change(term.key[0], term.key[1], name, first.unit, tuple(values), confidence))
+    search, found = explanation.search, []
+    probability: dict[object, float] = {}
+    for keys, p in search.probabilities().items():
+        for key in keys:
+            if key[0] == CHANGE:
+                probability[key] = probability.get(key, 0.0) + p
+    for term in explanation.best.optional:
+        if term.kind == CHANGE and probability[term.key] > 0.5:
+            found.append(_change(explanation, problem, explanation.best, term, probability[term.key]))
     return tuple(found)
 
 
-def _of_one(term: Term, there: np.ndarray, k: int) -> Term:
-    """Return what a term adds in one recording beside its common size."""
-    columns = np.where(there[:, None], term.columns[:, : term.linear], 0.0)
-    return replace(
-        term,
-        kind="change",
-        columns=columns,
-        std=term.std[: term.linear],
-        mean=np.zeros(term.linear),
-        low=np.full(term.linear, -np.inf),
-        high=np.full(term.linear, np.inf),
-        odds=0.0,
-        grid=0.0,
-        tangents=(),
-        ident=(*term.ident, "change", k),
-    )
+def _change(explanation: Explanation, problem: Problem, fit: Fit, term: Term, confidence: float) -> Change:
+    common = next(t for t in fit.terms if t.key == term.what)
+    base, own, size = fit.slices[common.ident].start, fit.slices[term.ident].start, common.linear
+    parameters, _ = estimated(fit, common, problem.numbers, explanation.linear.values)
+    name, first = next(iter(parameters.items()))
+    scale, at = 1.0, 0.0
+    if common.kind == "number":
+        k = int(np.flatnonzero(common.what[:, 0])[0])
+        scale = problem.numbers[k].prior_std
+        at = problem.numbers[k].neutral + scale * float(explanation.linear.values[k] + (fit.numbers - fit.far_off)[k])
+    else:
+        at = common.feature.linear[0].neutral or 0.0
+    values = []
+    for k, one in enumerate(problem.observed[0]):
+        together = np.zeros(len(fit.found.x))
+        together[[base, own + k * size]] = 1.0
+        std = float(np.sqrt(together @ fit.found.S @ together))
+        values.append((one.source, at + scale * float(together @ fit.found.x), scale * std))
+    return Change(common.key[0], common.key[1], name, first.unit, tuple(values), confidence)

@@ -13,7 +13,7 @@ from scipy.special import logsumexp
 from elastic_arm.evidence.grams import Bands, Grams
 from elastic_arm.evidence.pool import sized
 from elastic_arm.evidence.posterior import Posterior, Prior, mass, posterior
-from elastic_arm.evidence.priors import FORMLESS, SCALES, SIZES, TRUST
+from elastic_arm.evidence.priors import CHANGED, FORMLESS, SCALES, SIZES, TRUST
 from elastic_arm.evidence.term import Ident, Key, Term
 
 Array = NDArray[np.float64]
@@ -70,7 +70,7 @@ class Fit:
         found[:, : V.shape[1]] = V
         for t in self.optional:
             if t.kind == "number":
-                found[:, self.slices[t.ident]] += t.what
+                found += t.what @ self._rows(t)
         return found
 
     @cached_property
@@ -91,9 +91,22 @@ class Fit:
         """The part (K,) of the numbers that is far off."""
         return sum((t.what @ self.beta(t) for t in self.optional if t.kind == "number"), np.zeros(len(self.model.mean)))
 
-    def beta(self, term: Term) -> Array:
-        """Return the coefficients (k,) of a term."""
+    def _rows(self, term: Term) -> Array:
+        """Return the coefficients (k, p) of a term by those of the fit: of one that changes, its mean over recordings."""
+        found = np.zeros((term.count, len(self.found.x)))
+        found[:, self.slices[term.ident]] = np.eye(term.count)
+        for change in (t for t in self.optional if t.kind == "change" and t.what == term.key):
+            own, linear = self.slices[change.ident], term.linear
+            found[:linear, own] += np.tile(np.eye(linear), change.count // linear) * linear / change.count
+        return found
+
+    def raw(self, term: Term) -> Array:
+        """Return the coefficients (k,) of a term's columns."""
         return self.found.x[self.slices[term.ident]]
+
+    def beta(self, term: Term) -> Array:
+        """Return the coefficients (k,) of a term; of one that changes between recordings, with their mean change."""
+        return self._rows(term) @ self.found.x
 
     def correlation(self, one: Term, other: Term) -> float:
         """Return the largest correlation of coefficients of two terms."""
@@ -103,8 +116,8 @@ class Fit:
 
     def covariance(self, term: Term) -> Array:
         """Return their covariance (k, k)."""
-        own = self.slices[term.ident]
-        return self.found.S[own, own]
+        rows = self._rows(term)
+        return rows @ self.found.S @ rows.T
 
 
 class Screen:
@@ -299,7 +312,7 @@ class LinearModel:
     def doubt(self, term: Term) -> float:
         """Return -ln of the prior odds that one of the terms of a kind is there, nats."""
         if term.kind == "change":
-            return 0.0
+            return -float(np.log(CHANGED))
         return -float(np.log(TRUST[self.name].effect * (FORMLESS if term.kind == "law" else 1.0)))
 
     def _posterior(self, terms: Sequence[Term], prior: Prior, start: Array | None) -> Posterior:

@@ -13,6 +13,7 @@ from elastic_arm.effects.model import SensorEffect
 from elastic_arm.equations.places import scaling
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.known_torques import ActingEffect
+from elastic_arm.evidence.changes import CHANGE, change_of
 from elastic_arm.evidence.grams import Bands
 from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.model import Fit, LinearModel, Screen
@@ -275,11 +276,14 @@ def _again(fit: Fit, linear: Linearisation) -> list[Term]:
     """Return the terms of a fit at another linearisation."""
     stated = {t.key: t for t in known_terms(linear)[1]} if any(t.kind == "stated" for t in fit.optional) else {}
     found = []
-    for t in fit.optional:
+    for t in sorted(fit.optional, key=lambda t: t.kind == CHANGE):  # the sizes that change first
         if t.kind == "number":
             found.append(replace(t, columns=linear.numbers @ t.what))
         elif t.kind == "law":
             found.append(replace(t, columns=linear.data.whiten(t.what.plain(linear.data))))
+        elif t.kind == CHANGE:
+            (common,) = (u for u in (*known_terms(linear)[0], *found) if u.key == t.what and u.kind != "stated")
+            found.append(change_of(linear, common))
         elif t.kind == "stated":
             found.append(replace(t, columns=stated[t.key].columns))
         else:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from elastic_arm.evidence.changes import CHANGE, possible_changes
 from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.model import Fit, LinearModel, Screen
 from elastic_arm.evidence.nonlinear import is_open, refined
@@ -75,7 +76,7 @@ class Search:
 
     def _added(self, fit: Fit) -> Iterator[Fit]:
         if len(fit.optional) < MOST:
-            for t in self.proposals(fit):
+            for t in (*self.proposals(fit), *possible_changes(self.linear, fit)):
                 yield self._with(fit.optional, t, fit)
 
     def proposals(
@@ -119,7 +120,7 @@ class Search:
 
     def _dropped(self, fit: Fit) -> Iterator[Fit]:
         for t in fit.optional:
-            yield self._keep(self.model.fit([u for u in fit.optional if u is not t], fit))
+            yield self._keep(self.model.fit(_without(fit, t), fit))
 
     def _exchanged(self, fit: Fit) -> Iterator[Fit]:
         for less in list(self._dropped(fit)):
@@ -130,7 +131,7 @@ class Search:
         for pair in combinations(fit.optional, 2):
             if fit.correlation(*pair) < RELATED:
                 continue
-            less = self._keep(self.model.fit([u for u in fit.optional if u not in pair], fit))
+            less = self._keep(self.model.fit(_without(fit, *pair), fit))
             for t in self.proposals(less, count=2, without=fit.keys, needed=fit.score - less.score):
                 yield self._with(less.optional, t, less)
 
@@ -146,6 +147,12 @@ class Search:
         sets = list(self.met)
         scores = np.array([self.met[s].score for s in sets])
         return dict(zip(sets, np.exp(scores - logsumexp(scores)).tolist(), strict=True))
+
+
+def _without(fit: Fit, *terms: Term) -> list[Term]:
+    """Return the terms of a fit without some and their changes between recordings."""
+    keys = {t.key for t in terms}
+    return [u for u in fit.optional if u not in terms and not (u.kind == CHANGE and u.what in keys)]
 
 
 def _words(came: frozenset[Key], went: frozenset[Key]) -> str:
