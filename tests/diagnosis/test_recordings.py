@@ -112,7 +112,6 @@ def test_friction_that_a_description_states_ten_times_too_large_goes_from_its_nu
     assert written["from"]["torque"] == 60.0 and written["to"]["torque"] == pytest.approx(6.0, rel=0.05)
 
 
-@pytest.mark.xfail(strict=True, reason="laws without a form come before changes in the search")
 def test_friction_that_is_another_one_in_one_recording_is_a_change() -> None:
     """6 Nm in the first recording and 9 in the second: one change, with both sizes by recording."""
     sizes = {"before": 6.0, "after": 9.0}

@@ -27,7 +27,7 @@ ODDS = 6.0
 
 def search(data: LinearModel, terms: Sequence[Term]) -> Search:
     """Return a search among terms that have no nonlinear numbers."""
-    linear: Any = None  # of nonlinear numbers alone
+    linear: Any = SimpleNamespace(problem=SimpleNamespace(observed=((None,), ())), which=0)  # of one recording
     return Search(linear, data, [Screen(data.grams, terms)])
 
 
