@@ -19,14 +19,12 @@ import time
 import numpy as np
 
 from elastic_arm.codegen.parallel import threads
-from elastic_arm.diagnosis import Question, diagnose
-from elastic_arm.diagnosis.calibration.calibrated_robot import nearest_robot
-from elastic_arm.diagnosis.calibration.nuisance import nuisance_parameters
-from elastic_arm.diagnosis.priors import Priors
-from elastic_arm.diagnosis.settings import RefitSettings
+from elastic_arm.diagnosis import Priors, Question, diagnose
 from elastic_arm.dynamics import build_model
 from elastic_arm.effects import EFFECTS, EffectInstance, parse
 from elastic_arm.effects.text import known_effects
+from elastic_arm.equations.robot_at import nearest_robot
+from elastic_arm.evidence.numbers import numbers_of
 from elastic_arm.excitation import MotionLimits, Shape, random_trajectories
 from elastic_arm.memory import keep_memory
 from elastic_arm.recording import Recording
@@ -84,8 +82,9 @@ def recordings(robot: Robot, seconds: float) -> list[Recording]:
 def ten_causes(nominal: Robot) -> list[Recording]:
     """Two recordings, 20 s each, of an arm that differs from its description everywhere and has ten effects."""
     rng = np.random.default_rng(nominal.n)
-    parameters = nuisance_parameters(nominal, (), 1000.0, Priors(), RefitSettings())
-    robot = nearest_robot(nominal, parameters, rng.uniform(-SPREAD, SPREAD, len(parameters)))
+    sides = ("link", "drive", "motor")
+    numbers = numbers_of(nominal, (), 1000.0, Priors(), (), np.full(nominal.n, 100.0), None, sides)
+    robot = nearest_robot(nominal, numbers, rng.uniform(-SPREAD, SPREAD, len(numbers)))
     places = [nominal.joint_names[k] for k in (0, nominal.n // 2, -1)]
     effects = [parse(text.format(*places), robot) for text in TEN_CAUSES]
     shape = Shape(period=10.0, periods=2)

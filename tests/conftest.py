@@ -12,7 +12,7 @@ GRAPH = "tests/nodes/"
 # Seconds of a test that is marked slow without a number.
 SLOW = 3.0
 # Modules whose tests share no fixture of the module, so that each may run in any process.
-APART = ("tests/diagnosis/test_pipeline.py",)
+APART = ("tests/diagnosis/test_recordings.py",)
 
 
 class GroupScheduling(LoadScopeScheduling):

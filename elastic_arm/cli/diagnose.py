@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from json import dumps as json_text
 from pathlib import Path
 from typing import Annotated
@@ -31,30 +30,29 @@ from elastic_arm.cli.options import (
     require_bags,
 )
 from elastic_arm.cli.outputs import Force, claim_folder
-from elastic_arm.diagnosis import Question, diagnose, follow_up
+from elastic_arm.diagnosis import Priors, Question, diagnose, follow_up
 from elastic_arm.diagnosis.comparison import SimulationComparison, compare
-from elastic_arm.diagnosis.corrected_robot import deviations, holds_any, repaired_robot
-from elastic_arm.diagnosis.design.proposal import Proposal
-from elastic_arm.evidence.priors import read_priors
-from elastic_arm.diagnosis.result import SEPARATING, Cause, Diagnosis
-from elastic_arm.diagnosis.settings import DiagnosisSettings
-from elastic_arm.diagnosis.texts.findings import (
-    agreement_text,
+from elastic_arm.diagnosis.corrected_robot import deviations, repaired_robot
+from elastic_arm.diagnosis.result import SEPARATING, Cause, Diagnosis, Proposal
+from elastic_arm.diagnosis.words import (
     alone_text,
+    cause_sentence,
     cause_size,
+    change_text,
+    effect_at,
     gap_at,
-    held_text,
-    left_out_note,
     listed_alternatives,
-    negative_shrink_note,
+    log_likelihood_text,
     prediction_sentence,
+    probability_text,
     sides_text,
+    trust_text,
     verdict_sentence,
 )
-from elastic_arm.diagnosis.texts.values import effect_at, log_likelihood_text, probability_text
 from elastic_arm.effects import Catalogue
 from elastic_arm.effects.text import known_effects
 from elastic_arm.estimation.equations import SIDES
+from elastic_arm.evidence.priors import read_priors
 from elastic_arm.memory import keep_memory
 from elastic_arm.mujoco import Exported, Replay
 from elastic_arm.output_files import write_result
@@ -88,7 +86,9 @@ def diagnose_command(
     effects_files: EffectsFiles = None,
     with_: KnownEffects = None,
     clock: ClockOption = ClockChoice.auto,
-    refit: Annotated[bool, typer.Option("--refit", help="Fit the model's own parameters first.")] = False,
+    refit: Annotated[
+        bool, typer.Option("--refit", help="The description's numbers cannot be exact: fit them.")
+    ] = False,
     priors_file: PriorsFile = None,
     propose: Propose = True,
     against: Annotated[Path | None, typer.Option(metavar="BAG", help="The same commands, simulated.")] = None,
@@ -100,13 +100,11 @@ def diagnose_command(
     """Find where a recording and a model differ, which effect the model lacks, and how far the gap shrinks with it.
 
     Writes diagnosis.json and report.html. Where causes were found, robot.yaml:
-    the arm with those that do not only stand in for something else, for
-    `simulate --robot`, and its MJCF or URDF with the numbers changed. Where
-    causes are not separated, separating_trajectory.yaml: what to record next,
-    for `simulate --trajectory` and the trajectory node. Of several recordings
-    it states which causes agree. With --against, how far the first is from a
-    simulated one, and which effect is in one alone. Exit status 0 whatever the
-    verdict, 2 for unusable input.
+    the arm with them, for `simulate --robot`, and its MJCF or URDF with the
+    numbers changed. Where causes are not separated, separating_trajectory.yaml:
+    what to record next, for `simulate --trajectory` and the trajectory node. With
+    --against, how far the first is from a simulated one, and which effect is in
+    one alone. Exit status 0 whatever the verdict, 2 for unusable input.
 
     Examples:
 
@@ -124,14 +122,15 @@ def diagnose_command(
     correction = Correction(robot_file, chain, at, catalogue)
     correction.require_mjcf("--replay" if replayed else None)
     mapping = None if channels is None else load_channels(channels)
-    settings = _settings(priors_file, catalogue)
+    sensors = [effect.id for effect in catalogue.values() if effect.prior is not None]
+    priors = Priors() if priors_file is None else read_priors(priors_file, sensors)
     read = lambda paths: [read_by_clock(path, mapping, robot, clock, namespace) for path in paths]  # noqa: E731
     with err.status("reading"):
         recordings, judges = read(bags), read(validate or [])
         simulated = read([against])[0] if against else None
         difference = differences(recordings[0].select(robot.joint_names), simulated) if simulated else None
     given = known_effects(with_ or (), robot, catalogue)
-    question = Question(robot, model, refit=refit, given=given, catalogue=catalogue, settings=settings)
+    question = Question(robot, model, refit=refit, given=given, catalogue=catalogue, priors=priors)
     with err.status("diagnosing"):
         found = diagnose(recordings, question, judges)
     with err.status("predicting, comparing, proposing"):
@@ -144,34 +143,15 @@ def diagnose_command(
         print_json(found.to_dict())
     else:
         print_diagnosis(found, out_dir)
-        print_further(corrected, replays, comparison)
+        print_correction(corrected)
+        print_replays(replays)
+        print_comparison(comparison)
 
 
 def correct(found: Diagnosis, robot: Robot, folder: Path, correction: Correction) -> Exported | str | None:
-    """Write the file that the arm came from with what was found; None where the corrected arm would hold none of it.
-
-    Parameters
-    ----------
-    found
-        The diagnosis.
-    robot
-        The nominal arm.
-    folder
-        Where to.
-    correction
-        Where the arm came from.
-    """
-    corrected = repaired_robot(robot, found) if holds_any(found.causes) else None
+    """Write the file that the arm came from with what was found; None where no cause was."""
+    corrected = repaired_robot(robot, found) if found.causes else None
     return correction.write(corrected, folder, deviations(found))
-
-
-def _settings(priors_file: Path | None, catalogue: Catalogue) -> DiagnosisSettings:
-    """Return all thresholds, with the priors of a file where one is given."""
-    settings = DiagnosisSettings()
-    if priors_file is None:
-        return settings
-    sensors = [effect.id for effect in catalogue.values() if effect.prior is not None]
-    return replace(settings, priors=read_priors(priors_file, sensors))
 
 
 def write_diagnosis(
@@ -184,19 +164,6 @@ def write_diagnosis(
     """Write diagnosis.json, report.html and, where there are any, the corrected arm and the motion proposed.
 
     What an earlier diagnosis left in the folder is replaced.
-
-    Parameters
-    ----------
-    found
-        Of :func:`~elastic_arm.diagnosis.answer.diagnose`.
-    robot
-        The nominal arm, to which the causes are added.
-    folder
-        Made where it does not exist.
-    replays
-        Of the models without and with the causes, for the report.
-    comparison
-        With a simulated recording, for the report and comparison.json.
     """
     # Matplotlib is slow to import, and only reports need it.
     from elastic_arm.report.diagnosis import write_gap_report
@@ -215,32 +182,31 @@ def write_diagnosis(
 
 def _further(found: Diagnosis) -> list[str]:
     """Return the files besides diagnosis.json and report.html that a diagnosis leads to."""
-    robot = [ROBOT] if holds_any(found.causes) else []
+    robot = [ROBOT] if found.causes else []
     return [*robot, SEPARATING] if found.proposal is not None and found.proposal.worthwhile else robot
 
 
 def print_diagnosis(found: Diagnosis, folder: Path) -> None:
-    """Print verdict, causes and what is left."""
+    """Print what was found in words, then causes, changes, what is left, and notes."""
     out.print(f"[bold {COLOURS[found.verdict]}]{found.verdict}[/]: {escape(verdict_sentence(found))}")
+    for cause in found.causes:
+        out.print(escape(cause_sentence(cause, found.model)))
     if found.causes:
         _print_causes(found.causes)
     if found.shrink_by_place:
         _print_places(found)
     for cause in found.causes:
-        likely, faint = listed_alternatives(cause)
-        for other in likely:
-            motion = other.file or other.separated_by
-            out.print(
-                f"instead of {escape(effect_at(cause.effect, cause.joint))} it may be "
-                f"{escape(effect_at(other.effect, other.joint))} "
-                f"({probability_text(other.confidence)}); told apart by: {escape(motion)}"
-            )
-        if faint:
-            out.print(f"instead of {escape(effect_at(cause.effect, cause.joint))} it may be {escape(faint)}")
+        _print_alternatives(cause)
+    for change in found.changes:
+        out.print(f"[yellow]changed:[/] {escape(change_text(change))}")
     for place in found.unexplained:
         size = f"{place.rmse:.3g} {found.units.at(place.joint, 'Nm')}"
         out.print(f"unexplained: {escape(place.joint)}, {place.side} side, {size}, follows {place.regime}")
-    _print_followed_up(found)
+    if found.prediction is not None and (found.causes or found.prediction.reason):
+        out.print(f"prediction: {escape(prediction_sentence(found, found.prediction))}")
+    if found.proposal is not None:
+        _print_proposal(found.proposal)
+    out.print(f"trust in the description: {escape(trust_text(found.trust))}")
     for note in found.notes:
         out.print(f"note: {escape(note)}")
     out.print(f"written: {escape(str(folder))}/{', '.join(['diagnosis.json', 'report.html', *_further(found)])}")
@@ -248,26 +214,28 @@ def print_diagnosis(found: Diagnosis, folder: Path) -> None:
 
 def _print_causes(causes: Sequence[Cause]) -> None:
     table = Table(box=None, header_style="bold", pad_edge=False)
-    # On a screen a line for a parameter, the side below the joint, and below the cause where the corrected arm has it.
-    # In a pipe a line for a cause.
-    piped = ("cause", "joint", "side", "size", "corrected arm")
-    for heading in ("cause", "joint", "size") if out.is_terminal else piped:
+    # On a screen a line for a parameter, the sides below the joint; in a pipe a line for a cause.
+    where, between = (("joint, side",), "\n") if out.is_terminal else (("joint", "side"), ", ")
+    for heading in ("cause", *where, "size"):
         table.add_column(heading, no_wrap=heading != "size")
-    for heading in ("shrinks\nalone by" if out.is_terminal else "shrinks alone by", "confidence"):
+    for heading in ("gap", "probability"):
         table.add_column(heading, no_wrap=True, justify="right")
     for cause in causes:
-        size = cause_size(cause, "\n" if out.is_terminal else ", ")
-        shares = alone_text(cause), probability_text(cause.confidence)
-        name, joint, sides = escape(cause.effect), escape(cause.joint or "whole arm"), sides_text(cause)
-        if out.is_terminal:
-            below = "\n".join((joint, *sides.split(", ")))
-            table.add_row(f"{name}\n[dim]{held_text(cause)}[/]", below, escape(size), *shares)
-        else:
-            table.add_row(name, joint, sides, escape(size), held_text(cause), *shares)
+        place = [escape(cause.joint or "whole arm"), sides_text(cause)]
+        at = ["\n".join(place)] if out.is_terminal else place
+        size, shares = escape(cause_size(cause, between)), (alone_text(cause), probability_text(cause.confidence))
+        table.add_row(escape(cause.effect), *at, size, *shares)
     out.print(table)
-    for note in (negative_shrink_note(causes), left_out_note(causes)):
-        if note:
-            out.print(escape(note))
+
+
+def _print_alternatives(cause: Cause) -> None:
+    instead = f"instead of {escape(effect_at(cause.effect, cause.joint))} it may be"
+    likely, faint = listed_alternatives(cause)
+    for other in likely:
+        name, odds = escape(effect_at(other.effect, other.joint)), probability_text(other.confidence)
+        out.print(f"{instead} {name} ({odds}); told apart by: {escape(other.file or other.separated_by)}")
+    if faint:
+        out.print(f"{instead} {escape(faint)}")
 
 
 def _print_places(found: Diagnosis) -> None:
@@ -285,38 +253,6 @@ def _print_places(found: Diagnosis) -> None:
     unit = found.units.over("Nm")
     out.print(f"residuals in {unit} below {found.band:.3g} Hz, {sizes} (share of its own gap that is gone):")
     out.print(table)
-
-
-def _print_followed_up(found: Diagnosis) -> None:
-    """Print how far ahead the model sees, what to move next, and which causes agree over the recordings."""
-    if found.prediction is not None and found.prediction.before is None:
-        out.print(f"prediction: not measured, {escape(found.prediction.reason)}")
-    elif found.prediction is not None and (found.causes or found.prediction.reason):
-        out.print(f"prediction: {escape(prediction_sentence(found, found.prediction))}")
-    if found.proposal is not None:
-        _print_proposal(found.proposal)
-    for agreement in found.agreements:
-        words = agreement_text(agreement).replace("does not agree", "[yellow]does not agree[/]")
-        out.print(f"{escape(effect_at(agreement.effect, agreement.joint))}: {words}")
-
-
-def print_further(
-    corrected: Exported | str | None, replays: list[Replay], comparison: SimulationComparison | None
-) -> None:
-    """Print what was written into the arm's own file, and replays and a comparison where there are any.
-
-    Parameters
-    ----------
-    corrected
-        Of :func:`correct`.
-    replays
-        Of the models without and with the causes.
-    comparison
-        With a simulated recording.
-    """
-    print_correction(corrected)
-    print_replays(replays)
-    print_comparison(comparison)
 
 
 def print_comparison(comparison: SimulationComparison | None) -> None:

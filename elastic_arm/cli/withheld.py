@@ -10,7 +10,7 @@ from rich.markup import escape
 from elastic_arm.cli.console import err, out
 from elastic_arm.cli.diagnose import print_diagnosis, write_diagnosis
 from elastic_arm.diagnosis import Question, diagnose, follow_up
-from elastic_arm.diagnosis.texts.values import instance_text
+from elastic_arm.diagnosis.words import instance_text
 from elastic_arm.dynamics import build_model
 from elastic_arm.effects import EFFECTS, EffectInstance
 from elastic_arm.excitation import FourierTrajectory, MotionLimits, random_trajectories

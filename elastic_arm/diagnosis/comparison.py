@@ -1,54 +1,83 @@
 """A real and a simulated recording of the same commands: which effects are in one and not in the other.
 
-Both are diagnosed against one model. The effects found in either are then fitted on each of them, so that an effect is
-compared by its size, not by whether a search listed it.
+Both are diagnosed against one model, and the effects found in either are compared by probability and size.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from elastic_arm.diagnosis.context import DiagnosisContext
-from elastic_arm.diagnosis.inference.across_recordings import compared, refitted
-from elastic_arm.diagnosis.estimates import Agreement, RecordingEstimate, differs
 from elastic_arm.diagnosis.answer import diagnose
+from elastic_arm.diagnosis.estimates import ParameterEstimate, estimated
 from elastic_arm.diagnosis.question import Question
-from elastic_arm.diagnosis.result import Diagnosis
-from elastic_arm.diagnosis.selection.regressor_library import Candidate
-from elastic_arm.diagnosis.texts.values import estimates_text
+from elastic_arm.diagnosis.result import Diagnosis, plain_parameters
+from elastic_arm.diagnosis.words import estimates_text, probability_text
 from elastic_arm.errors import DiagnosisError
+from elastic_arm.evidence.priors import LISTED
 from elastic_arm.recording import Recording
 from elastic_arm.recording.inspection.differences import RecordingDifference
 
-# Of an effect's larger size: with less of it a recording counts as without. A simulation has hardly any noise, so that
-# rounding and time steps show there as effects; convention.
-LEAST = 0.05
+ALIKE = 2.0  # standard deviations within which two sizes are one (contract: a size within two is nothing)
+Name = tuple[str, str | None]  # effect and joint
+
+
+@dataclass(frozen=True)
+class SizeFound:
+    """An effect in one recording: how probably it is there, and its size where any set that was met holds it."""
+
+    probability: float
+    parameters: Mapping[str, ParameterEstimate]
+
+    @property
+    def there(self) -> bool:
+        """Whether it is likelier there than not."""
+        return self.probability > 0.5
+
+    def text(self) -> str:
+        """Return size and probability in words."""
+        size = estimates_text(self.parameters) if self.probability >= LISTED else ""
+        return f"{size} ({probability_text(self.probability)})" if size else probability_text(self.probability)
 
 
 @dataclass(frozen=True)
 class ComparedEffect:
-    """An effect in a real and in a simulated recording.
+    """An effect in a real and in a simulated recording."""
 
-    Parameters
-    ----------
-    agreement
-        Its sizes in both, and whether they are the same.
-    where
-        "real", "simulated", "both", or "neither" where no recording by itself is certain of it.
-    """
-
-    agreement: Agreement
-    where: str
+    effect: str
+    joint: str | None
+    real: SizeFound
+    simulated: SizeFound
 
     @property
-    def sizes(self) -> tuple[RecordingEstimate, RecordingEstimate]:
-        """In the real and in the simulated recording."""
-        real, simulated = self.agreement.findings
-        return real, simulated
+    def where(self) -> str:
+        """In which recording it is: "real", "simulated" or "both"."""
+        return "both" if self.real.there and self.simulated.there else "real" if self.real.there else "simulated"
+
+    @property
+    def agrees(self) -> bool | None:
+        """Whether it has one size in both; None where it is in one alone."""
+        if self.where != "both":
+            return None
+        pairs = [(e, self.simulated.parameters[name]) for name, e in self.real.parameters.items()]
+        return all(_apart(a, b) <= ALIKE for a, b in pairs)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as plain data."""
+        findings = {"real": self.real, "simulated": self.simulated}
+        return {
+            "effect": self.effect,
+            "joint": self.joint,
+            "where": self.where,
+            "agrees": self.agrees,
+            **{
+                name: {"confidence": float(f"{f.probability:.7g}"), "parameters": plain_parameters(f.parameters)}
+                for name, f in findings.items()
+            },
+        }
 
 
 @dataclass(frozen=True)
@@ -71,32 +100,32 @@ class SimulationComparison:
 
     def rows(self) -> list[list[str]]:
         """Return effect, place, in which recording, and its size in the real and in the simulated one, as text."""
-        words = {"real": "the real one alone", "simulated": "the simulated one alone", "neither": "none for certain"}
-        rows = []
-        for one in self.effects:
-            both = "both, alike" if one.agreement.agrees else "both, not alike"
-            sizes = [estimates_text(finding.parameters) or "no free size" for finding in one.sizes]
-            place = one.agreement.joint or "whole arm"
-            rows.append([one.agreement.effect.replace("_", " "), place, words.get(one.where, both), *sizes])
-        return rows
+        words = {"real": "the real one alone", "simulated": "the simulated one alone"}
+        return [
+            [
+                one.effect.replace("_", " "),
+                one.joint or "whole arm",
+                words.get(one.where, "both, alike" if one.agrees else "both, not alike"),
+                one.real.text(),
+                one.simulated.text(),
+            ]
+            for one in self.effects
+        ]
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as plain data."""
-        return {
-            "simulated": self.simulated,
-            **self.difference.to_dict(),
-            "effects": [{"where": one.where, **one.agreement.to_dict()} for one in self.effects],
-        }
+        effects = [one.to_dict() for one in self.effects]
+        return {"simulated": self.simulated, **self.difference.to_dict(), "effects": effects}
 
 
 def compare(
-    found: Diagnosis, simulated: Recording, question: Question, difference: RecordingDifference
+    real: Diagnosis, simulated: Recording, question: Question, difference: RecordingDifference
 ) -> SimulationComparison:
     """Diagnose a simulated recording as the real one was, and compare the effects of both.
 
     Parameters
     ----------
-    found
+    real
         The diagnosis of the real recording.
     simulated
         A recording of the same commands, made by any simulator.
@@ -110,65 +139,39 @@ def compare(
     DiagnosisError
         If the simulated recording allows no diagnosis, or holds other channels.
     """
-    effects = compared_effects(found, diagnose([simulated], question))
+    other = diagnose([simulated], question)
+    if set(other.before.rmse) != set(real.before.rmse):
+        raise DiagnosisError("the recordings do not hold the same channels", "Record the same topics of both")
+    names = dict.fromkeys((cause.effect, cause.joint) for found in (real, other) for cause in found.causes)
+    effects = tuple(ComparedEffect(*name, _finding(real, name), _finding(other, name)) for name in names)
     return SimulationComparison(simulated.source, difference, effects)
 
 
-def compared_effects(real: Diagnosis, simulated: Diagnosis) -> tuple[ComparedEffect, ...]:
-    """Fit the effects found in either recording on each of them.
+def _finding(found: Diagnosis, name: Name) -> SizeFound:
+    for cause in found.causes:
+        if (cause.effect, cause.joint) == name:
+            return SizeFound(cause.confidence, cause.parameters)
+    assert found.context is not None
+    explanation = found.context.explanation
+    probability, first = 0.0, None
+    for keys, p in explanation.search.probabilities().items():
+        if any(key[:2] == name for key in keys):
+            probability += p
+            first = max(first or (p, keys), (p, keys), key=lambda one: one[0])
+    if first is None:
+        return SizeFound(0.0, {})
+    fit = explanation.search.met[first[1]]
+    term = next(t for t in fit.optional if t.key[:2] == name)
+    parameters, _ = estimated(fit, term, explanation.linear.problem.numbers, explanation.linear.values)
+    return SizeFound(probability, parameters)
 
-    Parameters
-    ----------
-    real, simulated
-        Diagnoses of the two against the same model.
 
-    Raises
-    ------
-    DiagnosisError
-        If the two recordings do not hold the same channels.
-    """
-    a, b = real.context, simulated.context
-    if a is None or b is None:
-        return ()
-    if a.validate.layout.sides != b.validate.layout.sides:
-        raise DiagnosisError("the recordings do not hold the same channels", "Record the same topics of both")
-    found = {candidate.feature.key: candidate for candidate in (*b.selected, *a.selected)}
-    order = [candidate.feature.key for candidate in (*a.selected, *b.selected)]
-    # The tilt of an arm that is mounted otherwise is a known effect of it as mounted: it is not compared.
-    given = {candidate.feature.key for candidate in (*a.given, *b.given)}
-    effects = [found[key] for key in dict.fromkeys(order) if key not in given]
-    everything = [*a.given, *effects]
-    sizes = [refitted(context, _all(context), everything)[len(a.given) :] for context in (a, b)]
-    return tuple(
-        ComparedEffect(compared(candidate.feature, pair, a.settings.agreement), _where(candidate, pair, a))
-        for candidate, *pair in zip(effects, *sizes, strict=True)
+def _apart(one: ParameterEstimate, other: ParameterEstimate) -> float:
+    """Return the largest distance of two estimates, in standard deviations; none where a deviation is not known."""
+    if one.std is None or other.std is None:
+        return 0.0
+    values, stds = (
+        [np.atleast_1d(np.asarray(v, dtype=float)) for v in pair]
+        for pair in ((one.value, other.value), (one.std, other.std))
     )
-
-
-def _all(context: DiagnosisContext) -> list[Any]:
-    return [observation for part in context.seen for observation in part]
-
-
-def _where(candidate: Candidate, findings: Sequence[RecordingEstimate], context: DiagnosisContext) -> str:
-    settings = context.settings
-    sizes = [_size(candidate, finding) for finding in findings]
-    there = [
-        finding.gain > settings.significance.detected
-        and differs(dict(finding.parameters), candidate, settings.judgement.level)
-        and size >= LEAST * max(sizes)
-        for finding, size in zip(findings, sizes, strict=True)
-    ]
-    if all(there):
-        return "both"
-    return "real" if there[0] else "simulated" if there[1] else "neither"
-
-
-def _size(candidate: Candidate, finding: RecordingEstimate) -> float:
-    """Return how far an effect is from none, in the units of its size."""
-    effect = candidate.feature.effect
-    parts = [
-        np.ravel(finding.parameters[name].value) - (effect.parameter(name).neutral or 0.0)
-        for name in effect.magnitude
-        if name in finding.parameters
-    ]
-    return float(np.linalg.norm(np.concatenate(parts))) if parts else 1.0
+    return float(np.nanmax(np.abs(values[0] - values[1]) / np.hypot(*stds), initial=0.0))

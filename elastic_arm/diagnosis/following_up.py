@@ -12,7 +12,7 @@ from elastic_arm.diagnosis.result import Diagnosis
 
 
 def follow_up(found: Diagnosis, *, rng: np.random.Generator | None) -> Diagnosis:
-    """Return a diagnosis with prediction errors and, where causes are in doubt, a motion that tells them apart.
+    """Return a diagnosis with prediction errors and, where causes are in doubt, a motion that separates them.
 
     Parameters
     ----------

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_arm.diagnosis.answer import diagnose
 from elastic_arm.diagnosis.common_equations import common_band
 from elastic_arm.diagnosis.preprocessing import usable
-from elastic_arm.diagnosis.answer import diagnose
 from elastic_arm.diagnosis.question import Question
 from elastic_arm.diagnosis.result import Diagnosis, ResidualSizes
 from elastic_arm.dynamics import build_model
@@ -127,7 +127,7 @@ class LiveDiagnosis:
     Parameters
     ----------
     question
-        Arm, model, known effects and thresholds.
+        Arm, model, known effects and priors.
     """
 
     def __init__(self, question: Question) -> None:
@@ -138,20 +138,7 @@ class LiveDiagnosis:
     def of(
         robot: str | None, model: str, known: Sequence[str], refit: bool, effects_files: Sequence[str] = ()
     ) -> LiveDiagnosis:
-        """Make one from a file and effects as text.
-
-        Parameters
-        ----------
-        robot
-            Arm file or URDF; that of the package where None.
-        model
-            mod1, mod2 or mod3.
-        known
-            Effects that count as part of the model, as text.
-        refit
-            Fit the model's own parameters first.
-        effects_files
-            Python files with effects of the user.
+        """Make one from a file (the package's arm where None), and known effects as text.
 
         Raises
         ------
@@ -173,10 +160,10 @@ class LiveDiagnosis:
         DiagnosisError
             If there is too little motion.
         """
-        model, settings = self._model, self.question.settings.preprocessing
-        observation = observe(usable(recording.select(self.question.robot.joint_names), settings))
+        model = self._model
+        observation = observe(usable(recording.select(self.question.robot.joint_names)))
         layout = EquationSet.of(observation.pieces[0], model)
-        band = common_band(layout, model, observation.rate, settings)
+        band = common_band(layout, model, observation.rate)
         stretches = residuals(model, observation, layout, band)
         if not stretches:
             raise DiagnosisError("too little motion is left after filtering", "Wait some seconds")
@@ -200,8 +187,8 @@ class LiveDiagnosis:
             If it is too short, or holds no motion yet.
         """
         found = diagnose([recording], self.question)
-        if found.context is not None:
-            self._model = found.context.fitted
+        if self.question.refit and found.context is not None:
+            self._model = found.context.model
         return found
 
 
@@ -210,20 +197,8 @@ def answering(
 ) -> Callable[[tuple[str, Recording]], Any]:
     """Return what answers ("where", recording) and ("diagnosis", recording) in a process of its own.
 
-    The one answer is a :class:`ResidualLevels`, the other the content of `diagnosis.json`.
-
-    Parameters
-    ----------
-    robot
-        Arm file or URDF; that of the package where None.
-    model
-        mod1, mod2 or mod3.
-    known
-        Effects that count as part of the model, as text.
-    refit
-        Fit the model's own parameters first.
-    effects_files
-        Python files with effects of the user.
+    The one answer is a :class:`ResidualLevels`, the other the content of `diagnosis.json`; arguments are those of
+    :meth:`LiveDiagnosis.of`.
     """
     live = LiveDiagnosis.of(robot, model, known, refit, effects_files)
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from elastic_arm.diagnosis.context import DiagnosisContext
 from elastic_arm.diagnosis.predicted_experiment import ExperimentConditions, PredictedExperiment
-from elastic_arm.diagnosis.result import Cause
+from elastic_arm.diagnosis.result import Cause, PairSeparation, Proposal
 from elastic_arm.dynamics import Model
 from elastic_arm.errors import ExcitationError
 from elastic_arm.estimation.effect_columns import Feature
@@ -46,87 +46,8 @@ RATE = 500.0  # Hz; enough for ripple of the rotor's fourth order at full speed
 
 
 @dataclass(frozen=True)
-class PairSeparation:
-    """Two effects of which one is there, and how far a recording discriminates between them.
-
-    Parameters
-    ----------
-    cause, alternative
-        Effect and joint of the two.
-    here, expected
-        Log-likelihood by which this recording decides, and by which the proposed motion is expected to, nats.
-    decides
-        Whether the proposed motion is expected to decide.
-    """
-
-    cause: tuple[str, str | None]
-    alternative: tuple[str, str | None]
-    here: float
-    expected: float = 0.0
-    decides: bool = False
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return it as plain data."""
-        return {
-            **{
-                name: {"effect": effect, "joint": joint}
-                for name, (effect, joint) in (("cause", self.cause), ("alternative", self.alternative))
-            },
-            "log_likelihood": {"this_recording": float(f"{self.here:.4g}"), "proposed": float(f"{self.expected:.4g}")},
-            "decides": self.decides,
-        }
-
-
-@dataclass(frozen=True)
-class Proposal:
-    """A motion that is expected to discriminate between effects.
-
-    Parameters
-    ----------
-    trajectory
-        None where no motion within the limits was found.
-    pairs
-        Between which it discriminates, and how well.
-    candidates
-        How many motions were judged.
-    notes
-        What had to be assumed, or why there is no motion.
-    """
-
-    trajectory: FourierTrajectory | None
-    pairs: tuple[PairSeparation, ...]
-    candidates: int
-    notes: tuple[str, ...] = ()
-
-    @property
-    def seconds(self) -> float:
-        """Length of the motion, s."""
-        return 0.0 if self.trajectory is None else self.trajectory.duration
-
-    @property
-    def decided(self) -> set[tuple[tuple[str, str | None], tuple[str, str | None]]]:
-        """Cause and alternative of each pair on which the motion is expected to decide."""
-        return set() if self.trajectory is None else {(p.cause, p.alternative) for p in self.pairs if p.decides}
-
-    @property
-    def worthwhile(self) -> bool:
-        """Whether there is a motion, and it is expected to decide anything."""
-        return self.trajectory is not None and any(pair.decides for pair in self.pairs)
-
-    def to_dict(self, file: str) -> dict[str, Any]:
-        """Return it as plain data; `file` is where the trajectory is written."""
-        return {
-            "file": file if self.worthwhile else None,
-            "duration_s": self.seconds or None,
-            "candidates": self.candidates,
-            "pairs": [pair.to_dict() for pair in self.pairs],
-            "notes": list(self.notes),
-        }
-
-
-@dataclass(frozen=True)
 class CompetingEffect:
-    """One of the effects that may be there: its columns at some nonlinear numbers, its coefficients, what a refit can do."""
+    """One of the effects that may be there: columns, coefficients, and what a refit can do."""
 
     effect: str
     joint: str | None
@@ -260,13 +181,9 @@ def _criterion(values: Sequence[float]) -> float:
     return float(np.sum(np.log1p(values)))
 
 
-def _moved(
-    motion: FourierTrajectory, limits: MotionLimits, rng: np.random.Generator
-) -> FourierTrajectory:
+def _moved(motion: FourierTrajectory, limits: MotionLimits, rng: np.random.Generator) -> FourierTrajectory:
     """Return the motion after a random step of amplitudes and centre, within the limits."""
-    a, b = (
-        values + STRIDE * np.std(values) * rng.standard_normal(values.shape) for values in (motion.a, motion.b)
-    )
+    a, b = (values + STRIDE * np.std(values) * rng.standard_normal(values.shape) for values in (motion.a, motion.b))
     q0 = motion.q0 + CENTRE_STRIDE * limits.half_range * rng.standard_normal(motion.n)
     q0 = np.clip(q0, limits.position_min, limits.position_max)
     moved = FourierTrajectory(motion.omega, a, b, q0, motion.duration, motion.ramp, motion.joints)
@@ -290,7 +207,9 @@ def _ambiguous_pairs(context: DiagnosisContext, causes: Sequence[Cause]) -> list
     return [pair for _, pair in found[:MOST_PAIRS]]
 
 
-def _rival(context: DiagnosisContext, cause: tuple[str, str | None], other: tuple[str, str | None]) -> CompetingEffect | None:
+def _rival(
+    context: DiagnosisContext, cause: tuple[str, str | None], other: tuple[str, str | None]
+) -> CompetingEffect | None:
     """Return an alternative as the most probable set has it that holds it and not the cause."""
     best: tuple[float, Fit, Term] | None = None
     for fit in context.explanation.search.met.values():
@@ -303,6 +222,7 @@ def _rival(context: DiagnosisContext, cause: tuple[str, str | None], other: tupl
 def _competing(fit: Fit, term: Term) -> CompetingEffect:
     """Return a term of a fit by columns of its law; a refit moves its nonlinear numbers to their neighbours."""
     feature, theta = term.feature, theta_of(term, fit)
+    assert feature is not None
     if term.kind == "number":
         beta = np.zeros(feature.count)
         beta[0] = float(fit.beta(term)[0])

@@ -162,7 +162,9 @@ def _errors(
 
     A lag or a gain among the causes that are lacking is in the channels again, where the calibration took it out.
     """
-    plant = _with(Plant(context.model.robot, Sensors.exact()), (*context.known, *causes))
+    own = {(one.effect.id, one.joint) for one in causes}  # in the place of what the description states of them
+    known = [one for one in context.known if (one.effect.id, one.joint) not in own]
+    plant = _with(Plant(context.model.robot, Sensors.exact()), (*known, *causes))
     taken = taken_out(context, _with(plant, lacking).sensors)
     period = 1.0 / max(o.rate for o in context.seen)
     begin, end = context.validate.parts[0].stretch.quiet.span or (0.0, 1.0)

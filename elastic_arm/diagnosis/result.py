@@ -19,8 +19,8 @@ from elastic_arm.output_files import write_result
 
 if TYPE_CHECKING:
     from elastic_arm.diagnosis.context import DiagnosisContext
-    from elastic_arm.diagnosis.next_motion import Proposal
     from elastic_arm.diagnosis.prediction import Prediction
+    from elastic_arm.excitation import FourierTrajectory
 
 Place = tuple[str, str]  # joint and side
 
@@ -90,8 +90,9 @@ class Cause:
     def with_separating_file(self, decided: Collection[tuple[Any, Any]]) -> Cause:
         """Return it with the proposed file at the alternatives on which that motion is expected to decide."""
         own = self.effect, self.joint
-        others = (replace(a, file=SEPARATING) if (own, (a.effect, a.joint)) in decided else a for a in self.alternatives)
-        return replace(self, alternatives=tuple(others))
+        which = [(own, (a.effect, a.joint)) in decided for a in self.alternatives]
+        pairs = zip(self.alternatives, which, strict=True)
+        return replace(self, alternatives=tuple(replace(a, file=SEPARATING) if yes else a for a, yes in pairs))
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as in `diagnosis.json`."""
@@ -159,7 +160,8 @@ class Imperfection:
         """Return it as in `diagnosis.json`."""
         of_one = {} if self.recording is None else {"recording": self.recording}
         numbers = {name: _plain(getattr(self, name)) for name in ("value", "std", "prior_std")}
-        return {"what": self.what, "joint": self.joint, **numbers, "unit": self.unit, "ordinary": self.ordinary, **of_one}
+        named = {"what": self.what, "joint": self.joint}
+        return {**named, **numbers, "unit": self.unit, "ordinary": self.ordinary, **of_one}
 
 
 @dataclass(frozen=True)
@@ -216,6 +218,85 @@ class ResidualSizes:
 
 
 @dataclass(frozen=True)
+class PairSeparation:
+    """Two effects of which one is there, and how far a recording discriminates between them.
+
+    Parameters
+    ----------
+    cause, alternative
+        Effect and joint of the two.
+    here, expected
+        Log-likelihood by which this recording decides, and by which the proposed motion is expected to, nats.
+    decides
+        Whether the proposed motion is expected to decide.
+    """
+
+    cause: tuple[str, str | None]
+    alternative: tuple[str, str | None]
+    here: float
+    expected: float = 0.0
+    decides: bool = False
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as plain data."""
+        return {
+            **{
+                name: {"effect": effect, "joint": joint}
+                for name, (effect, joint) in (("cause", self.cause), ("alternative", self.alternative))
+            },
+            "log_likelihood": {"this_recording": float(f"{self.here:.4g}"), "proposed": float(f"{self.expected:.4g}")},
+            "decides": self.decides,
+        }
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """A motion that is expected to discriminate between effects.
+
+    Parameters
+    ----------
+    trajectory
+        None where no motion within the limits was found.
+    pairs
+        Between which it discriminates, and how well.
+    candidates
+        How many motions were judged.
+    notes
+        What had to be assumed, or why there is no motion.
+    """
+
+    trajectory: FourierTrajectory | None
+    pairs: tuple[PairSeparation, ...]
+    candidates: int
+    notes: tuple[str, ...] = ()
+
+    @property
+    def seconds(self) -> float:
+        """Length of the motion, s."""
+        return 0.0 if self.trajectory is None else self.trajectory.duration
+
+    @property
+    def decided(self) -> set[tuple[tuple[str, str | None], tuple[str, str | None]]]:
+        """Cause and alternative of each pair on which the motion is expected to decide."""
+        return set() if self.trajectory is None else {(p.cause, p.alternative) for p in self.pairs if p.decides}
+
+    @property
+    def worthwhile(self) -> bool:
+        """Whether there is a motion, and it is expected to decide anything."""
+        return self.trajectory is not None and any(pair.decides for pair in self.pairs)
+
+    def to_dict(self, file: str) -> dict[str, Any]:
+        """Return it as plain data; `file` is where the trajectory is written."""
+        return {
+            "file": file if self.worthwhile else None,
+            "duration_s": self.seconds or None,
+            "candidates": self.candidates,
+            "pairs": [pair.to_dict() for pair in self.pairs],
+            "notes": list(self.notes),
+        }
+
+
+@dataclass(frozen=True)
 class Diagnosis:
     """The gap between a recording and a model, explained as far as it can be.
 
@@ -252,7 +333,7 @@ class Diagnosis:
     notes
         What the reader should know besides.
     prediction, proposal
-        How far ahead the model sees, and the motion that tells causes from their alternatives.
+        How far ahead the model sees, and the motion that separates causes from their alternatives.
     context
         What figures are drawn from; not written.
     """

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from elastic_arm.effects.model import MODELS
+from elastic_arm.effects.model import MODELS, SensorEffect
 from elastic_arm.formatting import JointUnits, rounded
 
 if TYPE_CHECKING:
@@ -146,8 +146,8 @@ def unseen_notes(instances: Sequence[EffectInstance], bare: Sequence[str]) -> li
 def law_note(joint: str, law: GeneralLaw) -> str:
     """Return the note on a law without a form."""
     return (
-        f"A torque of {joint} ({law.side}) that follows {law.argument} is likelier there than not, and no effect of the "
-        "catalogue has this form."
+        f"A torque of {joint} ({law.side}) that follows {law.argument} is likelier there than not, and no effect of "
+        "the catalogue has this form."
     )
 
 
@@ -183,21 +183,51 @@ def _with_rival(cause: Cause) -> str:
     return f"{name} (or {effect_at(other.effect, other.joint)}: this recording does not separate them)"
 
 
-def held_text(cause: Cause) -> str:
-    """Return where the corrected arm has a cause."""
-    if cause.held_as == "variant":
-        return f"part of {next(model for model in MODELS if model not in cause.instance.effect.lacked_by)}"
-    return {"effect": "in robot.yaml", "number": "number in robot.yaml"}[cause.held_as]
+def cause_sentence(cause: Cause, model: str) -> str:
+    """Return in plain words what the arm or its recording has that the description lacks, and how far that goes."""
+    where = cause.joint or "the whole arm"
+    bearer = "the recording" if isinstance(cause.instance.effect, SensorEffect) else "the arm"
+    first = next(iter(cause.instance.effect.parameters), None)
+    if cause.stated is not None:
+        what = f"the description states {_stated_text(cause)}, {bearer} has {estimates_text(cause.parameters)}"
+    elif first is None:
+        what = f"the arm has it, {model} does not ({_richer(cause)} does)"
+    elif first.neutral == 1.0:
+        size = cause.parameters[first.name]
+        what = f"{bearer} has {size_text(size.value, size.std)} times what {model} has"
+    else:
+        what = f"{bearer} has {estimates_text(cause.parameters)} that {model} lacks"
+    share = percent(cause.shrink)
+    alone = f"with it alone, {share} of the gap is gone"
+    gone = "it helps only beside other causes" if share.startswith("-") else alone
+    return f"{cause.effect.replace('_', ' ').capitalize()} of {where}: {what}; {gone}."
+
+
+def _richer(cause: Cause) -> str:
+    """Return the simplest model that has a cause."""
+    return next(model for model in MODELS if model not in cause.instance.effect.lacked_by)
+
+
+def _stated_text(cause: Cause) -> str:
+    stated = [(name, value) for name, value in (cause.stated or {}).items() if name in cause.parameters]
+    return ", ".join(f"{name} {size_text(value, 0.0, cause.parameters[name].unit)}" for name, value in stated)
+
+
+def trust_text(trust: Mapping[str, float]) -> str:
+    """Return how far a description could be trusted, most probable first; what is all but excluded is left out."""
+    likely = sorted((item for item in trust.items() if item[1] >= DOUBT), key=lambda item: -item[1])
+    return ", ".join(f"{name} ({probability_text(p)})" for name, p in likely)
 
 
 def cause_size(cause: Cause, between: str = ", ") -> str:
     """Return a cause's parameters, and the channels it acts in, as text; those that were stated as "from → to"."""
     several = [choice.name for choice in cause.instance.effect.choices if choice.several]
-    sizes = estimates_text(cause.parameters, between)
-    if cause.stated is not None:
-        stated = between.join(f"{value:.4g}" for value in cause.stated.values() if isinstance(value, float))
-        sizes = f"{stated} → {sizes}"
-    parts = [sizes, *(chosen(cause.instance.parameters[name]) for name in several)]
+    sizes = []
+    for name, e in cause.parameters.items():
+        stated = (cause.stated or {}).get(name)
+        first = f"{stated:.4g} → " if isinstance(stated, float) else ""
+        sizes.append(f"{name} {first}{size_text(e.value, e.std, e.unit)}")
+    parts = [*sizes, *(chosen(cause.instance.parameters[name]) for name in several)]
     return between.join(part for part in parts if part) or "no free size"
 
 

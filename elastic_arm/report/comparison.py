@@ -14,10 +14,10 @@ UNITS = {"q": "rad", "theta": "rad", "dq": "rad/s", "dtheta": "rad/s", "tau_J": 
 
 def sections(found: SimulationComparison) -> list[Section]:
     """Return the sections, most important first."""
-    header = ["effect", "where", "in", "size in the real recording", "size in the simulated one"]
+    header = ["effect", "where", "in", "in the real recording", "in the simulated one"]
     rows = found.rows()
     effects = [
-        Text("Effects of either recording that the model lacks, fitted on each of them alone."),
+        Text("Effects of either recording that the model lacks, with size and probability in each of them."),
         Table(header, rows) if rows else Text("The model lacks no effect of either recording."),
     ]
     return [

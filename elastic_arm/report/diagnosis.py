@@ -9,39 +9,35 @@ import numpy as np
 
 from elastic_arm.diagnosis.comparison import SimulationComparison
 from elastic_arm.diagnosis.context import DiagnosisContext
-from elastic_arm.diagnosis.estimates import Agreement
+from elastic_arm.diagnosis.next_motion import DECISIVE
 from elastic_arm.diagnosis.result import SEPARATING, Cause, Diagnosis, Imperfection
-from elastic_arm.diagnosis.settings import DiagnosisSettings
-from elastic_arm.diagnosis.texts.findings import (
-    agreement_text,
+from elastic_arm.diagnosis.words import (
     alone_text,
+    cause_sentence,
     cause_size,
-    gap_at,
-    held_text,
-    left_out_note,
+    change_text,
+    effect_at,
     listed_alternatives,
-    negative_shrink_note,
+    log_likelihood_text,
+    percent,
     prediction_sentence,
+    probability_text,
+    share_at,
     sides_text,
+    trust_text,
     verdict_sentence,
 )
-from elastic_arm.diagnosis.texts.values import effect_at, estimates_text, log_likelihood_text, percent, probability_text
-from elastic_arm.estimation.equations import SIDES
+from elastic_arm.evidence.priors import TRUST
 from elastic_arm.formatting import rounded
 from elastic_arm.mujoco.replaying import Replay
 from elastic_arm.report import diagnosis_figures as figures
 from elastic_arm.report.comparison import sections as comparison_sections
-from elastic_arm.report.html import Block, Figure, Section, Table, Text, write_report
+from elastic_arm.report.html import Block, Figure, Section, Table, Text, Written, write_report
 from elastic_arm.report.replay import sections as replay_sections
 
 TONES = {"none": "good", "explained": "good", "unknown": "warn"}
-STANDS_OUT = 2.0  # times the noise
 DETERMINED = 0.7  # of the prior's standard deviation: the recording halves its variance
 SHOWN = 4  # causes that get figures of their own
-MEASURED = {
-    "excess": "as what residuals have more than noise",
-    "likelihood": "by the likelihood of all equations together, as no residual stands out of its noise by itself",
-}
 EQUATION = {
     "link": ("joint torque sensor against what moves and carries the link", "tau_J − [M q″ + S theta″ + c + c1 + g]"),
     "drive": ("joint torque sensor against the twist of the drive", "tau_J − [K (theta − q) + D (theta′ − q′)]"),
@@ -73,7 +69,7 @@ def write_gap_report(
     subtitle = f"{', '.join(found.identify) or 'a recording'} against {found.robot} ({found.model})"
     parts = sections(found)
     if replays:
-        parts[3:3] = replay_sections(replays)
+        parts[2:2] = replay_sections(replays)
     if comparison is not None:
         parts[2:2] = comparison_sections(comparison)
     return write_report(path, "Gap diagnosis", parts, subtitle=subtitle)
@@ -83,21 +79,17 @@ def sections(found: Diagnosis) -> list[Section]:
     """Return the sections of the report, most important first."""
     context = found.context
     shown = [Section("Verdict", _verdict(found)), Section("Where the gap lies", _where(found))]
-    if found.causes:
-        shown.append(Section("How far it shrinks", _how_far(found)))
     if context is not None:
         shown += [Section(figures.title(c), _cause(found, c, k, context)) for k, c in enumerate(found.causes[:SHOWN])]
         if found.unexplained:
             shown.append(Section("What is not explained", _unexplained(found, context)))
     shown.append(Section("Before and after" if found.causes else "The residuals", _sizes(found, context)))
-    if found.imperfections:
-        shown.append(Section("Calibration", _calibration(found)))
+    if determined := _determined(found):
+        shown.append(Section("Numbers of arm and sensors", _numbers(determined)))
     if found.prediction is not None:
         shown.append(Section("How far ahead the model sees", _prediction(found)))
     if found.proposal is not None:
         shown.append(Section("What to move next", _next(found)))
-    if found.agreements:
-        shown.append(Section("Recording by recording", _agreement(found)))
     if context is not None:
         shown.append(Section("What the residuals follow", [_regimes(found, context)]))
     shown.append(Section("What this rests on", _grounds(found)))
@@ -106,49 +98,27 @@ def sections(found: Diagnosis) -> list[Section]:
 
 def _verdict(found: Diagnosis) -> list[Block]:
     blocks: list[Block] = [Text(f"{found.verdict}: {verdict_sentence(found)}", TONES[found.verdict])]
+    blocks += [Text(cause_sentence(cause, found.model)) for cause in found.causes]
     if found.causes:
         rows: list[list[object]] = [
-            [
-                c.effect.replace("_", " "),
-                c.joint or "whole arm",
-                sides_text(c),
-                cause_size(c),
-                alone_text(c),
-                probability_text(c.confidence),
-                held_text(c),
-            ]
+            [c.effect.replace("_", " "), c.joint or "whole arm", sides_text(c), cause_size(c), Written(alone_text(c)),
+             Written(probability_text(c.confidence))]
             for c in found.causes
-        ]
-        header = [
-            "cause",
-            "where",
-            "shows on",
-            "size",
-            "shrinks the gap alone by",
-            "confidence",
-            "corrected arm",
-        ]
-        blocks.append(Table(header, rows))
-    if note := negative_shrink_note(found.causes):
-        blocks.append(Text(note))
-    if note := left_out_note(found.causes):
-        blocks.append(Text(note, "warn"))
+        ]  # fmt: skip
+        header = ["cause", "where", "shows on", "size", "share of the gap", "probability"]
+        blocks.append(Table(header, rows, "Share of the gap: what goes with this cause alone added"))
+    blocks += [Text(f"Between recordings {change_text(change)}.", "warn") for change in found.changes]
     if found.prediction is not None and found.prediction.before and found.causes:
         blocks.append(Text(prediction_sentence(found, found.prediction)))
-    blocks += [Text(line, "warn") for line in (*_leftover(found), *_disagreements(found))]
-    others: list[list[object]] = [
-        [f"{c.effect} on {c.joint or 'whole arm'}", f"{a.effect} on {a.joint or 'whole arm'}",
-         probability_text(a.confidence), a.separated_by, a.file or "–"]
-        for c in found.causes
-        for a in listed_alternatives(c)[0]
-    ]  # fmt: skip
-    others += [
-        [f"{c.effect} on {c.joint or 'whole arm'}", listed_alternatives(c)[1], "", "", ""]
-        for c in found.causes
-        if listed_alternatives(c)[1]
-    ]
+    others: list[list[object]] = []
+    for cause in found.causes:
+        name, (likely, faint) = effect_at(cause.effect, cause.joint), listed_alternatives(cause)
+        for a in likely:
+            told = a.file or a.separated_by
+            others.append([name, effect_at(a.effect, a.joint), Written(probability_text(a.confidence)), told])
+        others += [[name, faint, "", ""]] if faint else []
     if others:
-        header = ["instead of", "it may be", "probability", "told apart by", "as a file"]
+        header = ["instead of", "it may be", "probability", "told apart by"]
         blocks.append(Table(header, others, "This recording does not separate these for certain"))
     return blocks
 
@@ -162,26 +132,16 @@ def _where(found: Diagnosis) -> list[Block]:
         "alone, red is a gap."
     )
     rows = [[side, *(WHOLE if sides == ("motor",) else EQUATION[side])] for side in sides]
-    return [Text(text), Figure(figures.gap_map(found)), Table(["side", "compares", "residual, Nm"], rows)]
-
-
-def _how_far(found: Diagnosis) -> list[Block]:
-    low, high = found.shrink_interval or (np.nan, np.nan)
-    text = (
-        f"All causes together take {100 * (found.shrink or 0.0):.1f} % off the gap (95 % interval {100 * low:.1f} to "
-        f"{100 * high:.1f} %), measured {MEASURED[found.measured_by]}, on motion that no fit has seen."
-    )
-    blocks: list[Block] = [
-        Text(text),
-        Figure(figures.cumulative_shrink(found), "From top to bottom the causes are added one by one."),
-    ]
-    if found.shrink_by_place:
-        sides = figures.shown_sides(found)
-        rows = [[joint, *(gap_at(found, joint, side) for side in sides)] for joint in found.joints]
-        unit = found.units.over("Nm")
-        caption = f"Residuals before → after, {unit}, 0 to {found.band:.3g} Hz, and the share of each one's own gap"
-        blocks.append(Table(["joint", *(f"{side} side" for side in sides)], rows, caption))
-    return blocks
+    blocks: list[Block] = [Text(text)]
+    if found.causes and found.shrink is not None:
+        low, high = found.shrink_interval or (np.nan, np.nan)
+        blocks.append(
+            Text(
+                f"All causes together take {percent(found.shrink)} off the gap (95 % interval {percent(low)} to "
+                f"{percent(high)}), as power over the sensors' noise, on motion that no fit has seen."
+            )
+        )
+    return [*blocks, Figure(figures.gap_map(found)), Table(["side", "compares", "residual, Nm"], rows)]
 
 
 def _cause(found: Diagnosis, cause: Cause, k: int, context: DiagnosisContext) -> list[Block]:
@@ -201,7 +161,7 @@ def _cause(found: Diagnosis, cause: Cause, k: int, context: DiagnosisContext) ->
 
 def _unexplained(found: Diagnosis, context: DiagnosisContext) -> list[Block]:
     rows = [[p.joint, p.side, p.regime.replace("_", " "), p.rmse] for p in found.unexplained]
-    first = found.unexplained[0]
+    first = max(found.unexplained, key=lambda p: p.rmse / found.noise[p.joint, p.side])
     sides, n = context.validate.layout.sides, len(found.joints)
     row = sides.index(first.side) * n + found.joints.index(first.joint)
     added = "all causes together" if found.causes else None
@@ -213,19 +173,22 @@ def _unexplained(found: Diagnosis, context: DiagnosisContext) -> list[Block]:
     ]
 
 
-def _calibration(found: Diagnosis) -> list[Block]:
-    text = (
-        "Each number of the description and of the sensors, as the recording determines it together with the causes. "
-        "One that the recording leaves as uncertain as its prior is not listed."
-    )
+def _determined(found: Diagnosis) -> list[Imperfection]:
+    """Return the numbers of which the recordings say clearly more than their priors, as narrow as trust makes them."""
+    trust = TRUST[max(found.trust, key=lambda name: found.trust[name])].factor if found.trust else 1.0
+    return [one for one in found.imperfections if one.std < DETERMINED * trust * one.prior_std]
+
+
+def _numbers(determined: Sequence[Imperfection]) -> list[Block]:
+    text = "Numbers of the description and of the sensors that the recording determines, together with the causes."
     rows = [
-        [one.joint, _number(one), *rounded(one.value, one.std), one.unit.replace("1", ""),
-         f"{one.prior_std:.2g}", "yes" if one.ordinary else "no"]
-        for one in found.imperfections
-        if one.std < DETERMINED * one.prior_std
+        [one.joint, _number(one), *map(Written, rounded(one.value, one.std)), one.unit.replace("1", ""),
+         one.prior_std, one.ordinary]
+        for one in determined
     ]  # fmt: skip
     header = ["joint", "number", "value", "± std", "unit", "prior std", "ordinary"]
-    return [Text(text), Table(header, rows, "A value without unit is the ratio to the description, or its change")]
+    caption = "A value without unit is the ratio to the description, or its change"
+    return [Text(text), Table(header, rows, caption, digits=2)]
 
 
 def _number(one: Imperfection) -> str:
@@ -237,12 +200,19 @@ def _sizes(found: Diagnosis, context: DiagnosisContext | None) -> list[Block]:
     shown = {" before": found.before, " after": found.after} if found.causes else {"": found.before}
     rows = [
         [j, s, found.noise[j, s], *(size.rmse[j, s] for size in shown.values()),
-         *(size.peak[j, s] for size in shown.values())]
+         *(size.peak[j, s] for size in shown.values()), share_at(found, j, s)]
         for j in found.joints
-        for s in SIDES
+        for s in figures.shown_sides(found)
         if (j, s) in found.before.rmse
     ]  # fmt: skip
-    header = ["joint", "side", "noise", *(f"rmse{when}" for when in shown), *(f"max{when}" for when in shown)]
+    header = [
+        "joint",
+        "side",
+        "noise",
+        *(f"rmse{when}" for when in shown),
+        *(f"max{when}" for when in shown),
+        "own gap",
+    ]
     table = Table(header, rows, f"{found.units.over('Nm')}, validation data, 0 to {found.band:.3g} Hz", 3)
     if context is None:
         return [table]
@@ -281,8 +251,7 @@ def _next(found: Diagnosis) -> list[Block]:
         for p in proposal.pairs
     ]  # fmt: skip
     header = ["cause", "alternative", "this recording", "proposed motion", "expected to decide"]
-    least = (DiagnosisSettings() if found.context is None else found.context.settings).experiment.decisive
-    caption = f"Log-likelihood by which a recording discriminates between the two; from {least:g} on it decides"
+    caption = f"Log-likelihood by which a recording discriminates between the two; from {DECISIVE:g} on it decides"
     table = Table(header, rows, caption)
     notes: list[Block] = [Text(f"Limits: {'; '.join(proposal.notes)}.")] if proposal.notes else []
     if proposal.trajectory is None or not proposal.worthwhile:
@@ -293,49 +262,6 @@ def _next(found: Diagnosis) -> list[Block]:
         f"diagnose it: {SEPARATING}, for `elastic-arm simulate --trajectory` and the trajectory node."
     )
     return [Text(text), table, Figure(figures.motion(proposal.trajectory, found)), *notes]
-
-
-def _agreement(found: Diagnosis) -> list[Block]:
-    blocks: list[Block] = [
-        Text("Each cause refitted on every recording alone. What belongs to the arm has one size everywhere.")
-    ]
-    for agreement in found.agreements:
-        place = f"{agreement.effect.replace('_', ' ')}, {agreement.joint or 'whole arm'}"
-        rows = [
-            [f.source or "a recording", estimates_text(f.parameters) or "no free size", log_likelihood_text(f.gain)]
-            for f in agreement.findings
-        ]
-        good = agreement.agrees and agreement.comparable
-        blocks.append(Text(f"{place} {agreement_text(agreement)}{_test(agreement)}.", "good" if good else "warn"))
-        blocks.append(Table(["recording", "size", "log-likelihood gained"], rows, digits=3))
-    return blocks
-
-
-def _test(agreement: Agreement) -> str:
-    if agreement.chi_square is None:
-        return ""
-    freedom = f"{agreement.freedom} degree{'s' if agreement.freedom > 1 else ''} of freedom"
-    return f" (chi-square {agreement.chi_square:.3g} for {freedom})"
-
-
-def _leftover(found: Diagnosis) -> list[str]:
-    """Show where residuals stand out of the noise although the causes explain the gap."""
-    if found.verdict != "explained":
-        return []
-    ratios = {place: rmse / found.noise[place] for place, rmse in found.after.rmse.items() if found.noise[place]}
-    places = sorted((p for p in ratios if ratios[p] > STANDS_OUT), key=lambda p: -ratios[p])
-    named = ", ".join(f"{joint} {side} side ({figures.times(ratios[joint, side])})" for joint, side in places[:4])
-    left = percent(max(1.0 - (found.shrink or 0.0), 0.0))
-    return [f"{left} of the gap is left, and in places it stands out of the noise: {named}."] if places else []
-
-
-def _disagreements(found: Diagnosis) -> list[str]:
-    return [
-        f"{effect_at(a.effect.replace('_', ' '), a.joint)} is not of one size in all recordings: it may "
-        "stand in for something else, or the arm has changed between them."
-        for a in found.agreements
-        if not a.agrees
-    ]
 
 
 def _regimes(found: Diagnosis, context: DiagnosisContext) -> Table:
@@ -358,6 +284,7 @@ def _grounds(found: Diagnosis) -> list[Block]:
         text = f"Causes are fitted on {fitted}; every figure of the gap is measured on {judged}, which no fit has seen."
     return [
         Text(text),
+        Text(f"Trust in the description: {trust_text(found.trust)}."),
         *(Text(note, "warn" if "not an independent" in note else "plain") for note in found.notes),
     ]
 

@@ -20,7 +20,6 @@ from elastic_arm.report.style import (
     BLUE,
     CYCLE,
     GREY,
-    ORANGE,
     VERMILION,
     draw_signal,
     label_joints,
@@ -33,14 +32,12 @@ Array = NDArray[np.float64]
 # The same colours mean the same throughout.
 BEFORE, CAUSE, AFTER = GREY, VERMILION, BLUE
 POINTS = 1500  # of a cloud
-UNIT = {"excess": "the excess over noise", "likelihood": "its log-likelihood"}  # of a gap, by how it is measured
 BRIGHTEST = 100.0  # residual over noise at which the map's colour ends
 
 
 def title(cause: Cause) -> str:
     """Return a cause's name in words."""
-    name = f"{cause.effect.replace('_', ' ')}, {cause.joint or 'whole arm'}"
-    return f"{name} (stands in for something else)" if cause.stands_in else name
+    return f"{cause.effect.replace('_', ' ')}, {cause.joint or 'whole arm'}"
 
 
 def times(ratio: float) -> str:
@@ -82,32 +79,6 @@ def gap_map(found: Diagnosis) -> MplFigure:
             ax.set_title(name, loc="left")
             ax.grid(False)
             ax.tick_params(length=0)
-    return figure
-
-
-def cumulative_shrink(found: Diagnosis) -> MplFigure:
-    """Draw what is left of the gap as causes are added one by one, and with each alone."""
-    names = ["the model as it is", *(f"+ {title(c)}" for c in found.causes)]
-    left = [1.0, *(1.0 - share for share in found.cumulative_shrink)]
-    alone = [None, *(1.0 - c.shrink for c in found.causes)]
-    with style():
-        figure, axes = new_figure(size=(8.6, 1.1 + 0.42 * len(names)))
-        ax = axes[0, 0]
-        widths = [100 * max(v, 0.0) for v in left]
-        ax.barh(range(len(names)), widths, color=[BEFORE, *[AFTER] * len(found.causes)], height=0.62)
-        for y, (value, width) in enumerate(zip(left, widths, strict=True)):
-            ax.text(width + 1.5, y - 0.18, _percent(value), va="center", fontsize=8)
-        single = [(y, 100 * max(v, 0.0)) for y, v in enumerate(alone) if v is not None]
-        ax.plot([x for _, x in single], [y for y, _ in single], "d", color=ORANGE, ms=6, label="this cause alone")
-        if found.shrink_interval is not None:
-            low, high = (100 * (1 - v) for v in reversed(found.shrink_interval))
-            ax.plot([low, high], [len(names) - 1] * 2, color="black", lw=2, label="95 % interval")
-        ax.set_yticks(range(len(names)), names)
-        ax.set_xlim(0, 118)
-        ax.invert_yaxis()
-        ax.grid(axis="y", visible=False)
-        ax.set_xlabel(f"left of the gap [% of {UNIT[found.measured_by]}]")
-        ax.legend(loc="lower right")
     return figure
 
 
@@ -282,8 +253,3 @@ def motion(trajectory: FourierTrajectory, found: Diagnosis) -> MplFigure:
 
 def _ratio(rmse: float | None, noise: float | None) -> float:
     return np.nan if rmse is None or not noise else rmse / noise
-
-
-def _percent(share: float) -> str:
-    """Return a share with the digits that matter, also of what is nearly nothing."""
-    return f"{100 * share:.1f} %" if share >= 5e-4 else "< 0.1 %"

@@ -13,12 +13,8 @@ from typer.testing import CliRunner
 
 from elastic_arm.cli.diagnose import diagnose_command
 from elastic_arm.diagnosis import Question, diagnose
-from elastic_arm.diagnosis.data.preprocessing import clock_drift, usable
-from elastic_arm.diagnosis.inference.wrong_units import beside_wrong_signs
-from elastic_arm.diagnosis.result import UnexplainedResidual
-from elastic_arm.diagnosis.settings import PreprocessingSettings
+from elastic_arm.diagnosis.preprocessing import clock_drift, usable
 from elastic_arm.effects import EFFECTS
-from elastic_arm.effects.text import known_effects
 from elastic_arm.errors import DiagnosisError, IdentificationError
 from elastic_arm.excitation import FourierTrajectory
 from elastic_arm.recording import Recording, write_recording
@@ -142,53 +138,16 @@ def test_clocks_that_drift_apart_are_brought_together_with_a_remark(rate: float,
 )
 def test_no_effect_of_the_drive_is_taken_for_a_drift(effect: str) -> None:
     """What bends the deflection is no clock: stamps stay as they are."""
-    recording, settings = record(motions()[0], INSTANCES[effect][0]), PreprocessingSettings()
-    assert clock_drift(recording.samples(), settings) is None
-    assert usable(recording, settings) == recording
-
-
-@pytest.mark.parametrize(("side", "factor", "gain"), [("motor", -1.0 / 363.0, "-0.00275"), ("link", 1000.0, "1e+03")])
-def test_torques_in_another_unit_are_named(clean: list[Recording], side: str, factor: float, gain: str) -> None:
-    """Torque at the motor's shaft and of the other sign, or in mNm, ends as unknown with the joints' factors named."""
-    fitted, judge = (with_effort(recording, lambda torque: factor * torque, side) for recording in clean)
-    effects = tuple(EFFECTS[name] for name in ("motor_torque_gain", "joint_torque_gain", "coulomb_friction"))
-    found = diagnose([fitted], Question(ROBOT, effects=effects), [judge])
-    assert found.verdict == "unknown"
-    notes = " ".join(note for note in found.notes if "check unit, sign and gear ratio" in note)
-    assert all(f"torque_gain of {gain} at {joint} " in notes for joint in ROBOT.joint_names)
-
-
-def test_causes_beside_torques_of_the_wrong_sign_stand_in_for_the_sign(clean: list[Recording]) -> None:
-    """A spring explains most of gravity of the other sign: what is named at such joints is in no corrected arm."""
-    question = Question(ROBOT, effects=(EFFECTS["joint_spring"],))
-    fitted, judge = pair("joint_spring:joint_2:stiffness=300,rest=0.5")
-    found = diagnose([fitted], question, [judge])
-    assert [cause.held_as for cause in found.causes] == ["effect"]
-    wrong = [with_effort(clean[0], np.negative, "link", "motor")]
-    # One that explains all is there.
-    assert found.verdict == "explained" and beside_wrong_signs(found, wrong, question) == found
-    left = tuple(UnexplainedResidual(joint, "motor", "load", 5.0) for joint in ROBOT.joint_names)
-    found = replace(found, verdict="unknown", unexplained=left)
-    assert beside_wrong_signs(found, clean, question) == found
-    (doubted,) = beside_wrong_signs(found, wrong, question).causes
-    assert doubted.held_as is None and doubted.confidence < 0.05
-    known = replace(question, given=known_effects(("joint_spring:joint_2",), ROBOT))
-    assert beside_wrong_signs(found, wrong, known) == found
-
-
-def test_no_unit_is_doubted_of_a_torque_that_friction_makes() -> None:
-    """Of a joint that gravity does not load, a large gain leaves nothing of friction: that says nothing of the gain."""
-    fitted, judge = (replace(r, motor=None) for r in pair("coulomb_friction:joint_1:torque=300,side=link"))
-    found = diagnose([fitted], Question(ROBOT, effects=(EFFECTS["joint_torque_gain"],)), [judge])
-    assert found.verdict == "unknown"
-    assert not any("check unit, sign and gear ratio" in note for note in found.notes)
+    recording = record(motions()[0], INSTANCES[effect][0])
+    assert clock_drift(recording.samples()) is None
+    assert usable(recording) == recording
 
 
 def test_zeros_beside_joints_without_a_torque_are_no_torques(clean: list[Recording]) -> None:
     """Where the torques that there are hold 0 throughout, and the other joints have none, every channel is empty."""
     bare = with_effort(clean[0], lambda effort: np.where([True, False, True], 0.0 * effort, np.nan), "link", "motor")
     with pytest.raises(DiagnosisError, match="every torque channel"):
-        usable(bare, PreprocessingSettings())
+        usable(bare)
 
 
 @pytest.mark.parametrize("count", [5, 30, 300])

@@ -7,9 +7,10 @@ import pytest
 
 from elastic_arm.diagnosis import Question, diagnose
 from elastic_arm.diagnosis.preparation import prepare
-from elastic_arm.diagnosis.selection.candidates import feature_of
 from elastic_arm.effects import EFFECTS, parse
 from elastic_arm.effects.equations import ArmEquations
+from elastic_arm.equations.places import feature_of
+from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.excitation import FourierTrajectory
 from elastic_arm.recording import Recording
 from elastic_arm.robot import load_robot
@@ -35,7 +36,8 @@ def left(found: Recording) -> tuple[np.ndarray, np.ndarray]:
     prepared = prepare([found], [], Question(ROBOT, effects=(EFFECTS["hysteresis"],)))
     feature = feature_of(parse(HYSTERESIS, ROBOT), ArmEquations(ROBOT)).whole()
     rows = []
-    for data in prepared.library.sets:
+    for which in (0, 1):
+        data = Linearisation(prepared.problem, np.zeros(len(prepared.problem.numbers)), (), which).data
         (y,), (columns,) = data.y, data.plain(feature, (12.0, 3e-4))
         rows.append((y - columns[:, :, 0])[:, 4] / y[:, 4].std() * 12.0)
     return rows[0], rows[1]
@@ -67,7 +69,7 @@ def test_one_recording_with_hysteresis_is_explained(skipped: float) -> None:
 def test_the_second_part_knows_the_whole_recording() -> None:
     """The judging part holds the motion before it, and where it lies in the recording."""
     prepared = prepare([recording()], [], Question(ROBOT, effects=(EFFECTS["hysteresis"],)))
-    (first,), (rest,) = prepared.observed
+    (first,), (rest,) = prepared.problem.observed
     assert first.quiet[0].before is None and rest.quiet[0].before is not None
     assert first.quiet[0].span == pytest.approx((0.0, 12.0), abs=0.01)
     assert rest.quiet[0].span == pytest.approx((-8.0, 4.0), abs=0.01)

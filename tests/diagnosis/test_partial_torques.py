@@ -46,9 +46,9 @@ def test_known_friction_of_a_motor_without_a_torque_is_not_seen_beside_its_encod
     known = tuple(parse(f"coulomb_friction:{joint}:torque=3", ROBOT) for joint in ("joint_1", BARE))
     effects = (EFFECTS["viscous_friction"],)
     prepared = prepare(recordings[:1], recordings[1:], Question(ROBOT, effects=effects, given=known))
-    assert [given.feature.joint for given in prepared.given] == ["joint_1"]
+    assert [given.joint for given in prepared.problem.given] == ["joint_1"]
     assert any("no motor torque was recorded: coulomb_friction on joint_2" in note for note in prepared.notes)
-    sides = {(one.joint, one.choices["side"]) for one in prepared.candidates}
+    sides = {(one.joint, one.choices["side"]) for one in prepared.problem.candidates}
     assert (BARE, "link") in sides and (BARE, "motor") not in sides
 
 

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import pytest
 
 from elastic_arm.diagnosis import Question, diagnose
 from elastic_arm.diagnosis.context import DiagnosisContext
-from elastic_arm.diagnosis.inference.prediction import HORIZONS, Prediction, predict
-from elastic_arm.effects import parse
+from elastic_arm.diagnosis.prediction import HORIZONS, Prediction, predict
+from elastic_arm.effects import EFFECTS, Effect, parse
 from elastic_arm.recording import Recording
 from tests.helpers.effect_samples import INSTANCES
 from tests.helpers.gap_recordings import ROBOT, motions, record
@@ -17,18 +18,18 @@ from tests.helpers.gap_recordings import ROBOT, motions, record
 pytestmark = pytest.mark.slow(20)
 
 
-def context(*recordings: Recording, model: str = "mod3") -> DiagnosisContext:
-    """What a diagnosis without any effect to find leaves."""
-    found = diagnose([recordings[0]], Question(ROBOT, model, effects=()), [recordings[1]]).context
+def context(*recordings: Recording, effects: Sequence[Effect] = ()) -> DiagnosisContext:
+    """What a diagnosis with these effects to find leaves."""
+    found = diagnose([recordings[0]], Question(ROBOT, effects=tuple(effects)), [recordings[1]]).context
     assert found is not None
     return found
 
 
-def predicted(*effects: str, known: tuple[str, ...] | None = None, model: str = "mod3") -> Prediction:
+def predicted(*effects: str, known: tuple[str, ...] | None = None) -> Prediction:
     """Prediction errors of an arm with effects, all of them known or only some."""
     recordings = [record(motion, *effects, seed=k) for k, motion in enumerate(motions())]
-    known = effects if known is None else known
-    return predict(context(*recordings, model=model), [parse(text, ROBOT) for text in known])
+    acting = [parse(text, ROBOT) for text in (effects if known is None else known)]
+    return predict(context(*recordings, effects=[one.effect for one in acting]), acting)
 
 
 @pytest.fixture(scope="module")
@@ -94,6 +95,19 @@ def test_half_the_friction_leaves_about_half_the_error() -> None:
     found = predicted("coulomb_friction:joint_2:torque=10", known=("coulomb_friction:joint_2:torque=5",))
     assert found.before is not None and found.after is not None
     assert found.after["joint_2", "motor"][-1] / found.before["joint_2", "motor"][-1] == pytest.approx(0.5, abs=0.1)
+
+
+def test_a_cause_takes_the_place_of_what_the_description_states_of_it() -> None:
+    """Friction stated ten times too large is replaced by what was found, not added to it."""
+    truth = "coulomb_friction:joint_2:torque=6"
+    stated = ROBOT.with_(effects=(parse("coulomb_friction:joint_2:torque=60", ROBOT).to_dict(),))
+    recordings = [record(motion, truth, seed=k) for k, motion in enumerate(motions())]
+    question = Question(stated, effects=(EFFECTS["coulomb_friction"],))
+    found = diagnose([recordings[0]], question, [recordings[1]])
+    assert found.context is not None
+    prediction = predict(found.context, [cause.instance for cause in found.causes])
+    assert prediction.before is not None and prediction.after is not None
+    assert prediction.after["joint_2", "motor"][-1] < 0.01 * prediction.before["joint_2", "motor"][-1]
 
 
 def test_without_motor_torque_nothing_is_predicted_and_the_reason_is_said() -> None:

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from elastic_arm.diagnosis import Question
-from elastic_arm.diagnosis.data.common_equations import common_band
-from elastic_arm.diagnosis.preparation import prepare, with_candidates
-from elastic_arm.diagnosis.settings import DiagnosisSettings, PreprocessingSettings, SplitSettings
+from elastic_arm.diagnosis.common_equations import ONE_ENCODER, common_band
+from elastic_arm.diagnosis.preparation import prepare
 from elastic_arm.dynamics import build_model
 from elastic_arm.effects import EFFECTS, parse
 from elastic_arm.errors import DiagnosisError
@@ -42,38 +41,31 @@ def at_rest(side: Side, joint: int) -> Side:
     return replace(side, **changed)
 
 
-def test_places_are_the_rows_of_the_residuals() -> None:
-    """Equation by equation, joint by joint within, each with the gear ratios of its joint."""
-    prepared = prepare([pair()[0]], [pair()[1]], question())
-    sides = prepared.validation.layout.sides
-    assert prepared.places == [(joint, side) for side in sides for joint in ROBOT.joint_names]
-    gear = ROBOT.joints[1].transmission
-    assert gear is not None and prepared.gear_ratios(1) == (gear.harmonic_drive_ratio, gear.r_tot)
-
-
 def test_validation_recordings_judge_and_without_them_a_part_of_each() -> None:
     """What judges is another motion where it is given, and held back from the same one where not."""
     other = prepare([pair()[0]], [pair()[1]], question())
-    settings = DiagnosisSettings(split=SplitSettings(shortest=1.0))
-    same = prepare([pair()[0]], [], question(settings=settings))
-    assert (other.calibration.held_back, other.independent_motion) == (False, True)
-    assert same.calibration.held_back
-    assert same.observed[1][0].duration < other.observed[1][0].duration
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("elastic_arm.diagnosis.split.SHORTEST", 1.0)
+        same = prepare([pair()[0]], [], question())
+    assert (other.problem.held_back, other.independent_motion) == (False, True)
+    assert same.problem.held_back
+    assert same.problem.observed[1][0].duration < other.problem.observed[1][0].duration
+    (span,) = same.judged.values()
+    assert span == pytest.approx((4.0, 6.0), abs=0.01)
 
 
 def test_known_effects_are_given_at_the_values_that_are_not_linear() -> None:
     """An effect of the user counts as part of the model; its searched parameter stands as stated."""
     prepared = prepare([pair()[0]], [pair()[1]], question(given=(parse(STRIBECK, ROBOT),)))
-    (known,) = prepared.given
-    assert (known.feature.effect.id, known.feature.joint) == ("stribeck_friction", "joint_3")
-    assert known.searched == pytest.approx((0.05,))
+    (known,) = prepared.problem.given
+    assert (known.effect.id, known.joint, known.parameters["speed"]) == ("stribeck_friction", "joint_3", 0.05)
 
 
 def test_an_effect_of_the_arm_file_is_given_too() -> None:
-    """What the description carries is fitted along, not searched for."""
+    """What the description carries is stated, not searched for."""
     carrying = ROBOT.with_(effects=(parse("viscous_friction:joint_1:coefficient=3", ROBOT).to_dict(),))
     prepared = prepare([pair()[0]], [pair()[1]], question(robot=carrying))
-    assert [known.feature.effect.id for known in prepared.given] == ["viscous_friction"]
+    assert [known.effect.id for known in prepared.problem.stated] == ["viscous_friction"]
 
 
 def test_a_joint_at_rest_has_no_candidate_that_needs_its_motion() -> None:
@@ -83,8 +75,8 @@ def test_a_joint_at_rest_has_no_candidate_that_needs_its_motion() -> None:
         for one in pair()
         if one.link is not None and one.motor is not None
     ]
-    prepared = with_candidates(prepare([still[0]], [still[1]], question()))
-    places = {candidate.feature.joint for candidate in prepared.library.candidates}
+    prepared = prepare([still[0]], [still[1]], question())
+    places = {feature.joint for feature in prepared.problem.candidates}
     assert places == {"joint_1", "joint_2"}
     assert any("joint_3" in note for note in prepared.notes)
 
@@ -108,11 +100,10 @@ def test_one_encoder_narrows_the_band() -> None:
     """Above it the deflection that a single encoder does not show changes the motion."""
     both = EquationSet.direct(frozenset({"q", "theta", "tau_m", "tau_J"}), MODEL.n)
     single = EquationSet.direct(frozenset({"q", "tau_m"}), MODEL.n)
-    settings = PreprocessingSettings()
-    wide, narrow = (common_band(one, MODEL, 1000.0, settings) for one in (both, single))
-    assert np.isclose(narrow.cutoff, settings.one_encoder_band) and wide.cutoff > narrow.cutoff
+    wide, narrow = (common_band(one, MODEL, 1000.0) for one in (both, single))
+    assert np.isclose(narrow.cutoff, ONE_ENCODER) and wide.cutoff > narrow.cutoff
     rigid = build_model(ROBOT.with_(joints=tuple(replace(j, transmission=None) for j in ROBOT.joints)), "mod1")
-    assert common_band(single, rigid, 1000.0, settings).cutoff == wide.cutoff
+    assert common_band(single, rigid, 1000.0).cutoff == wide.cutoff
 
 
 def test_friction_of_motors_that_were_not_recorded_is_left_out_with_a_note_on_what_is_known() -> None:
@@ -122,8 +113,8 @@ def test_friction_of_motors_that_were_not_recorded_is_left_out_with_a_note_on_wh
         parse(f"coulomb_friction:joint_{k}:torque=3,side={side}", ROBOT) for k, side in ((1, "motor"), (2, "link"))
     )
     prepared = prepare([alone[0]], [alone[1]], question(given=known))
-    assert [candidate.feature.joint for candidate in prepared.given] == ["joint_2"]
-    assert {feature.choices["side"] for feature in prepared.candidates if "side" in feature.choices} == {"link"}
+    assert [instance.joint for instance in prepared.problem.given] == ["joint_2"]
+    assert {feature.choices["side"] for feature in prepared.problem.candidates if "side" in feature.choices} == {"link"}
     assert any("coulomb_friction on joint_1" in note and "no motor torque" in note for note in prepared.notes)
 
 

@@ -1,4 +1,4 @@
-"""The result of a diagnosis as data."""
+"""The result of a diagnosis: as data, in words, and as the corrected arm."""
 
 from __future__ import annotations
 
@@ -11,21 +11,33 @@ from typing import Any
 import pytest
 
 from elastic_arm.diagnosis import Diagnosis
-from elastic_arm.diagnosis.corrected_robot import holds_any, repaired_robot
-from elastic_arm.diagnosis.inference.estimates import ParameterEstimate
-from elastic_arm.diagnosis.result import SEPARATING, Alternative, Cause, ResidualSizes
+from elastic_arm.diagnosis.corrected_robot import repaired_robot
+from elastic_arm.diagnosis.estimates import ParameterEstimate, averaged
+from elastic_arm.diagnosis.result import SEPARATING, Alternative, Cause, Change, Imperfection, ResidualSizes
+from elastic_arm.diagnosis.words import (
+    cause_sentence,
+    cause_size,
+    change_text,
+    estimates_text,
+    instance_text,
+    percent,
+    probability_text,
+    trust_text,
+    verdict_sentence,
+)
 from elastic_arm.effects import parse
 from elastic_arm.errors import DiagnosisError
+from elastic_arm.formatting import JointUnits, rounded
 from elastic_arm.robot import load_robot
 
 ROBOT = load_robot(None)
 PLACE = ("joint_2", "motor")
 
 
-def cause(text: str = "coulomb_friction:joint_2:torque=6") -> Cause:
+def cause(text: str = "coulomb_friction:joint_2:torque=6", **sizes: ParameterEstimate) -> Cause:
     instance = parse(text, ROBOT)
     others = (Alternative("viscous_friction", "joint_2", 0.2, "slow motion"), Alternative("backlash", None, 0.1, "any"))
-    size = {"torque": ParameterEstimate(6.0, 0.12345678901, "Nm")}
+    size = sizes or {"torque": ParameterEstimate(6.0, 0.12345678901, "Nm")}
     return Cause(instance.effect.id, instance.joint, ("motor",), "velocity_reversal", size, 0.5, 0.7, others, instance)
 
 
@@ -38,19 +50,52 @@ def diagnosis(*causes: Cause) -> Diagnosis:
         identify=("a",),
         validate=("b",),
         independent_motion=True,
+        judged={"b": (0.0, 20.0)},
         band=40.0,
+        trust={"as measured": 0.0004, "as calibrated": 0.9996 - 0.03, "as built": 0.03},
         verdict="explained",
         noise={PLACE: 0.1},
         before=sizes,
         after=sizes,
         shrink=0.9,
         shrink_interval=(0.8, float("nan")),
-        measured_by="excess",
-        log_likelihood=300.0,
+        shrink_by_place={PLACE: 0.9},
         causes=causes,
         unexplained=(),
-        cumulative_shrink=(0.5, 0.9),
+        imperfections=(Imperfection("joint_torque_gain", "joint_2", "1", 1.006, 0.001, 0.01, True),),
+        changes=(Change("coulomb_friction", "joint_2", "torque", "Nm", (("a", 6.0, 0.1), ("b", 9.0, 0.1)), 0.999),),
     )
+
+
+def test_the_file_is_the_contracts(tmp_path: Path) -> None:
+    """Schema 2 holds every field of the contract; what was not measured is null, and the file is valid JSON."""
+    data = json.loads(diagnosis(cause()).save(tmp_path / "new" / "diagnosis.json").read_text())
+    assert data["schema"] == "elastic_arm/diagnosis/2"
+    assert set(data) == {
+        "schema", "model", "robot", "recordings", "band_hz", "trust", "verdict", "noise", "gap", "shrink",
+        "shrink_interval", "causes", "shrink_by_place", "imperfections", "changes", "unexplained", "known", "notes",
+        "prediction", "next_motion",
+    }  # fmt: skip
+    assert set(data["recordings"]) == {"identify", "validate", "independent_motion", "judged_s"}
+    assert data["gap"]["before"]["joint_2"] == {"link": None, "drive": None, "motor": {"rmse": 0.4, "max": 1.2}}
+    assert data["shrink_interval"] == [0.8, None] and data["shrink_by_place"]["joint_2"]["motor"] == 0.9
+    (one,) = data["causes"]
+    assert set(one) == {
+        "effect", "joint", "sides", "regime", "parameters", "shrink", "confidence", "from", "to", "held_as",
+        "alternatives",
+    }  # fmt: skip
+    assert one["parameters"]["torque"]["std"] == pytest.approx(0.1234568, abs=1e-9) and one["from"] is None
+    assert data["imperfections"][0]["prior_std"] == 0.01
+    assert data["changes"][0]["values"][1] == {"recording": "b", "value": 9.0, "std": 0.1}
+
+
+def test_what_a_description_states_goes_from_its_number_to_the_one_found() -> None:
+    """`from` and `to` are in the file, and both numbers in the words."""
+    one = replace(cause(), stated={"torque": 60.0, "side": "motor"})
+    written = replace(one, stated={"torque": 60.0}).to_dict()
+    assert (written["from"], written["to"]) == ({"torque": 60.0}, {"torque": 6.0})
+    assert "the description states torque 60 Nm, the arm has torque 6.00 ± 0.12 Nm" in cause_sentence(one, "mod3")
+    assert cause_size(one) == "torque 60 → 6.00 ± 0.12 Nm"
 
 
 def test_a_decided_alternative_names_the_file_and_others_their_motion() -> None:
@@ -61,14 +106,6 @@ def test_a_decided_alternative_names_the_file_and_others_their_motion() -> None:
     assert cause().with_separating_file(set()) == cause()
 
 
-def test_missing_equations_and_undetermined_numbers_are_null(tmp_path: Path) -> None:
-    """What was not measured is null in the file, never a number or NaN, and the file is valid JSON."""
-    data = json.loads(diagnosis(cause()).save(tmp_path / "new" / "diagnosis.json").read_text())
-    assert data["gap"]["before"]["joint_2"] == {"link": None, "drive": None, "motor": {"rmse": 0.4, "max": 1.2}}
-    assert data["shrink_interval"] == [0.8, None] and data["ladder"] == [0.5, 0.9]
-    assert data["causes"][0]["parameters"]["torque"]["std"] == pytest.approx(0.1234568, abs=1e-9)
-
-
 def test_a_file_that_cannot_be_written_is_an_error_with_a_remedy(tmp_path: Path) -> None:
     """A folder in the file's place is refused in one line."""
     with pytest.raises(DiagnosisError, match="Choose another --out"):
@@ -76,11 +113,13 @@ def test_a_file_that_cannot_be_written_is_an_error_with_a_remedy(tmp_path: Path)
 
 
 def test_the_corrected_arm_has_what_was_known_and_what_was_found() -> None:
-    """Causes join the known effects, at their fitted sizes or, where nothing shows them, as they are stated; what a
-    richer model variant has is left to that variant."""
+    """Causes join the known effects, at their fitted sizes or, where nothing shows them, as they are stated; numbers
+    are the arm's own, and what a richer model variant has is left to that variant."""
     known, unseen = (parse(f"viscous_friction:joint_{k}:coefficient=3", ROBOT) for k in (1, 3))
-    context: Any = SimpleNamespace(known=(known,), unseen=(unseen,), fitted=SimpleNamespace(robot=ROBOT))
-    found: Any = SimpleNamespace(context=context, causes=(cause(), cause("inertia_coupling")))
+    context: Any = SimpleNamespace(known=(known,), unseen=(unseen,), model=SimpleNamespace(robot=ROBOT))
+    number = replace(cause("stiffness_mismatch:joint_1:stiffness=0.7"), is_number=True)
+    found: Any = SimpleNamespace(context=context, causes=(cause(), cause("inertia_coupling"), number))
+    assert [one.held_as for one in found.causes] == ["effect", "variant", "number"]
     effects = repaired_robot(ROBOT, found).effects
     assert [(e["effect"], e["joint"]) for e in effects] == [
         ("viscous_friction", "joint_1"),
@@ -89,30 +128,84 @@ def test_the_corrected_arm_has_what_was_known_and_what_was_found() -> None:
     ]
 
 
-def test_every_cause_states_what_it_is_of_the_corrected_arm() -> None:
-    """`held_as` is what robot.yaml does with a cause, whose effects are those that are held as one, and no others."""
-    friction = cause()
-    kinds = {
-        "effect": friction,
-        "number": replace(friction, refitted=True),
-        "variant": cause("inertia_coupling"),
-        None: friction.against(3.0),
-    }
-    assert {kind: one.to_dict()["held_as"] for kind, one in kinds.items()} == {kind: kind for kind in kinds}
-    for kind, one in kinds.items():
-        found = diagnosis(one)
-        assert len(repaired_robot(ROBOT, found).effects) == (kind == "effect")
-        assert holds_any(found.causes) == (kind in ("effect", "number"))
+def test_a_size_is_as_uncertain_as_the_set_of_causes_is() -> None:
+    """5 and 7 Nm in two sets at odds of 3 to 1 have the mean 5.5, and their spread adds to the deviation."""
+    sets = [(p, {"torque": ParameterEstimate(v, 0.1, "Nm")}) for p, v in ((0.6, 5.0), (0.2, 7.0))]
+    size = averaged(sets)["torque"]
+    assert size.value == pytest.approx(5.5)
+    assert size.std == pytest.approx((0.1**2 + 0.75 * 0.5**2 + 0.25 * 1.5**2) ** 0.5)
 
 
-def test_a_number_of_the_arm_is_held_though_it_stands_in() -> None:
-    """The refitted numbers are in robot.yaml whatever they stand for: the result has both facts."""
-    number = replace(cause(), refitted=True).against(3.0).to_dict()
-    assert (number["held_as"], number["stands_in"]) == ("number", True)
+def test_a_sentence_states_what_the_arm_or_its_recording_has() -> None:
+    """Friction is the arm's, a gain the recording's and a ratio, and what has no size is a matter of the model."""
+    friction = cause_sentence(cause(), "mod3")
+    assert friction == (
+        "Coulomb friction of joint_2: the arm has torque 6.00 ± 0.12 Nm that mod3 lacks; "
+        "with it alone, 50.0 % of the gap is gone."
+    )
+    gain = cause("joint_torque_gain:joint_1:gain=1.15", gain=ParameterEstimate(1.15, 0.01, "1"))
+    assert "the recording has 1.150 ± 0.010 times what mod3 has" in cause_sentence(gain, "mod3")
+    coupling = cause_sentence(replace(cause("inertia_coupling"), parameters={}, shrink=-0.2), "mod2")
+    assert "the arm has it, mod2 does not (mod3 does); it helps only beside other causes." in coupling
 
 
-def test_a_small_term_of_friction_stays_in_the_corrected_arm() -> None:
-    """It is there beyond doubt: where its size changes between recordings it is less certain, and held all the same."""
-    small = replace(cause(), minor=True).against(3.0)
-    assert small.confidence == pytest.approx(0.25 * cause().confidence)
-    assert small.held_as == "effect" and repaired_robot(ROBOT, diagnosis(small)).effects
+def test_verdict_trust_and_changes_are_sentences() -> None:
+    """The verdict names causes with their rival, trust leaves out what is excluded, a change has every recording."""
+    found = diagnosis(cause())
+    assert verdict_sentence(found).startswith("coulomb_friction on joint_2 (or viscous_friction on joint_2: this")
+    assert trust_text(found.trust) == "as calibrated (97 %), as built (3 %)"
+    assert "6.00 ± 0.10 Nm in a; 9.00 ± 0.10 Nm in b" in change_text(found.changes[0])
+
+
+@pytest.mark.parametrize(
+    ("value", "std", "told"),
+    [
+        (0.9036, 0.02031, "0.904 ± 0.020"),
+        (5.0, 0.0996, "5.00 ± 0.10"),
+        (99.96, 1.0, "100.0 ± 1.0"),
+        (46.2453, 288.0, "50 ± 290"),
+        (3.562e7, 4.757e5, "3.562e+07 ± 4.8e+05"),
+        (1.388e-5, 7.31e-6, "1.39e-05 ± 7.3e-06"),
+        (1.2e-10, 4.1e-9, "1e-10 ± 4.1e-09"),
+        (0.001, 5.0, "0 ± 5.0"),
+        (0.444, 1e-12, "0.4440000 ± 1.0e-12"),
+    ],
+)
+def test_values_have_the_digits_that_their_deviation_warrants(value: float, std: float, told: str) -> None:
+    """The deviation has two digits, the value the same place, at most seven of them."""
+    assert " ± ".join(rounded(value, std)) == told
+
+
+def test_sizes_carry_units_and_leave_out_deviations_of_what_is_given() -> None:
+    """Whole orders have no deviation, undetermined ones a question mark, and vectors one for each number."""
+    told = estimates_text(
+        {
+            "amplitude": ParameterEstimate(2.0312e-5, 1.7e-7, "rad"),
+            "order": ParameterEstimate(2.0, 0.0, "1"),
+            "phase": ParameterEstimate(0.7, None, "rad"),
+            "position": ParameterEstimate([0.0123, 0.1], [0.0011, 0.02], "m"),
+        }
+    )
+    assert told == (
+        "amplitude 2.031e-05 ± 1.7e-07 rad, order 2, phase 0.7 ± ? rad, position (0.0123, 0.100) ± (0.0011, 0.020) m"
+    )
+
+
+@pytest.mark.parametrize(
+    ("probability", "told"),
+    [(1.0, "> 99.9 %"), (0.9996, "> 99.9 %"), (0.9957, "99.6 %"), (0.85, "85 %"), (0.005, "0.5 %"), (0.0, "< 0.1 %")],
+)
+def test_certainty_is_never_claimed(probability: float, told: str) -> None:
+    """A probability is never told as 100 %, nor as 0 %, and a share next to nothing has no sign."""
+    assert probability_text(probability) == told
+    assert (percent(-0.0003), percent(-0.048), percent(None)) == ("0.0 %", "-4.8 %", "0.0 %")
+
+
+def test_given_effects_are_told_with_the_units_at_their_joint() -> None:
+    """What a simulation was given has its unit behind every number, N at a rail, and its choices by name."""
+    rail = JointUnits(ROBOT.joint_names, ["joint_2"])
+    friction = parse("coulomb_friction:joint_2:torque=13.9", ROBOT)
+    assert instance_text(friction, ROBOT.units) == "torque 13.9 Nm, side motor"
+    assert instance_text(friction, rail) == "torque 13.9 N, side motor"
+    load = parse("payload:mass=5,position=0/0/0.1", ROBOT)
+    assert instance_text(load, ROBOT.units) == "mass 5 kg, position (0, 0, 0.1) m"

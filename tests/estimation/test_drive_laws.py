@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from elastic_arm.diagnosis.selection.candidates import feature_of
 from elastic_arm.dynamics import build_model
 from elastic_arm.effects import EffectInstance
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.effects.text import parse
+from elastic_arm.equations.places import feature_of
 from elastic_arm.estimation.band import Band
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.equations import EquationSet

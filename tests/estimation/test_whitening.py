@@ -9,8 +9,6 @@ import numpy as np
 import pytest
 from scipy.integrate import trapezoid
 
-from elastic_arm.diagnosis.inference.excess import block_means
-from elastic_arm.diagnosis.inference.sticking import in_whitened_order, sticking_rows
 from elastic_arm.dynamics import build_model
 from elastic_arm.estimation.band import Band
 from elastic_arm.estimation.equations import EquationSet
@@ -109,12 +107,6 @@ def test_residuals_of_a_clean_arm_are_as_large_as_the_noise_model_states() -> No
     np.testing.assert_allclose(values.std(axis=0), expected, rtol=0.3)
 
 
-def test_block_means_are_taken_within_each_part() -> None:
-    """No block crosses from one stretch to the next."""
-    parts = [np.arange(6.0)[:, None], np.full((4, 1), 10.0)]
-    np.testing.assert_array_equal(block_means(parts, 3)[:, 0], [1.0, 4.0, 10.0])
-
-
 def test_rows_of_a_motor_that_sticks_are_freed_of_its_friction() -> None:
     """Where a joint stands for 0.2 s, its motor's rows are next to null, those of link and drive as they were."""
     recording = record(motions()[0], seed=0, sensors=Sensors.real())
@@ -131,23 +123,13 @@ def test_rows_of_a_motor_that_sticks_are_freed_of_its_friction() -> None:
 
     seen = observe(replace(recording, motor=held(motor), link=held(link)))
     whole, moving = (WhitenedData(MODEL, [seen], *setting(), sticking_removed=removed) for removed in (False, True))
-    R, motor_row = whole.layout.rows, 2 * MODEL.n + 1
-    rows = sticking_rows(whole).reshape(R, -1).T
-    assert rows[:, motor_row].any() and not rows[:, : 2 * MODEL.n].any()
+    motor_row = 2 * MODEL.n + 1
     t = moving.parts[0].stretch.t
     inside = (t > 2.05) & (t < 2.15)
     freed, kept = (np.abs(data.y[0][:, motor_row]) for data in (moving, whole))
     assert freed[inside].max() < 0.1 * kept[inside].max()
     assert (freed == kept).mean() > 0.8
     np.testing.assert_array_equal(moving.y[0][:, : 2 * MODEL.n], whole.y[0][:, : 2 * MODEL.n])
-
-
-def test_rows_stand_residual_by_residual_over_all_stretches() -> None:
-    """Whitened rows are ordered by residual first, then by time over all stretches, without the ends of each."""
-    stretches = [np.add.outer(100.0 * k + np.arange(24 + k), [0.1, 0.2]) for k in range(2)]
-    rows = in_whitened_order(stretches)
-    times = [10.0, 11.0, 12.0, 13.0, 110.0, 111.0, 112.0, 113.0, 114.0]
-    assert rows == pytest.approx([*(t + 0.1 for t in times), *(t + 0.2 for t in times)])
 
 
 def test_scales_divide_the_rows_and_nothing_else() -> None:

@@ -17,7 +17,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from elastic_arm_msgs.msg import GapDiagnosis, GapResidual
 from std_srvs.srv import SetBool, Trigger
 
-from elastic_arm.diagnosis.inference.estimates import ParameterEstimate
+from elastic_arm.diagnosis.estimates import ParameterEstimate
 from elastic_arm.diagnosis.live import ResidualLevels
 from elastic_arm.diagnosis.result import ResidualSizes
 from elastic_arm.excitation import FourierTrajectory
@@ -80,7 +80,7 @@ def test_a_process_that_dies_is_started_again(worker: WorkerProcess) -> None:
 # Messages
 
 FOUND: dict[str, Any] = {
-    "schema": "elastic_arm/diagnosis/1",
+    "schema": "elastic_arm/diagnosis/2",
     "model": "mod3",
     "robot": "arm",
     "recordings": {"identify": ["live"], "validate": ["live"], "independent_motion": True},
@@ -104,7 +104,6 @@ FOUND: dict[str, Any] = {
                 "channels": {"value": ["joint_torque"], "std": None, "unit": ""},
             },
             "shrink": 0.9,
-            "stands_in": False,
             "confidence": 0.8,
             "alternatives": [
                 {"effect": "damping_mismatch", "joint": "joint_1", "confidence": 0.2, "separated_by": "faster motion"}
@@ -138,12 +137,6 @@ def test_a_message_says_what_the_file_says() -> None:
     (place,) = message.unexplained
     assert (place.joint, place.side, place.regime, place.rmse) == ("joint_1", "motor", "load", 0.5)
     assert in_words(FOUND) == "explained: time_delay"
-
-
-def test_one_line_names_what_only_stands_in() -> None:
-    """A line of the log is no place for a cause that is none, unless it says so."""
-    found = {**FOUND, "verdict": "unknown", "causes": [{**FOUND["causes"][0], "stands_in": True}]}
-    assert in_words(found) == "unknown: time_delay, which only stands in for something else"
 
 
 def test_no_gap_is_a_message_too() -> None:

@@ -23,15 +23,13 @@ from elastic_arm.cli.several_values import SeveralValues, spelled_out
 from elastic_arm.cli.simulate import simulate
 from elastic_arm.diagnosis import Question, diagnose, follow_up
 from elastic_arm.diagnosis.corrected_robot import repaired_robot
-from elastic_arm.diagnosis.inference.estimates import ParameterEstimate
-from elastic_arm.diagnosis.result import SEPARATING, Diagnosis, ResidualSizes
-from elastic_arm.diagnosis.texts.findings import verdict_sentence
-from elastic_arm.diagnosis.texts.values import estimates_text, probability_text
+from elastic_arm.diagnosis.estimates import ParameterEstimate
+from elastic_arm.diagnosis.result import SEPARATING, Change, Diagnosis, ResidualSizes
+from elastic_arm.diagnosis.words import cause_sentence, estimates_text, probability_text, verdict_sentence
 from elastic_arm.effects import EFFECTS
 from elastic_arm.recording import read_recording, write_recording
 from elastic_arm.report.diagnosis import write_gap_report
 from elastic_arm.report.diagnosis_figures import angle_within_turn, shown_sides
-from elastic_arm.robot import load_robot
 from tests.helpers.browser import rendered_page
 from tests.helpers.gap_recordings import ROBOT, gentle, motions, record
 
@@ -56,43 +54,33 @@ def two_causes() -> Diagnosis:
 
 
 @pytest.mark.browser
-def test_report_shows_verdict_map_ladder_and_prediction_in_a_browser(two_causes: Diagnosis, tmp_path: Path) -> None:
-    """A real browser shows verdict first, then where, how far, each cause, before and after, and the prediction."""
+def test_report_shows_verdict_map_causes_and_prediction_in_a_browser(two_causes: Diagnosis, tmp_path: Path) -> None:
+    """A real browser shows verdict first, then where, each cause, before and after, and the prediction."""
     page = rendered_page(write_gap_report(tmp_path / "report.html", two_causes), tmp_path / "profile")
     titles = re.findall(r"<h2>([^<]*)</h2>", page)
-    assert titles[:3] == ["Verdict", "Where the gap lies", "How far it shrinks"]
+    assert titles[:2] == ["Verdict", "Where the gap lies"]
     assert {"coulomb friction, joint_2", "transmission error, joint_1"} < set(titles)
-    assert {"Before and after", "How far ahead the model sees", "Recording by recording"} < set(titles)
+    assert {"Before and after", "How far ahead the model sees", "What the residuals follow"} < set(titles)
     assert page.index("explained: ") < page.index("<svg")
-    # Map, ladder, two portraits, before and after, horizons.
-    assert page.count("<svg") == 6
-    for words in ("velocity [rad/s]", "wave generator angle", "frequency [Hz]", "ahead [ms]", "this cause alone"):
+    # Map, two causes, before and after, horizons.
+    assert page.count("<svg") == 5
+    for words in ("velocity [rad/s]", "wave generator angle", "frequency [Hz]", "ahead [ms]", "Trust in the"):
         assert words in page
 
 
 def test_figures_and_tables_carry_units(two_causes: Diagnosis, tmp_path: Path) -> None:
     """Every axis of the report that has a unit says which."""
     page = write_gap_report(tmp_path / "report.html", two_causes).read_text()
-    for label in ("time [s]", "Nm/√Hz", "prediction error [µrad]", "residual, Nm", "left of the gap [%"):
+    for label in ("time [s]", "Nm/√Hz", "prediction error [µrad]", "residual, Nm"):
         assert label in page
 
 
-def test_ladder_ends_where_all_causes_leave_the_gap(two_causes: Diagnosis) -> None:
-    """The ladder rises cause by cause, begins with the first alone, and ends at the shrink of all together."""
-    assert len(two_causes.cumulative_shrink) == len(two_causes.causes) == 2
-    assert two_causes.cumulative_shrink[0] == pytest.approx(two_causes.causes[0].shrink)
-    assert two_causes.cumulative_shrink[-1] == pytest.approx(two_causes.shrink)
-    assert two_causes.cumulative_shrink[0] < two_causes.cumulative_shrink[1]
-
-
-def test_result_beyond_the_contract_is_plain_json(two_causes: Diagnosis, tmp_path: Path) -> None:
-    """Ladder, prediction and agreement are written beside the contract's fields, as numbers."""
+def test_prediction_is_written_as_numbers(two_causes: Diagnosis, tmp_path: Path) -> None:
+    """What follows a diagnosis stands beside the contract's fields."""
     data = json.loads(two_causes.save(tmp_path / "diagnosis.json").read_text())
-    assert data["schema"] == "elastic_arm/diagnosis/1"
     assert data["prediction"]["horizons_s"] == [0.01, 0.02, 0.05, 0.1, 0.2]
     before, after = (data["prediction"][when]["joint_2"]["motor"] for when in ("before", "after"))
-    assert before[-1] > 10 * after[-1]
-    assert data["next_motion"] is None and len(data["agreement"]) == 2
+    assert before[-1] > 10 * after[-1] and data["next_motion"] is None
 
 
 def test_report_of_a_clean_arm_speaks_of_no_cause(tmp_path: Path) -> None:
@@ -102,17 +90,17 @@ def test_report_of_a_clean_arm_speaks_of_no_cause(tmp_path: Path) -> None:
     page = write_gap_report(tmp_path / "report.html", found).read_text()
     titles = re.findall(r"<h2>([^<]*)</h2>", page)
     assert "none: recording and model agree" in page
-    assert "The residuals" in titles and "How far it shrinks" not in titles
+    assert "The residuals" in titles and "Before and after" not in titles
     assert "after" not in "".join(re.findall(r"<th>([^<]*)</th>", page))
 
 
 def test_gap_without_an_effect_for_it_is_drawn_as_unexplained(tmp_path: Path) -> None:
     """With nothing in the catalogue that could explain it, the report shows where the gap is and what it looks like."""
-    recordings = [record(motion, ERROR, seed=k) for k, motion in enumerate(motions())]
+    recordings = [record(motion, FRICTION, seed=k) for k, motion in enumerate(motions())]
     found = diagnose([recordings[0]], Question(ROBOT, effects=()), [recordings[1]])
     page = write_gap_report(tmp_path / "report.html", found).read_text()
     assert found.verdict == "unknown" and "What is not explained" in page
-    assert "joint_1, drive side: where most is left" in page
+    assert "joint_2, motor side: where most is left" in page
 
 
 def test_arm_with_the_causes_in_it_has_no_gap_left(two_causes: Diagnosis) -> None:
@@ -170,43 +158,11 @@ def test_piped_causes_are_a_line_each(two_causes: Diagnosis, monkeypatch: pytest
     """Where no screen ends the line, a cause stands on one with all its sizes, and no sentence is broken."""
     lines = shown(two_causes, Path("diagnosis"), monkeypatch, width=UNLIMITED)
     assert lines[0] == f"explained: {verdict_sentence(two_causes)}"
+    assert lines[1:3] == [cause_sentence(cause, "mod3") for cause in two_causes.causes]
     for cause in two_causes.causes:
         (line,) = [line for line in lines if line.startswith(f"{cause.effect}  ")]
-        assert estimates_text(cause.parameters) in line
-        assert "  in robot.yaml  " in line and line.endswith(probability_text(cause.confidence))
-
-
-def test_what_the_corrected_arm_leaves_out_is_marked_everywhere(
-    two_causes: Diagnosis, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Screen and report say at each cause whether robot.yaml holds it, the verdict names what only stands in, and the
-    prediction names what it is made with."""
-    first, second = two_causes.causes
-    found = replace(two_causes, causes=(first, replace(second, stands_in=True)))
-    write_diagnosis(found, ROBOT, tmp_path)
-    assert [e["effect"] for e in load_robot(tmp_path / "robot.yaml").effects] == [first.effect]
-    page = html.unescape((tmp_path / "report.html").read_text())
-    screen = shown(found, tmp_path, monkeypatch, width=UNLIMITED)
-    for cause, held in ((first, "in robot.yaml"), (second, "not in robot.yaml")):
-        (line,) = [line for line in screen if line.startswith(f"{cause.effect}  ")]
-        assert f"  {held}  " in line and f">{held}<" in page
-    for told in (page, "\n".join(screen)):
-        assert f"but {second.effect} on {second.joint} only stands in for something else" in told
-        assert f"{second.effect} on {second.joint} only stands in for something else: robot.yaml" in told
-        assert f"with {first.effect} on {first.joint} added, by" in told
-
-
-def test_no_arm_file_is_written_that_holds_no_cause(
-    two_causes: Diagnosis, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Where all causes only stand in for something else, there is no robot.yaml, and the screen says why."""
-    (tmp_path / "robot.yaml").write_text("old")
-    found = replace(two_causes, causes=tuple(replace(cause, stands_in=True) for cause in two_causes.causes))
-    write_diagnosis(found, ROBOT, tmp_path)
-    assert not (tmp_path / "robot.yaml").exists()
-    screen = "\n".join(shown(found, tmp_path, monkeypatch, width=UNLIMITED))
-    assert "there is no robot.yaml, as it would hold no cause" in screen
-    assert screen.splitlines()[-1].endswith("diagnosis.json, report.html")
+        assert estimates_text(cause.parameters) in line and line.endswith(probability_text(cause.confidence))
+    assert any(line.startswith("trust in the description: ") for line in lines)
 
 
 def test_numbers_that_puzzle_are_explained_beside_them(
@@ -218,16 +174,19 @@ def test_numbers_that_puzzle_are_explained_beside_them(
     page = write_gap_report(tmp_path / "report.html", found).read_text()
     screen = "\n".join(shown(found, tmp_path, monkeypatch, width=UNLIMITED))
     for told in (html.unescape(page), screen):
-        assert "-4.8 %" not in told and "only beside others" in told and "makes the gap larger" in told
+        assert "-4.8 %" not in told and "only beside others" in told and "it helps only beside other causes" in told
         assert "> 99.9 %" in told
 
 
-def test_report_says_how_much_is_left_where_it_stands_out(two_causes: Diagnosis, tmp_path: Path) -> None:
-    """What is left of an explained gap is told as measured, with the places where it stands out of the noise."""
-    loud = {place: 3.0 * noise for place, noise in two_causes.noise.items()}
-    found = replace(two_causes, shrink=0.93, after=replace(two_causes.after, rmse={**two_causes.after.rmse, **loud}))
-    page = write_gap_report(tmp_path / "report.html", found).read_text()
-    assert "7.0 % of the gap is left, and in places it stands out of the noise: joint_" in page
+def test_changes_stand_in_screen_and_report(
+    two_causes: Diagnosis, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A size that is another one in each recording is said with both."""
+    change = Change("coulomb_friction", "joint_2", "torque", "Nm", (("a", 6.0, 0.1), ("b", 9.0, 0.1)), 0.99)
+    found = replace(two_causes, changes=(change,))
+    page = html.unescape(write_gap_report(tmp_path / "report.html", found).read_text())
+    for told in (page, "\n".join(shown(found, tmp_path, monkeypatch, width=UNLIMITED))):
+        assert "coulomb friction of joint_2 changed: 6.00 ± 0.10 Nm in a; 9.00 ± 0.10 Nm in b" in told
 
 
 def test_files_of_an_earlier_diagnosis_do_not_stay(two_causes: Diagnosis, tmp_path: Path) -> None:
@@ -243,7 +202,8 @@ def test_help_says_what_is_written_and_how_it_ends() -> None:
     """`diagnose --help` names the files, the exit status and every option of the contract."""
     words = " ".join(re.sub(r"[│╭╮╰╯─]", " ", run("diagnose", "--help").output).split())
     for word in ("diagnosis.json", "report.html", "robot.yaml", SEPARATING, "Exit status 0", "--validate", "--model",
-                 "--robot", "--channels", "--with", "--refit", "--out", "--no-propose"):  # fmt: skip
+                 "--robot", "--channels", "--with", "--refit", "--out", "--priors", "--against",
+                 "--json", "--no-propose"):  # fmt: skip
         assert word in words
 
 

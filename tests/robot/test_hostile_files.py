@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from elastic_arm.diagnosis.priors import read_priors
 from elastic_arm.errors import ElasticArmError
+from elastic_arm.evidence.priors import read_priors
 from elastic_arm.excitation import load_trajectory
 from elastic_arm.recording import load_channels
 from elastic_arm.recording.foreign.arrays import load_array_map

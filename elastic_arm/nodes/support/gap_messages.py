@@ -55,8 +55,7 @@ def in_words(found: Mapping[str, Any]) -> str:
 
 
 def _named(cause: Mapping[str, Any]) -> str:
-    name = f"{cause['effect']} ({cause['joint']})" if cause["joint"] else cause["effect"]
-    return f"{name}, which only stands in for something else" if cause["stands_in"] else name
+    return f"{cause['effect']} ({cause['joint']})" if cause["joint"] else str(cause["effect"])
 
 
 def _residual(found: Mapping[str, Any], joint: str, side: str) -> GapResidual:

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from elastic_arm.diagnosis import Question, diagnose, follow_up
-from elastic_arm.diagnosis.design.discriminating_motion import propose
-from elastic_arm.diagnosis.design.predicted_experiment import ExperimentConditions, PredictedExperiment
+from elastic_arm.diagnosis.next_motion import DECISIVE, RATE, propose
+from elastic_arm.diagnosis.predicted_experiment import ExperimentConditions, PredictedExperiment
 from elastic_arm.diagnosis.result import SEPARATING, Diagnosis
-from elastic_arm.diagnosis.settings import ExperimentSettings
 from elastic_arm.excitation import load_trajectory
 from elastic_arm.recording import Recording
 from tests.helpers.gap_recordings import LIMITS, MODEL, ROBOT, gentle, motions, record
@@ -43,7 +42,7 @@ def test_what_the_recording_cannot_tell_apart_gets_a_motion_that_does(doubtful: 
     assert names(doubtful) >= {"backlash", "encoder_offset"}
     assert doubtful.proposal is not None
     pair = next(p for p in doubtful.proposal.pairs if {p.cause[0], p.alternative[0]} == {"backlash", "encoder_offset"})
-    assert pair.here < 1.0 < ExperimentSettings().decisive < pair.expected
+    assert pair.here < 1.0 < DECISIVE < pair.expected
     written = doubtful.to_dict()
     told = {a["effect"]: a["separated_by"] for a in written["causes"][0]["alternatives"]}
     assert told["encoder_offset" if written["causes"][0]["effect"] == "backlash" else "backlash"] == SEPARATING
@@ -76,16 +75,13 @@ def test_the_rehearsed_size_of_an_effect_is_the_recorded_one(doubtful: Diagnosis
     friction = "coulomb_friction:joint_2:torque=6"
     context = asked([record(first, friction, seed=1)], [record(second, friction, seed=2)]).context
     assert context is not None
-    (candidate,) = context.selected
-    around = ExperimentConditions.of(context.model, context.library.sets[0])
-    for data, motion in zip(context.library.sets, (first, second), strict=True):
-        recorded = np.sum(data.whiten(data.plain(candidate.feature, candidate.searched or ())) ** 2)
-        predicted = np.sum(
-            PredictedExperiment(around, motion, ExperimentSettings().rate).white(
-                candidate.feature, candidate.searched or ()
-            )
-            ** 2
-        )
+    (term,) = context.explanation.best.optional
+    assert term.feature is not None
+    fitted = context.explanation.linear.data
+    around = ExperimentConditions.of(context.model, fitted)
+    for data, motion in zip((fitted, context.validate), (first, second), strict=True):
+        recorded = np.sum(data.whiten(data.plain(term.feature, term.theta)) ** 2)
+        predicted = np.sum(PredictedExperiment(around, motion, RATE).white(term.feature, term.theta) ** 2)
         assert recorded / data.seconds == pytest.approx(predicted / motion.duration, rel=0.1)
 
 

@@ -7,13 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from elastic_arm.diagnosis.calibration.nuisance import nuisance_parameters
-from elastic_arm.diagnosis.priors import Priors, read_priors
-from elastic_arm.diagnosis.selection.candidates import features
-from elastic_arm.diagnosis.settings import RefitSettings
 from elastic_arm.effects import EFFECTS
 from elastic_arm.effects.equations import ArmEquations
+from elastic_arm.equations.places import features
 from elastic_arm.errors import DiagnosisError
+from elastic_arm.evidence.numbers import LARGEST_SCALE, numbers_of
+from elastic_arm.evidence.priors import Priors, read_priors
 from elastic_arm.robot import load_robot
 
 SENSORS = [effect for effect in EFFECTS.values() if effect.prior is not None]
@@ -53,23 +52,24 @@ def test_what_is_no_prior_is_refused_in_one_line(tmp_path: Path, text: str, prob
     assert problem in str(caught.value) and str(path) in str(caught.value) and "\n" not in str(caught.value)
 
 
-def test_nuisance_parameters_have_the_stated_deviations() -> None:
-    """A file's numbers are those of the nuisance parameters, and scales of torque are bounded by what is believable."""
-    robot, settings = load_robot(), RefitSettings()
+def test_numbers_have_the_stated_deviations() -> None:
+    """A file's numbers are the priors of the arm's and the sensors', and a stiffness stays positive."""
+    robot = load_robot()
     shown = features(ArmEquations(robot, "mod3"), SENSORS)
     priors = Priors(mass=0.2, stiffness=0.3, sensors={"joint_torque_gain": 0.05})
-    found = {(p.what, p.joint): p for p in nuisance_parameters(robot, shown, 1000.0, priors, settings)}
+    made = numbers_of(robot, shown, 1000.0, priors, (), np.full(robot.n, 100.0), None, ("link", "drive", "motor"))
+    found = {(p.what, p.joint): p for p in made}
     assert found["link_mass", "joint_2"].prior_std == 0.2
     assert found["joint_torque_gain", "joint_2"].prior_std == 0.05
     assert found["motor_torque_gain", "joint_2"].prior_std == 0.015
-    assert found["stiffness", "joint_1"].limit == pytest.approx(settings.largest_scale / 0.3)
+    assert found["stiffness", "joint_1"].limit == pytest.approx(LARGEST_SCALE / 0.3)
 
 
 def test_how_gradually_friction_turns_over_is_uncertain_about_where_it_was_found_to() -> None:
     """Speeds are tried a factor of four apart: friction may turn over from a quarter to four times the one found."""
-    robot, settings = load_robot(), RefitSettings()
-    turning = np.linspace(0.0, 0.02, robot.n)
-    found = nuisance_parameters(robot, (), 1000.0, Priors(), settings, turning=turning)
+    robot = load_robot()
+    turning, largest = np.linspace(0.0, 0.02, robot.n), np.full(robot.n, 100.0)
+    found = numbers_of(robot, (), 1000.0, Priors(), (), largest, turning, ("link", "motor"))
     for side in ("link", "motor"):
         own = [p for p in found if p.speeds and p.side == side]
         speeds = [p.speeds for p in own if p.joint == robot.joint_names[-1]]
@@ -77,7 +77,7 @@ def test_how_gradually_friction_turns_over_is_uncertain_about_where_it_was_found
         usual = [p.speeds for p in own if p.joint == robot.joint_names[0]]
         assert usual == [pytest.approx(pair) for pair in ((5e-4, 2e-3), (2e-3, 8e-3), (2e-3,))]
     # Of one equation a joint both sides would be one parameter twice, with a prior that is too wide.
-    single = nuisance_parameters(robot, (), 1000.0, Priors(), settings, turning=turning, sides=("motor",))
+    single = numbers_of(robot, (), 1000.0, Priors(), (), largest, turning, ("motor",))
     assert {p.side for p in single if p.speeds} == {"motor"}
 
 

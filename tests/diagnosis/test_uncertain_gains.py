@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elastic_arm.diagnosis import DiagnosisSettings, Question, diagnose
-from elastic_arm.diagnosis.priors import Priors
+from elastic_arm.diagnosis import Priors, Question, diagnose
 from elastic_arm.effects.text import known_effects
 from elastic_arm.robot import load_robot
 from elastic_arm.studies.blind_challenge.hidden_arms.base_arms import imprecise, joint_sizes, ordinary_faults
@@ -51,9 +50,9 @@ def test_a_payload_and_warming_friction_beside_gains_that_are_off() -> None:
         )
         for seconds in (20.0, 10.0)
     )
-    settings = replace(DiagnosisSettings(), priors=Priors(sensors={"motor_torque_gain": 0.15}))
+    priors = Priors(sensors={"motor_torque_gain": 0.15})
     known = known_effects(("coulomb_friction", "viscous_friction"), ROBOT)
-    found = diagnose([identify], Question(ROBOT, refit=True, given=known, settings=settings), [validate])
+    found = diagnose([identify], Question(ROBOT, refit=True, given=known, priors=priors), [validate])
     causes = {(cause.effect, cause.joint): cause.parameters for cause in found.causes}
     assert set(causes) == {("payload", "joint_3"), ("thermal_friction", "joint_2")}
     mass, change = causes["payload", "joint_3"]["mass"], causes["thermal_friction", "joint_2"]["change"]

@@ -5,12 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from elastic_arm.diagnosis.data.split import independent, split
-from elastic_arm.diagnosis.settings import SplitSettings
+from elastic_arm.diagnosis.split import independent, split
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.recording import Recording, Side
-
-SETTINGS = SplitSettings()
 
 
 def recording(seconds: float, seed: int, frequency: float = 0.37) -> Recording:
@@ -23,30 +20,30 @@ def recording(seconds: float, seed: int, frequency: float = 0.37) -> Recording:
 
 def test_the_last_third_judges() -> None:
     """Without a validation recording two thirds are fitted, and both parts are of the same recording."""
-    (fitted,), (judging,) = split([recording(30.0, 1)], [], SETTINGS)
+    (fitted,), (judging,) = split([recording(30.0, 1)], [])
     assert fitted.duration == pytest.approx(20.0, abs=0.1) and judging.duration == pytest.approx(10.0, abs=0.1)
 
 
 def test_a_validation_recording_is_taken_whole() -> None:
     """Recordings named for judging judge, and all of the others is fitted."""
     first, second = recording(12.0, 1), recording(8.0, 2)
-    assert split([first], [second], SETTINGS) == ([first], [second])
+    assert split([first], [second]) == ([first], [second])
 
 
 def test_what_is_fitted_may_not_judge() -> None:
     """A part of the same recording repeats its noise, which no other recording does."""
     first = recording(12.0, 1)
     with pytest.raises(DiagnosisError, match="bag_1 is also what is fitted"):
-        split([first], [first.between(3.0, 9.0)], SETTINGS)
+        split([first], [first.between(3.0, 9.0)])
 
 
 def test_too_short_a_recording_is_refused_with_the_length_that_is_needed() -> None:
     """A third of 6 s is below 2.5 s; 8 s would do."""
     with pytest.raises(DiagnosisError, match="at least 8 s"):
-        split([recording(6.0, 1)], [], SETTINGS)
+        split([recording(6.0, 1)], [])
 
 
 def test_a_repetition_is_no_independent_motion() -> None:
     """The same oscillation at another phase is found in the longer recording; another frequency is not."""
-    assert not independent([recording(20.0, 1)], [recording(5.0, 2)], SETTINGS)
-    assert independent([recording(20.0, 1)], [recording(5.0, 2, frequency=0.61)], SETTINGS)
+    assert not independent([recording(20.0, 1)], [recording(5.0, 2)])
+    assert independent([recording(20.0, 1)], [recording(5.0, 2, frequency=0.61)])

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from elastic_arm.diagnosis.data.encoder_zeros import with_common_zeros
+from elastic_arm.diagnosis.encoder_zeros import with_common_zeros
 from elastic_arm.recording import Recording, Side
 from elastic_arm.robot import load_robot
 

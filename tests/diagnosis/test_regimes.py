@@ -8,10 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from elastic_arm.diagnosis.inference.regimes import bases, regime, shares
-from elastic_arm.diagnosis.settings import RegimeSettings
+from elastic_arm.diagnosis.regimes import regime, shares
 
-SETTINGS = RegimeSettings()
 RATIOS = (100.0, 300.0)
 T = np.arange(3000) / 100.0
 SPEED = np.cos(1.1 * T) + 0.4 * np.cos(2.3 * T)
@@ -59,17 +57,11 @@ DATA: Any = SimpleNamespace(
 )
 def test_a_residual_is_named_by_what_it_is_made_of(residual: np.ndarray, expected: str) -> None:
     """A residual that is a function of one quantity follows the regime of that quantity."""
-    found = shares(DATA, [np.stack([0 * residual, residual], axis=1)], 1, RATIOS, SETTINGS)
-    assert regime(found, SETTINGS) == expected
+    found = shares(DATA, [np.stack([0 * residual, residual], axis=1)], 1, RATIOS)
+    assert regime(found) == expected
 
 
 def test_noise_follows_no_regime() -> None:
     """White noise has a weak share of everything, and is there always."""
     noise = np.random.default_rng(0).standard_normal((3000, 2))
-    assert regime(shares(DATA, [noise], 1, RATIOS, SETTINGS), SETTINGS) == "always"
-
-
-def test_the_shapes_of_angles_are_the_orders_set() -> None:
-    """Sine and cosine of each order."""
-    shapes = bases(SIGNALS, "motor", 0, 1, RATIOS, RegimeSettings(orders=(1, 2)))
-    assert shapes["rotor_angle"].shape == (3000, 4)
+    assert regime(shares(DATA, [noise], 1, RATIOS)) == "always"

@@ -1,0 +1,127 @@
+"""Sets of terms: what one more would gain, which set a search ends with, and where nonlinear numbers come out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from elastic_arm.effects.parameters import Parameter, Role
+from elastic_arm.evidence.model import LinearModel, Screen
+from elastic_arm.evidence.nonlinear import moved, refined
+from elastic_arm.evidence.pool import sized
+from elastic_arm.evidence.priors import SIZES
+from elastic_arm.evidence.search import Search
+from elastic_arm.evidence.term import Term
+from tests.evidence.made_up import HARMONICS, model, quiet, term
+
+ROWS = 4 * HARMONICS
+RNG = np.random.default_rng(5)
+COLUMNS = RNG.standard_normal((ROWS, 6))
+N = RNG.standard_normal((ROWS, 2))
+ODDS = 6.0
+
+
+def search(data: LinearModel, terms: Sequence[Term]) -> Search:
+    """Return a search among terms that have no nonlinear numbers."""
+    linear: Any = SimpleNamespace(problem=SimpleNamespace(observed=((None,), ())), which=0)  # of one recording
+    return Search(linear, data, [Screen(data.grams, terms)])
+
+
+def test_a_terms_price_and_gain_add_up_to_the_score() -> None:
+    """A set scores its evidence less the prior odds of each term: adding one costs exactly its price."""
+    y, X = quiet(RNG), term("one", COLUMNS[:, 0])
+    free, dear = (model(y, N).fit([X.with_odds(odds)]) for odds in (0.0, ODDS))
+    assert dear.found.evidence == pytest.approx(free.found.evidence)
+    assert free.score - dear.score == pytest.approx(ODDS)
+
+
+def test_what_a_screen_foresees_is_what_the_fit_gains() -> None:
+    """At the noise of the fit the gain of every kind of term is what its proposal adds to the score, to rounding."""
+    data = model(quiet(RNG) + 0.3 * COLUMNS[:, 0], N)
+    terms = [
+        term("one", COLUMNS[:, 1], 0.4, odds=3.0),
+        term("several", COLUMNS[:, 1:4], np.array([0.2, 1.0, 3.0]), odds=5.0),
+        term("bounded", COLUMNS[:, 4], 0.5, low=np.zeros(1), odds=2.0),
+        term("known", COLUMNS[:, :0], offset=0.1 * COLUMNS[:, 5], odds=1.0),
+    ]
+    screen, beside = Screen(data.grams, terms), term("beside", COLUMNS[:, 0], 2.0)
+    for first in (data.fit([]), data.fit([beside])):
+        assert (first.found.v == 1.0).all()
+        gains = screen.gains(first)
+        each = [data.fit([*first.terms, screen.term(k)]) for k in range(len(terms))]
+        assert all((fit.found.v == 1.0).all() for fit in each)
+        np.testing.assert_allclose(gains, [fit.score - first.score for fit in each], atol=1e-6)
+
+
+def test_a_law_without_a_form_is_screened_over_its_sizes() -> None:
+    """Its gain is that of the mean likelihood over the sizes it may have, the likeliest of which is proposed."""
+    data = model(quiet(RNG) + 0.2 * COLUMNS[:, :4] @ [0.4, -0.3, 0.5, 0.2], N)
+    law = Term(("law", 0, ("motor", "its speed")), "law", COLUMNS[:, :4], np.ones(4), odds=2.0)
+    screen, nothing = Screen(data.grams, [law]), data.fit([])
+    scores = np.array([data.fit([sized(law, float(a))]).score - nothing.score for a in SIZES])
+    (gain,) = screen.gains(nothing)
+    assert gain == pytest.approx(np.logaddexp.reduce(scores), abs=1e-6)
+    assert screen.term(0).std[0] == SIZES[np.argmax(scores)]
+
+
+def test_the_terms_that_act_are_found_and_in_noise_none() -> None:
+    """Two of six act: those two, each with its size within 4 deviations, at a probability near 1; in noise nothing."""
+    terms = [term(f"t{k}", COLUMNS[:, k], odds=ODDS) for k in range(6)]
+    noise = RNG.standard_normal(ROWS)
+    for true in ({}, {1: 0.8, 4: -0.5}):
+        found = search(model(noise + sum(b * COLUMNS[:, k] for k, b in true.items()), N), terms)
+        best = found.run()
+        assert {key[0] for key in best.keys} == {f"t{k}" for k in true}
+        assert found.probabilities()[best.keys] > 0.95
+        for t in best.optional:
+            std = float(np.sqrt(best.covariance(t)[0, 0]))
+            assert abs(best.beta(t)[0] - true[int(t.key[0][1:])]) < 4.0 * std
+
+
+def test_two_terms_take_the_place_of_one_that_resembles_their_sum() -> None:
+    """A column near the sum of two comes first, and does not stay."""
+    twin = COLUMNS[:, 0] + COLUMNS[:, 1] + 0.5 * COLUMNS[:, 5]
+    terms = [*(term(f"t{k}", COLUMNS[:, k], odds=ODDS) for k in range(4)), term("sum", twin, odds=ODDS)]
+    best = search(model(RNG.standard_normal(ROWS) + COLUMNS[:, 0] + COLUMNS[:, 1]), terms).run()
+    assert {key[0] for key in best.keys} == {"t0", "t1"}
+
+
+def test_equal_columns_share_their_probability() -> None:
+    """Of two terms with one column each has half of it, and what one set gives up the other has."""
+    terms = [term(name, COLUMNS[:, 2], odds=ODDS) for name in ("a", "b")]
+    found = search(model(RNG.standard_normal(ROWS) + COLUMNS[:, 2]), terms)
+    found.run()
+    likely = {next(iter(keys))[0]: p for keys, p in found.probabilities().items() if len(keys) == 1}
+    assert likely["a"] == pytest.approx(0.5, abs=0.01) and likely["b"] == pytest.approx(0.5, abs=0.01)
+
+
+class Bump:
+    """A made-up effect: size times exp(-(w/s)²) of a speed w, with s to be searched."""
+
+    key = ("bump", "joint", ())
+    joint, phase, fixed, count = "joint", None, False, 1
+    linear = (Parameter("torque", "1", 0.1, 10.0, neutral=0.0),)
+    searched = (Parameter("speed", "rad/s", 0.01, 1.0, role=Role.SEARCHED),)
+    effect = SimpleNamespace(regressor=None)
+
+
+@pytest.mark.parametrize("true", [0.05, 0.3])
+def test_a_nonlinear_number_comes_out_within_its_deviation(true: float) -> None:
+    """From the middle of its range the width of a bump is found, and is as uncertain as it comes out."""
+    w = np.linspace(-0.5, 0.5, ROWS)
+    columns = lambda feature, theta: np.exp(-((w / theta[0]) ** 2))[:, None]  # noqa: E731
+    bump: Any = Bump()
+    problem = SimpleNamespace(largest_at=lambda joint: 10.0)
+    linear: Any = SimpleNamespace(columns=columns, problem=problem, most=lambda feature, p: np.inf)
+    errors = []
+    for seed in range(20):
+        data = model(3.0 * columns(bump, [true])[:, 0] + np.random.default_rng(seed).standard_normal(ROWS), N)
+        start = Term(bump.key, "effect", columns(bump, [0.1]), np.array([10.0]), feature=bump, theta=(0.1,))
+        found, fit = refined(linear, data, start, [], data.fit([]))
+        width = moved(bump.searched[0], found.theta[0], float(fit.beta(found)[1]))
+        errors.append(np.log(width / true) / np.sqrt(fit.covariance(found)[1, 1]))
+    assert np.abs(errors).max() < 4.0 and 0.5 < np.sqrt(np.mean(np.square(errors))) < 1.6
