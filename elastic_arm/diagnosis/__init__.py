@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING
 from elastic_arm.lazy_names import lazily
 
 if TYPE_CHECKING:
-    from elastic_arm.diagnosis.following_up import follow_up
     from elastic_arm.diagnosis.answer import diagnose
+    from elastic_arm.diagnosis.following_up import follow_up
     from elastic_arm.diagnosis.question import Question
     from elastic_arm.diagnosis.result import Diagnosis
     from elastic_arm.evidence.priors import Priors

@@ -117,9 +117,11 @@ class Answer:
         total = linear.values + fit.numbers
         ordinary = total - fit.far_off
         fitted = set(self.prepared.problem.indices[0])
-        own = [k for k, p in enumerate(self.prepared.problem.numbers) if p.recording is not None and p.recording not in fitted]
+        numbers = self.prepared.problem.numbers
+        own = [k for k, p in enumerate(numbers) if p.recording is not None and p.recording not in fitted]
         if own:
-            left = self.judging.data.white - self.judging.numbers @ (total - linear.values) - self._white_causes(fit.terms)
+            left = self.judging.data.white - self.judging.numbers @ (total - linear.values)
+            left -= self._white_causes(fit.terms)
             N = self.judging.numbers[:, own]
             power = max(float(np.mean(left**2)), 1.0)
             z = np.linalg.solve(N.T @ N / power + np.eye(len(own)), N.T @ left / power)
@@ -170,8 +172,8 @@ class Answer:
     @cached_property
     def before(self) -> list[Array]:
         """Residuals (N', R) of each stretch of the description, known effects in it; refitted where that was asked."""
-        total, ordinary = self._numbers
-        at = ordinary if self.question.refit else np.where([p.recording is not None for p in self.prepared.problem.numbers], ordinary, 0.0)
+        ordinary = self._numbers[1]
+        at = ordinary if self.question.refit else np.where(self._of_one, ordinary, 0.0)
         step = at - self.explanation.linear.values
         left = [y - N @ step for y, N in zip(self.judging.data.y, self._plain_numbers, strict=True)]
         return _less(left, [self._added(t, stated=True) for t in self._always])
@@ -180,19 +182,24 @@ class Answer:
     def _always(self) -> tuple[Term, ...]:
         return self.best.terms[: len(self.best.model.always)]
 
+    @property
+    def _of_one(self) -> NDArray[np.bool_]:
+        """Which numbers are of one recording."""
+        return np.array([p.recording is not None for p in self.prepared.problem.numbers], dtype=bool)
+
     @cached_property
     def numbers_added(self) -> list[Array]:
         """What the ordinary deviations of the numbers change beside :attr:`before`."""
         if self.question.refit:
             return [np.zeros_like(y) for y in self.before]
-        ordinary = np.where([p.recording is not None for p in self.prepared.problem.numbers], 0.0, self._numbers[1])
+        ordinary = np.where(self._of_one, 0.0, self._numbers[1])
         return [N @ ordinary for N in self._plain_numbers]
 
     @cached_property
     def after(self) -> list[Array]:
         """Residuals of each stretch with the causes and what is ordinary."""
         causes = [self.added[t.ident] for t in self.best.optional if t.kind != "law"]
-        known = [[b - a for a, b in zip(self._added(t, stated=True), self.added[t.ident], strict=True)] for t in self._always]
+        known = [_less(self.added[t.ident], [self._added(t, stated=True)]) for t in self._always]
         return _less(self.before, [self.numbers_added, *known, *causes])
 
     @cached_property
@@ -228,17 +235,17 @@ class Answer:
         return found
 
     def _cause(self, name: Name, probability: float) -> tuple[Cause, list[Array]]:
-        holding = [(p, fit, t) for p, fit in self.sets for t in fit.optional if t.kind not in (LAW, CHANGE) and _name(t.key) == name]
+        every = ((p, fit, t) for p, fit in self.sets for t in fit.optional if t.kind not in (LAW, CHANGE))
+        holding = [(p, fit, t) for p, fit, t in every if _name(t.key) == name]
         _, fit, term = holding[0]
         problem = self.prepared.problem
         values = self.explanation.linear.values
-        each, instance = [], None
+        each: list[tuple[float, dict[str, ParameterEstimate]]] = []
+        _, instance = estimated(fit, term, problem.numbers, values)
         for p, one, t in holding:
             if p < LISTED * probability or t.key != term.key or (t.kind, t.count) != (term.kind, term.count):
                 continue
-            parameters, own = estimated(one, t, problem.numbers, values)
-            instance = instance or own
-            each.append((p, parameters))
+            each.append((p, estimated(one, t, problem.numbers, values)[0]))
         sides = dict.fromkeys(side for p, _, t in holding if p > 0.05 * probability for side in t.feature.sides)
         stated = next((i for _, i in problem.known if term.kind == "stated" and (i.effect.id, i.joint) == name), None)
         here = next((t for t in self.best.optional if _name(t.key) == name), None)
@@ -261,7 +268,8 @@ class Answer:
 
     def _instead(self, name: Name) -> dict[Name, float]:
         """Return the probabilities of what is there in the sets without a cause and not in the most probable one."""
-        best, found = {_name(k) for k in self.best.keys}, {}
+        best = {_name(k) for k in self.best.keys}
+        found: dict[Name, float] = {}
         for p, fit in self.sets:
             own = {_name(k) for k in fit.keys if k[0] not in (LAW, CHANGE)}
             if name not in own:
@@ -325,7 +333,6 @@ class Answer:
     def white_left(self) -> Array:
         """What is left of the recordings that were fitted, whitened (rows,)."""
         model, fit = self.explanation.search.model, self.best
-        V, _ = model.basis
         left = model.y - model.N @ (fit.numbers - fit.far_off)
         for t in fit.terms:
             left = left - (0.0 if t.offset is None else t.offset) - t.columns @ fit.raw(t)
@@ -392,7 +399,7 @@ class Answer:
             before=ResidualSizes(named(before.rmse), named(before.peak)),
             after=ResidualSizes(named(after.rmse), named(after.peak)),
             shrink=None if verdict == "none" else share,
-            shrink_interval=None if verdict == "none" else self.shrink.interval or ((share, share) if share is not None else None),
+            shrink_interval=None if verdict == "none" or share is None else self.shrink.interval or (share, share),
             shrink_by_place={p: (None if np.isnan(v) else v) for p, v in named(self.shrink.by_row).items()},
             causes=tuple(cause for cause, _ in causes),
             unexplained=tuple(unexplained),
@@ -422,26 +429,22 @@ class Answer:
         )
 
     def _whitened_share(self) -> float:
-        """Return the share of the power over the noise that is gone, whitened: where no octave shows a gap by itself."""
+        """Return the share of the whitened power over the noise that is gone, where no octave shows a gap by itself."""
         model, fit = self.explanation.search.model, self.best
         empty = model.fit(())
         first, left = (float(np.sum(np.maximum(f.found.left - model.bands.n, 0.0))) for f in (empty, fit))
         return 1.0 - left / first if first else 0.0
 
     def _unexplained(self, laws: Sequence[tuple[float, Term]], rows: Sequence[int]) -> list[UnexplainedResidual]:
-        names, after = self.prepared.problem.robot.joint_names, self.gaps[1]
-        places = self.places
-        found = {}
-        for _, t in laws:
-            side = t.what.side if t.what.side in self.prepared.problem.layout.sides else self.prepared.problem.layout.sides[0]
-            row = places.index((names[t.what.joint], side))
-            found[row] = None
-        for row in rows:
-            found.setdefault(row, None)
+        names, sides = self.prepared.problem.robot.joint_names, self.prepared.problem.layout.sides
+        of_laws = [
+            self.places.index((names[t.what.joint], t.what.side if t.what.side in sides else sides[0])) for _, t in laws
+        ]
         result = []
-        for row in found:
+        for row in dict.fromkeys([*of_laws, *rows]):
+            (joint, side), rmse = self.places[row], float(self.gaps[1].rmse[row])
             shown = shares(self.judging.data, self.after, row, self._gear_ratios(row))
-            result.append(UnexplainedResidual(*places[row], regime(shown), float(after.rmse[row])))
+            result.append(UnexplainedResidual(joint, side, regime(shown), rmse))
         return result
 
     def _gear_ratios(self, row: int) -> tuple[float, float]:

@@ -15,14 +15,12 @@ from elastic_arm.robot import Robot
 
 ALIKE = 1.01  # ratio of sample rates that counts as one rate
 ONE_ENCODER = 5.0  # Hz; above it the deflection that a single encoder does not show changes the motion
-# Of a band's edge, Hz, times the length of a stretch, s: below, its filters leave too little. They take 4.2 and 3.6 over
-# the edge; half of what the first leaves must be longer than the second.
+# Of a band's edge, Hz, times the length of a stretch, s: below, its filters leave too little. They take 4.2 and 3.6
+# over the edge; half of what the first leaves must be longer than the second.
 NARROW = 12.0
 
 
-def common_equations(
-    observations: Sequence[Observation], model: Model
-) -> tuple[EquationSet, Band]:
+def common_equations(observations: Sequence[Observation], model: Model) -> tuple[EquationSet, Band]:
     """Return equations and band that all recordings allow.
 
     Parameters
@@ -50,9 +48,7 @@ def common_equations(
     return layouts[0], common_band(layouts[0], model, rate, torque_band)
 
 
-def common_band(
-    layout: EquationSet, model: Model, rate: float, torque_band: float = np.inf
-) -> Band:
+def common_band(layout: EquationSet, model: Model, rate: float, torque_band: float = np.inf) -> Band:
     """Return the band in which residuals are compared.
 
     Parameters

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elastic_arm.equations.numbers import Number
 from elastic_arm.effects.model import EffectInstance
+from elastic_arm.equations.numbers import Number
 from elastic_arm.evidence.model import Fit
 from elastic_arm.evidence.nonlinear import components, moved
 from elastic_arm.evidence.term import Term
@@ -45,13 +45,13 @@ def estimated(
         total = values + fit.numbers
         moved_by = np.flatnonzero(term.what.any(axis=1))
         covariance = fit.number_covariance[np.ix_(moved_by, moved_by)]
-        own = [parameters[k] for k in moved_by]
+        own = [parameters[int(k)] for k in moved_by]
         return _of(term, lambda x: _number_values(term, own, x), total[moved_by], covariance)
     return _of(term, lambda x: _effect_values(term, x), *_coefficients(fit, term))
 
 
 def _coefficients(fit: Fit, term: Term) -> tuple[Array, Array]:
-    """Return the coefficients of an effect and their covariance; of a stated one that is off, those of both together."""
+    """Return the coefficients of an effect and their covariance; of a stated one that is off, of both together."""
     beta, covariance = fit.beta(term), fit.covariance(term)
     if term.kind == "stated":
         (known,) = (t for t in fit.terms if t.kind == "effect" and t.key == term.key)
@@ -91,10 +91,17 @@ def _of(
     if not names:
         return {}, EffectInstance(feature.effect, feature.joint, dict(feature.choices))
     std = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-    slopes = np.stack(
-        [(flat(values(x + STEP * s * e)) - flat(values(x - STEP * s * e))) / (2 * STEP * s) for s, e in zip(std, np.eye(len(x)), strict=True)],
-        axis=1,
-    ) if len(x) else np.zeros((len(flat(here)), 0))
+    slopes = (
+        np.stack(
+            [
+                (flat(values(x + STEP * s * e)) - flat(values(x - STEP * s * e))) / (2 * STEP * s)
+                for s, e in zip(std, np.eye(len(x)), strict=True)
+            ],
+            axis=1,
+        )
+        if len(x)
+        else np.zeros((len(flat(here)), 0))
+    )
     deviations = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slopes, covariance, slopes), 0.0))
     found, at = {}, 0
     for p in names:
@@ -102,7 +109,9 @@ def _of(
         at += p.size
         value = list(here[p.name]) if p.size > 1 else float(here[p.name])
         known = None if p.integer or not own.any() else ([float(v) for v in own] if p.size > 1 else float(own[0]))
-        found[p.name] = ParameterEstimate(value, known if known is not None else ([None] * p.size if p.size > 1 else None), feature.unit(p))
+        found[p.name] = ParameterEstimate(
+            value, known if known is not None else ([None] * p.size if p.size > 1 else None), feature.unit(p)
+        )
     bounded = {p.name: _physical(p, here[p.name]) for p in names}
     return found, EffectInstance(feature.effect, feature.joint, {**bounded, **feature.choices})
 

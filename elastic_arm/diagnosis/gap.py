@@ -66,7 +66,9 @@ class Gap:
                 noise[:, o] += share * sensors[there].sum(axis=0) * step
                 count[:, o] += 2.0 * there.sum() / 1.5  # a Hann window correlates neighbours
         values = np.concatenate(list(residuals))
-        return Gap(power, noise, np.maximum(count, 1.0), np.sqrt(np.mean(values**2, axis=0)), np.abs(values).max(axis=0))
+        return Gap(
+            power, noise, np.maximum(count, 1.0), np.sqrt(np.mean(values**2, axis=0)), np.abs(values).max(axis=0)
+        )
 
     @property
     def significant(self) -> NDArray[np.bool_]:

@@ -21,6 +21,7 @@ from elastic_arm.effects import EffectInstance, robot_effects
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.effects.library.base_tilt import TILT
 from elastic_arm.effects.model import Scope
+from elastic_arm.equations.numbers import Number
 from elastic_arm.equations.places import feature_of, features, recorded_features
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.equations import EquationSet
@@ -162,10 +163,11 @@ def _observed(
     """Return the motion of both parts; where the second was held back from the first, it continues it."""
     together = share_out(observe, chain.from_iterable(parts))
     first, rest = together[: len(parts[0])], together[len(parts[0]) :]
-    if held_back:
-        cuts = [(b.start_ns - a.start_ns) * 1e-9 for a, b in zip(*parts, strict=True)]
-        first, rest = zip(*(continued(a, b, cut) for a, b, cut in zip(first, rest, cuts, strict=True)), strict=True)
-    return tuple(first), tuple(rest)
+    if not held_back:
+        return tuple(first), tuple(rest)
+    cuts = [(b.start_ns - a.start_ns) * 1e-9 for a, b in zip(*parts, strict=True)]
+    joined = [continued(a, b, cut) for a, b, cut in zip(first, rest, cuts, strict=True)]
+    return tuple(a for a, _ in joined), tuple(b for _, b in joined)
 
 
 def _mounted(question: Question, observed: Sequence[Observation]) -> tuple[Robot, Mounting | None]:
@@ -210,7 +212,15 @@ def _is_seen(feature: Feature, layout: EquationSet) -> bool:
     return whole or bool(layout.transform[:, feature.rows].any())
 
 
-def _candidates(question, equations, still, layout, numbers, observed, seen) -> list[Feature]:
+def _candidates(
+    question: Question,
+    equations: ArmEquations,
+    still: Sequence[str],
+    layout: EquationSet,
+    numbers: Sequence[Number],
+    observed: Observation,
+    seen: Sequence[Sequence[EffectInstance]],
+) -> list[Feature]:
     """Return every effect at every place where motion and channels can show it.
 
     What numbers hold is a number that is far off, and what is known is there already.

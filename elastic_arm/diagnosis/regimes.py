@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import welch
 
-
 from elastic_arm.estimation.motion import rates_of
 from elastic_arm.estimation.regressors import Signals
 from elastic_arm.estimation.whitening import WhitenedData
@@ -19,7 +18,10 @@ ORDERS = (1, 2, 3, 4)  # of the angles of rotor and wave generator
 SLOW = (0.1, 0.3)  # of the typical speed: widths of the two low-speed shapes
 MOTION = 3.0  # Hz; spectral lines are looked for above the motion's own frequencies
 START = 1.0  # s that count as the start
-WEAK, ALIKE = 0.1, 0.9  # share of the power below which a regime describes nothing; of the best, up to which simpler is named
+WEAK, ALIKE = (
+    0.1,
+    0.9,
+)  # share of the power below which a regime describes nothing; of the best, up to which simpler is named
 
 REGIMES = (
     "always",
@@ -37,9 +39,7 @@ REGIMES = (
 )
 
 
-def shares(
-    data: WhitenedData, values: Sequence[Array], row: int, ratios: tuple[float, float]
-) -> dict[str, float]:
+def shares(data: WhitenedData, values: Sequence[Array], row: int, ratios: tuple[float, float]) -> dict[str, float]:
     """Share of one residual's power that follows each regime.
 
     Parameters
@@ -80,9 +80,7 @@ def regime(found: dict[str, float]) -> str:
     return next(name for name in REGIMES if found.get(name, 0.0) > ALIKE * best)
 
 
-def bases(
-    signals: Signals, side: str, i: int, n: int, ratios: tuple[float, float]
-) -> dict[str, Array]:
+def bases(signals: Signals, side: str, i: int, n: int, ratios: tuple[float, float]) -> dict[str, Array]:
     """Return the columns (N, k) at the recording's rate that a residual of joint i would follow, by regime.
 
     Parameters

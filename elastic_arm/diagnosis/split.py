@@ -16,12 +16,13 @@ HELD_BACK = 1.0 / 3.0  # share of each recording that judges
 SHORTEST = 2.5  # s of either part
 RATE = 50.0  # Hz at which motions are compared; above the motions' own frequencies
 REPEATED = 0.02  # difference over spread below which a motion counts as a repetition
-ROWS, SHARED = 200, 0.2  # of a judging recording, looked for in what is fitted; share that may be found: noise repeats none
+ROWS, SHARED = (
+    200,
+    0.2,
+)  # of a judging recording, looked for in what is fitted; share that may be found: noise repeats none
 
 
-def split(
-    recordings: Sequence[Recording], validate: Sequence[Recording]
-) -> tuple[list[Recording], list[Recording]]:
+def split(recordings: Sequence[Recording], validate: Sequence[Recording]) -> tuple[list[Recording], list[Recording]]:
     """Return recordings to fit and to judge: the last third of each where no validation recording is given.
 
     Parameters

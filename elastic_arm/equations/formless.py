@@ -95,9 +95,12 @@ def general_laws(sets: Sequence[WhitenedData], joint: int, gear: Transmission | 
     if "link" in sides or "drive" in sides:
         found.append(GeneralLaw(joint, "sensor", "its load", _splines(sets, _load(joint), LOADS)))
     elastic = sets[0].parts[0].signals.values["x"].shape[1] > n
-    for side in (side for side in ("drive", "motor") if gear is not None and elastic and side in sides):
-        for turn, ratio in (("wave generator", gear.harmonic_drive_ratio), ("rotor", gear.r_tot)):
-            found.append(GeneralLaw(joint, side, f"the turn of its {turn}", _waves(_signal("x", n + joint), ratio)))
+    if gear is not None and elastic:
+        for acting in ("drive", "motor"):
+            for turn, ratio in (("wave generator", gear.harmonic_drive_ratio), ("rotor", gear.r_tot)):
+                if acting in sides:
+                    waves = _waves(_signal("x", n + joint), ratio)
+                    found.append(GeneralLaw(joint, acting, f"the turn of its {turn}", waves))
     if n > 1:
         found.append(GeneralLaw(joint, "sensor", "the loads of other joints", _scaled(sets, _loads_but(joint))))
     return found
@@ -118,9 +121,7 @@ def changing_friction(sets: Sequence[WhitenedData], joint: int) -> list[GeneralL
     return found
 
 
-def _over_angle(
-    sets: Sequence[WhitenedData], joint: int, side: str, angle: Argument
-) -> GeneralLaw:
+def _over_angle(sets: Sequence[WhitenedData], joint: int, side: str, angle: Argument) -> GeneralLaw:
     return GeneralLaw(joint, side, "its angle", _splines(sets, angle, ANGLES))
 
 

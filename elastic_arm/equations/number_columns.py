@@ -12,11 +12,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from elastic_arm.equations.robot_at import calibrated_robot
-from elastic_arm.equations.numbers import Number
-from elastic_arm.equations.places import scaling
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.effects.equations import ArmEquations
+from elastic_arm.equations.numbers import Number
+from elastic_arm.equations.places import scaling
+from elastic_arm.equations.robot_at import calibrated_robot
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.known_torques import ActingEffect
 from elastic_arm.estimation.motion import CompletedMotion, drive_constants, rates_of
@@ -100,9 +100,7 @@ def _transmitted(model: Model, data: WhitenedData, part: Part, effect: ActingEff
     return data.in_band(part, entries)[:, :, 0]
 
 
-def features_at(
-    model: Model, parameters: Sequence[Number], acting: Sequence[ActingEffect] = ()
-) -> dict[int, Feature]:
+def features_at(model: Model, parameters: Sequence[Number], acting: Sequence[ActingEffect] = ()) -> dict[int, Feature]:
     """Return the effects that nuisance parameters are, by number of the parameter; each compiled once for all data.
 
     Parameters
@@ -122,9 +120,7 @@ def features_at(
     }
 
 
-def inertial_columns(
-    model: Model, data: WhitenedData, parameters: Sequence[Number], directions: Array
-) -> list[Array]:
+def inertial_columns(model: Model, data: WhitenedData, parameters: Sequence[Number], directions: Array) -> list[Array]:
     """Return the columns (N', R, k) of the inertial numbers of each stretch, zero for other parameters.
 
     They are linear in Psi and depend on the motion alone.

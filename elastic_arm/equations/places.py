@@ -6,6 +6,7 @@ from collections.abc import Collection, Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
+
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.effects.model import Effect, EffectInstance
 from elastic_arm.effects.parameters import Parameter
@@ -13,7 +14,6 @@ from elastic_arm.estimation.effect_columns import SENSED, Feature, OwnRegressor,
 from elastic_arm.estimation.known_torques import ActingEffect
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.estimation.whitening import WhitenedData
-
 
 WOUND = (
     1.2  # of the median deflection of a joint: what its play may be, with encoders' zeros a little apart; convention

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from elastic_arm.equations.numbers import Number
 from elastic_arm.dynamics.bodies import TENSOR
+from elastic_arm.equations.numbers import Number
 from elastic_arm.errors import RobotError
 from elastic_arm.robot import Component, Inertia, Joint, Robot
 

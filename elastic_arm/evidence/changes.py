@@ -32,7 +32,9 @@ def change_of(linear: Linearisation, term: Term) -> Term:
     """
     data, count = linear.data, len(linear.problem.observed[linear.which])
     recording = data.of_stretches([part.recording for part in data.parts])
-    columns = np.hstack([np.where((recording == k)[:, None], term.columns[:, : term.linear], 0.0) for k in range(count)])
+    columns = np.hstack(
+        [np.where((recording == k)[:, None], term.columns[:, : term.linear], 0.0) for k in range(count)]
+    )
     std = np.tile(term.std[: term.linear], count)
     return Term(change_key(term), CHANGE, columns, std, what=term.key, ident=(*term.ident, CHANGE))
 

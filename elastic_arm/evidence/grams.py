@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from elastic_arm.evidence.term import Ident, Term
 from elastic_arm.estimation.whitening import WhitenedData
+from elastic_arm.evidence.term import Ident, Term
 
 Array = NDArray[np.float64]
 
@@ -37,7 +37,9 @@ class Bands:
     """
 
     def __init__(self, data: WhitenedData) -> None:
-        f = np.concatenate([np.repeat(np.arange(h.size // 2) * data.band.kept_rate / h.samples, 2) for h in data.harmonics])
+        f = np.concatenate(
+            [np.repeat(np.arange(h.size // 2) * data.band.kept_rate / h.samples, 2) for h in data.harmonics]
+        )
         octaves, self.places = len(OCTAVES) + 1, data.layout.rows
         own = np.searchsorted(OCTAVES, f, side="right")
         self.of_rows = np.concatenate([place * octaves + own for place in range(self.places)])

@@ -92,7 +92,7 @@ class Fit:
         return sum((t.what @ self.beta(t) for t in self.optional if t.kind == "number"), np.zeros(len(self.model.mean)))
 
     def _rows(self, term: Term) -> Array:
-        """Return the coefficients (k, p) of a term by those of the fit: of one that changes, its mean over recordings."""
+        """Return the coefficients (k, p) of a term by the fit's: of one that changes, its mean over recordings."""
         found = np.zeros((term.count, len(self.found.x)))
         found[:, self.slices[term.ident]] = np.eye(term.count)
         for change in (t for t in self.optional if t.kind == "change" and t.what == term.key):
@@ -139,9 +139,12 @@ class Screen:
         self.at = np.concatenate([[0], np.cumsum(sizes)])
         self.X = np.hstack(blocks)[order] if blocks else np.zeros((len(order), 0))
         self.with_base = bands.products(grams.base, self.X)
-        self.own = [bands.products(self.X[:, i:j], self.X[:, i:j]) for i, j in zip(self.at[:-1], self.at[1:], strict=True)]
+        self.own = [
+            bands.products(self.X[:, i:j], self.X[:, i:j]) for i, j in zip(self.at[:-1], self.at[1:], strict=True)
+        ]
         self.single = np.flatnonzero(sizes == 1)
-        self.squares = np.stack([self.own[k][:, 0, 0] for k in self.single], axis=1) if len(self.single) else None
+        singles = [self.own[k][:, 0, 0] for k in self.single]
+        self.squares = np.stack(singles, axis=1) if singles else np.zeros((len(bands.n), 0))
         self._with: dict[object, Array] = {}
 
     def _with_term(self, term: Term) -> Array:
@@ -203,7 +206,8 @@ class Screen:
         low = np.array([-np.inf if t.offset is not None else t.low[0] for t in terms])
         high = np.array([np.inf if t.offset is not None else t.high[0] for t in terms])
         bounded = np.isfinite(low) | np.isfinite(high)
-        each, means = [], []
+        gained: list[Array] = []
+        means: list[Array] = []
         for scale in SCALES:
             prior = scale * std
             variance = 1.0 / (G + prior**-2.0)
@@ -212,14 +216,14 @@ class Screen:
             gain[bounded] += mass(mean[bounded], np.sqrt(variance[bounded]), low[bounded], high[bounded]) - mass(
                 np.zeros(1), prior[bounded], low[bounded], high[bounded]
             )
-            each.append(gain)
+            gained.append(gain)
             means.append(mean)
-        best = np.argmax(each, axis=0)
+        best = np.argmax(gained, axis=0)
         self.mean = np.take_along_axis(np.array(means), best[None], axis=0)[0]
         for k, scale, free in zip(self.single, SCALES[best], ~fixed, strict=True):
             if free:
                 self.chosen[int(k)] = float(scale)
-        return np.where(fixed, b - 0.5 * G, np.max(each, axis=0) - np.log(len(SCALES))) - price
+        return np.where(fixed, b - 0.5 * G, np.max(gained, axis=0) - np.log(len(SCALES))) - price
 
     def _several(self, model: LinearModel, t: int, G: Array, b: Array) -> float:
         term = self.terms[t]
@@ -230,16 +234,16 @@ class Screen:
             self.chosen[t] = float(SIZES[int(np.argmax(each))])
             self.mean = U @ (z / (e + self.chosen[t] ** -2.0))
             return float(logsumexp(each) - np.log(len(SIZES))) - term.price - model.doubt(term)
-        each = []
+        gained = []
         for scale in SCALES:
             D = scale * term.std
             Gs = G * np.outer(D, D)
             Gs[np.diag_indices_from(Gs)] += 1.0
-            each.append(float(0.5 * (b * D) @ np.linalg.solve(Gs, b * D) - 0.5 * np.linalg.slogdet(Gs)[1]))
-        self.chosen[t] = float(SCALES[int(np.argmax(each))])
+            gained.append(float(0.5 * (b * D) @ np.linalg.solve(Gs, b * D) - 0.5 * np.linalg.slogdet(Gs)[1]))
+        self.chosen[t] = float(SCALES[int(np.argmax(gained))])
         P = (self.chosen[t] * term.std) ** -2.0
         self.mean = np.linalg.solve(G + np.diag(P), b)
-        return max(each) - float(np.log(len(SCALES))) - term.price - model.doubt(term)
+        return max(gained) - float(np.log(len(SCALES))) - term.price - model.doubt(term)
 
     def term(self, t: int) -> Term:
         """Return a term as :meth:`gains` found it best."""
@@ -342,7 +346,9 @@ class LinearModel:
             free = np.full(V.shape[1], np.inf)
             prior = Prior(
                 np.concatenate([V.T @ self.mean, *(t.mean for t in whole)]),
-                np.concatenate([np.where(scaled, self.trust, 1.0), *(t.std * (self.trust if t.trusted else 1.0) for t in whole)]),
+                np.concatenate(
+                    [np.where(scaled, self.trust, 1.0), *(t.std * (self.trust if t.trusted else 1.0) for t in whole)]
+                ),
                 np.concatenate([-free, *(t.low for t in whole)]),
                 np.concatenate([free, *(t.high for t in whole)]),
             )

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.codegen.parallel import share_out
-from elastic_arm.equations.numbers import Number
-from elastic_arm.equations.formless import general_laws
-from elastic_arm.equations.places import scaling
 from elastic_arm.effects.model import Scope
 from elastic_arm.effects.parameters import Parameter
+from elastic_arm.equations.formless import GeneralLaw, general_laws
+from elastic_arm.equations.numbers import Number
+from elastic_arm.equations.places import scaling
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.priors import SIZES, WIDE
@@ -62,7 +62,9 @@ def linear_prior(feature: Feature, largest: float) -> tuple[Array, Array, Array]
         found += [(span, low, high)] * parameter.size
     if feature.phase is not None:
         found = [(found[0][0], -np.inf, np.inf)] * 2
-    std, low_, high_ = (np.array(column, dtype=float) for column in zip(*found, strict=True)) if found else (np.zeros(0),) * 3
+    std, low_, high_ = (
+        (np.array(column, dtype=float) for column in zip(*found, strict=True)) if found else (np.zeros(0),) * 3
+    )
     return std, low_, high_
 
 
@@ -150,7 +152,8 @@ def number_terms(parameters: Sequence[Number], N: Array) -> list[Term]:
     N
         (rows, k) whitened columns for one standard deviation each.
     """
-    found, together = [], {}
+    found: list[Term] = []
+    together: dict[Key, list[int]] = {}
     unit = np.eye(len(parameters))
     for k, parameter in enumerate(parameters):
         if parameter.cause is None or not parameter.cause.effect.searched:
@@ -165,7 +168,8 @@ def number_terms(parameters: Sequence[Number], N: Array) -> list[Term]:
     for key, own in together.items():
         if len(own) > 1:
             first = parameters[own[0]]
-            moves = sum(unit[:, [k]] * first.prior_std / parameters[k].prior_std for k in own)
+            moves = np.zeros((len(parameters), 1))
+            moves[own, 0] = [first.prior_std / parameters[k].prior_std for k in own]
             found.append(_number(first, N, key, moves))
     return found
 
@@ -185,18 +189,16 @@ def law_terms(linear: Linearisation) -> list[Term]:
     data, joints = linear.data, linear.problem.robot.joints
     laws = [law for j, joint in enumerate(joints) for law in general_laws((data,), j, joint.transmission)]
 
-    def made(law) -> Term:
+    def made(law: GeneralLaw) -> Term:
         X = data.whiten(law.plain(data))
-        return Term(("law", law.joint, (law.side, law.argument)), "law", X, np.ones(X.shape[1]), what=law)
+        return Term(("law", str(law.joint), (law.side, law.argument)), "law", X, np.ones(X.shape[1]), what=law)
 
     return share_out(made, laws)
 
 
 def sized(term: Term, size: float) -> Term:
     """Return a law without a form at one of the sizes it may have."""
-    return replace(
-        term, std=np.full(term.count, size), grid=float(np.log(len(SIZES))), ident=(*term.ident, size)
-    )
+    return replace(term, std=np.full(term.count, size), grid=float(np.log(len(SIZES))), ident=(*term.ident, size))
 
 
 def monomials(points: Array) -> Array:

@@ -107,9 +107,7 @@ def posterior(
     if bounded.any():
         low, high = prior.low[bounded], prior.high[bounded]
         evidence += float(
-            np.sum(
-                mass(x[bounded], std[bounded], low, high) - mass(prior.mean[bounded], prior.std[bounded], low, high)
-            )
+            np.sum(mass(x[bounded], std[bounded], low, high) - mass(prior.mean[bounded], prior.std[bounded], low, high))
         )
     return Posterior(x, S, v, left, evidence)
 

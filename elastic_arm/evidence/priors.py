@@ -17,7 +17,6 @@ from elastic_arm.errors import DiagnosisError
 from elastic_arm.input_files import Number, explain, read_fields
 
 
-
 class Trust(NamedTuple):
     """What kind of description and sensors an arm may have.
 
@@ -52,7 +51,9 @@ FORMLESS = 1e-2  # odds of a law without a form over those of an effect: the cat
 SCALES = np.array([1.0, 0.1, 0.01, 1e-3, 1e-4])  # of a size's range: effects are of all sizes
 WIDE = 30.0  # standard deviation of a number that is far off, in ordinary ones: hardly any prior; convention
 STATED = 0.3  # relative standard deviation of a stated effect: friction changes so with temperature and wear
-SIZES = np.array([0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0])  # Nm; of laws without a form, joints of every kind
+SIZES = np.array(
+    [0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0]
+)  # Nm; of laws without a form, joints of every kind
 LEFT = 0.1  # share of a place's own gap that may be left (contract)
 ZERO_AS_MOUNTED = 1e-3  # rad; of a link encoder never compared with the motor's under a known torque
 OFFSET_SHARE, PRESLIDING_SHARE = 0.02, 0.1  # of a joint's largest torque: its zero, its friction below the least speed

@@ -90,7 +90,7 @@ def _better(one: Explanation, other: Explanation) -> Explanation:
 
 
 def _elsewhere(found: Explanation, tried: Set[frozenset[Key]]) -> Fit | None:
-    """Return the likeliest set with a number more than an ordinary deviation from where the most probable one has it."""
+    """Return the likeliest set that has a number more than an ordinary deviation elsewhere than the most probable one."""
     moving = _moving(found.linear.problem)
     sets = (
         fit
@@ -186,7 +186,7 @@ def _explained(linear: Linearisation, before: Fit | None, trust: str, refit: boo
     trusts = {name: one for name, one in TRUST.items() if not (refit and name == "as measured")}
     model, log = linear_model(linear, trust), []
     screens = _screens(linear, model, laws=whole)
-    terms = [] if before is None else _again(before, linear)
+    terms: Sequence[Term] = [] if before is None else _again(before, linear)
     # The trust in the description that is most probable beside the set, and the set beside it, until both stay.
     tried: dict[str, Search] = {}
     while trust not in tried:
@@ -230,7 +230,9 @@ def known_terms(linear: Linearisation) -> tuple[list[Term], list[Term]]:
         X = linear.columns(feature, theta)
         if feature.fixed:
             whole = X.sum(axis=1)
-            always.append(Term(feature.key, "effect", X[:, :0], np.zeros(0), offset=whole, feature=feature, theta=theta))
+            always.append(
+                Term(feature.key, "effect", X[:, :0], np.zeros(0), offset=whole, feature=feature, theta=theta)
+            )
             continue
         std, _, _ = linear_prior(feature, problem.largest_at(feature.joint))
         if i >= len(problem.stated):

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.evidence.priors import SCALES
 
 Array = NDArray[np.float64]
@@ -60,11 +59,11 @@ class Term:
     std: Array
     odds: float = 0.0
     grid: float = 0.0
-    mean: Array | None = None
-    low: Array | None = None
-    high: Array | None = None
+    mean: Array = None  # type: ignore[assignment]
+    low: Array = None  # type: ignore[assignment]
+    high: Array = None  # type: ignore[assignment]
     offset: Array | None = None
-    feature: Feature | None = None
+    feature: Any = None
     theta: tuple[float, ...] = ()
     tangents: tuple[int, ...] = ()
     size: float = 1.0
@@ -100,7 +99,9 @@ class Term:
     def scaled(self, scale: float) -> Term:
         """Return an effect or number of another scale."""
         std = self.std * np.where(np.arange(self.count) < self.linear, scale, 1.0)
-        return replace(self, std=std, scale=scale, grid=self.grid + float(np.log(len(SCALES))), ident=(*self.ident, scale))
+        return replace(
+            self, std=std, scale=scale, grid=self.grid + float(np.log(len(SCALES))), ident=(*self.ident, scale)
+        )
 
     def with_odds(self, odds: float) -> Term:
         """Return it with other prior odds."""
