@@ -27,7 +27,8 @@ from elastic_arm.diagnosis.result import (
     plain_parameters,
 )
 from elastic_arm.diagnosis.words import REPEATED_MOTION, law_note, no_separation, shape_note
-from elastic_arm.effects.model import EffectInstance
+from elastic_arm.effects import EFFECTS, EffectInstance
+from elastic_arm.effects.library.base_tilt import TILT
 from elastic_arm.errors import DiagnosisError, require_kind
 from elastic_arm.evidence.changes import CHANGE
 from elastic_arm.evidence.grams import OCTAVES
@@ -36,11 +37,13 @@ from elastic_arm.evidence.model import Fit
 from elastic_arm.evidence.priors import LEFT, LISTED, MOTION, NOISY
 from elastic_arm.evidence.relinearise import Explanation, explain, theta_of
 from elastic_arm.evidence.term import Key, Term
+from elastic_arm.identification.batch.mounting import CHANCE, STEP
 from elastic_arm.recording import Recording
 from elastic_arm.recording.recording import recordings_of
 
 Array = NDArray[np.float64]
 LAW = "law"
+MOUNTED = float(np.radians(STEP))  # rad, to which a mounting is known where no tilt is found beside it
 Name = tuple[str, str | None]  # effect and joint: the same law on two sides is one cause
 
 
@@ -232,7 +235,22 @@ class Answer:
             if p > 0.5 or (name in best and p + sum(self._instead(name).values()) > 0.5):
                 found.append(self._cause(name, p))
         found.sort(key=lambda one: -one[0].shrink)
-        return found
+        return [self._mounted(found), *found] if self.prepared.mounting is not None else found
+
+    def _mounted(self, found: list[tuple[Cause, list[Array]]]) -> tuple[Cause, list[Array]]:
+        """Return the tilt of an arm that is mounted otherwise than described, with what was found beside it."""
+        mounting, effect = self.prepared.mounting, EFFECTS[TILT]
+        assert mounting is not None
+        rest = next((one for one in found if one[0].effect == TILT), None)
+        small = {"x": ParameterEstimate(0.0, MOUNTED, "rad"), "y": ParameterEstimate(0.0, MOUNTED, "rad")}
+        if rest is not None:
+            found.remove(rest)
+            small = dict(rest[0].parameters)
+        x, y = mounting.tilted(small["x"].value, small["y"].value)
+        values = {"x": ParameterEstimate(x, small["x"].std, "rad"), "y": ParameterEstimate(y, small["y"].std, "rad")}
+        instance = EffectInstance(effect, None, {"x": x, "y": y})
+        cause = Cause(TILT, None, effect.sides, effect.regime, values, 0.0, 1.0 - CHANCE, (), instance, is_number=True)
+        return cause, self.before
 
     def _cause(self, name: Name, probability: float) -> tuple[Cause, list[Array]]:
         every = ((p, fit, t) for p, fit in self.sets for t in fit.optional if t.kind not in (LAW, CHANGE))

@@ -62,7 +62,12 @@ class Posterior:
 
 
 def posterior(
-    products: Products, n: Array, prior: Prior, place: NDArray[np.intp], coloured: float, start: Array | None = None
+    products: Products,
+    n: Array,
+    prior: Prior,
+    place: NDArray[np.intp],
+    coloured: float,
+    start: Array | None = None,
 ) -> Posterior:
     """Return the posterior of a set of terms.
 
