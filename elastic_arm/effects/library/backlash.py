@@ -4,7 +4,6 @@ import casadi as ca
 
 from elastic_arm.effects.law import Confusion, Contribution, Effect, Numbers, SymbolicMotion, searched
 
-
 SHARP = 20.0  # a load of so much less than the play is worth decides at which end of it a drive lies; numerical
 
 
