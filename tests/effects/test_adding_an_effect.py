@@ -54,9 +54,9 @@ def test_the_pages_effect_is_simulated_and_named_blindly(folder: Path) -> None:
 def test_the_pages_effect_is_drawn_in_a_challenge(folder: Path) -> None:
     """The challenge draws, records and names the buffer, and states that the suite's own simulator moved the arm."""
     create, diagnose, score = commands("## 4.")
-    output = run([*create, "--workers", "0", "--seconds", "6", "--validate-seconds", "5"])
+    output = run([*create, "--workers", "1", "--seconds", "6", "--validate-seconds", "5"])
     assert "rubber_buffer" in output and "own simulator" in " ".join(output.split())
-    run([*diagnose, "--workers", "0"])
+    run([*diagnose, "--workers", "1"])
     run(score)
     found = json.loads((folder / "blind" / "score.json").read_text())
     assert found["simulated"] == ["rubber_buffer"]
