@@ -49,13 +49,14 @@ def law_columns(
     if not instances:
         return []
     evaluate = _LawColumns(tuple(instances), robot, model, sign_speed)
-    described = {_place(entry["effect"], entry.get("joint"), robot) for entry in robot.effects}
+    # A law that is asked for holds no value of its own: where the description states one, that is the nominal.
+    described = {_place(entry["effect"], entry.get("joint"), robot): entry["parameters"] for entry in robot.effects}
     entries = []
     for instance in instances:
         place = place_of(instance, robot)
         for p in _linear(instance.effect):
-            values = np.atleast_1d(np.asarray(instance.parameters[p.name], dtype=float)) - (p.neutral or 0.0)
-            nominal = values if place in described else np.zeros(p.size)
+            stated = described.get(place, {}).get(p.name)
+            nominal = np.zeros(p.size) if stated is None else np.atleast_1d(stated) - (p.neutral or 0.0)
             unit, least = p.unit_at(instance.joint, robot.units), p.least - (p.neutral or 0.0)
             sensor = isinstance(instance.effect, SensorEffect)
             entries += [
