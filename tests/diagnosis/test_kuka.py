@@ -44,9 +44,7 @@ def load(robot: Robot, k: int) -> Recording:
 
 def found(robot: Robot, fit: list[Recording], held_out: Recording) -> Identification:
     laws = parse_laws(LAWS, robot)
-    return identify(
-        fit, robot, IdentificationSettings(effects=laws, derivatives="smoother", weighted=False), validate=[held_out]
-    )
+    return identify(fit, robot, IdentificationSettings(effects=laws), validate=[held_out])
 
 
 @pytest.fixture(scope="module")

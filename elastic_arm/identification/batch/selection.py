@@ -144,8 +144,7 @@ class Trials:
         found = []
         for recording, samples in self.recordings:
             self.report(f"motion of {recording.source}", 0.0)
-            method, period = self.settings.derivatives, self.settings.period
-            found.append(DerivativeStage(samples, method, period=period, source=recording.source))
+            found.append(DerivativeStage(samples, source=recording.source))
         return found
 
     def __call__(self, choice: BatchChoice, *, ends: bool = False) -> BatchTrial:
@@ -154,8 +153,7 @@ class Trials:
             return self._known[choice.key]
         columns = self._columns(choice)
         arm, joints = build_model(self.robot, self.settings.model), self.robot.joint_names
-        weighted, averaged = self.settings.weighted, choice.averaged
-        identifier = Identifier(arm, columns, joints=joints, weighted=weighted, encoder_columns=True, averaged=averaged)
+        identifier = Identifier(arm, columns, joints=joints, encoder_columns=True, averaged=choice.averaged)
         derived: list[Derived] = []
         unasked = {place_of(each.instance, self.robot) for each in choice.imperfections}
         asked = sum(column.name.rpartition(".")[0] not in unasked for column in columns)
@@ -188,8 +186,8 @@ class Trials:
             return choice
         trial = self(choice)
         equations = trial.identifier.equations
-        held = equations.rigid and not any(derived.series for derived in trial.derived)
-        return replace(choice, imperfections=judged_imperfections(possible, trial.fit, equations, held=held))
+        kept = judged_imperfections(possible, trial.fit, equations, held=equations.rigid)
+        return replace(choice, imperfections=kept)
 
     def _possible(self) -> tuple[NuisanceLaw, ...]:
         """Return the imperfections that the channels tell from everything else."""

@@ -35,7 +35,7 @@ def turning_speeds(recordings: Sequence[Recording], robot: Robot) -> Array | Non
     recorded = [(recording, recording.samples()) for recording in chosen]
     side = "" if all(samples.tau_m is not None for _, samples in recorded) else ":side=link"
     laws = parse_laws([f"{law}{side}" for law in PLAIN], robot)
-    settings = IdentificationSettings(model="mod1", effects=laws, derivatives="smoother")
+    settings = IdentificationSettings(model="mod1", effects=laws)
     trials = Trials(recorded, robot, settings, report=lambda what, share: None, beside=True)
     try:
         speeds = trials.selected().sign_speed
