@@ -308,7 +308,7 @@ def result_of(
                 fit.std.tolist(),
                 nominal.tolist(),
                 relative.tolist(),
-                checked(verdicts(relative), fit, equations),
+                checked(verdicts(relative), fit, equations, judged.one_way),
                 strict=True,
             )
         ),
@@ -326,7 +326,7 @@ def result_of(
         parameter_names=equations.names,
         T=base.T,
         covariance=fit.covariance,
-        notes=remarks(fit, equations),
+        notes=remarks(fit, equations, judged.one_way),
     )
 
 

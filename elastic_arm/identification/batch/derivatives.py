@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from elastic_arm.codegen.parallel import ahead
 from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.motion import Motion
+from elastic_arm.estimation.observation import torque_noise
 from elastic_arm.estimation.resampling import Clock, Grid
 from elastic_arm.estimation.residuals import AROUND, sticking
 from elastic_arm.estimation.series import period_of, repeats
@@ -129,6 +130,12 @@ class DerivativeStage:
             return repeats(self._longest, period_of(self._longest))
         except IdentificationError:
             return False
+
+    @functools.cached_property
+    def torque_noise(self) -> dict[str, Array]:
+        """Standard deviation (n,) of the noise of each torque channel, Nm."""
+        levels = {channel: torque_noise([self._longest], channel) for channel in ("tau_J", "tau_m")}
+        return {channel: level for channel, level in levels.items() if level is not None}
 
     @property
     def band(self) -> float:

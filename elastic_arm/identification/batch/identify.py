@@ -23,6 +23,7 @@ from elastic_arm.identification.consistency.estimation import correlation_of_err
 from elastic_arm.identification.consistency.identified_robot import odd_masses
 from elastic_arm.identification.law_columns import law_columns, on_recorded_side, with_stated
 from elastic_arm.identification.least_squares import Prior
+from elastic_arm.identification.misfit import poor_fits
 from elastic_arm.identification.regularisation import (
     DOUBT,
     chosen_width,
@@ -177,6 +178,7 @@ def _estimated(trials: Trials, choice: BatchChoice) -> tuple[Identification, Bat
     notes += [note for d, source in zip(derived, sources, strict=True) for note in d.notes(source, units)]
     notes += [] if width is None else [described_width(width, "parts of the recordings left out in turn")]
     notes += trials.notes(choice)
+    notes += poor_fits(identifier.equations, derived[0].longest, result.Psi_base, trials.stages[0].torque_noise)
     result = result.with_(notes=tuple(dict.fromkeys([*result.notes, *notes])))
     if trials.settings.consistent:
         trials.report("physical consistency", 1.0)
