@@ -47,18 +47,9 @@ def scattered(
 ) -> Array:
     """Return the covariance (P, P) of an estimate from its blocks' scores.
 
-    Parameters
-    ----------
-    blocks
-        Of each block, the sums [Phi y]'[Phi y] (groups, P + 1, P + 1), hi and lo, and what noise in Phi adds to them.
-    Psi
-        (P,) estimate.
-    weights
-        (groups,) of the equations.
-    back
-        (P, k) from whitened coordinates to parameters: `back @ back.T` is the covariance at unit noise.
-    prior
-        (any, P + 1) the prior's rows [F, F mean], whose information `back` holds as well; none when None.
+    `blocks` hold sums [Phi y]'[Phi y] (groups, P + 1, P + 1) and what noise in Phi adds to them. `back` (P, k) leads
+    from whitened coordinates to parameters: `back @ back.T` is the covariance at unit noise. `prior` has rows
+    [F, F mean].
     """
     solution = np.append(-Psi, 1.0)
     known = None if prior is None else prior[:, :-1] @ back
@@ -112,15 +103,10 @@ def widening(squares: Array, own: float = 1.0) -> Array:
     """Return the matrix (k, k) by which whitened errors are widened for the few blocks that determine them.
 
     Satterthwaite's degrees of freedom along each eigenvector: the number of blocks where they share alike, fewer where
-    some determine it alone; one is lost to the estimate itself.
-
-    Parameters
-    ----------
-    squares
-        (k, k) sum over the blocks of the square of each one's share in the information, whose sum is the unit matrix.
-    own
-        By how much the variance varies with the scores' scatter, 1 where it is that alone. What it is shrunk to
-        hardly scatters, but need not be right: the square root of the scatter's share stands between the two.
+    some determine it alone; one is lost to the estimate itself. `squares` (k, k) sums the squares of each block's share
+    in the information. `own` is by how much the variance varies with the scores' scatter, 1 where it is that alone:
+    what it is shrunk to hardly scatters, but need not be right, and the square root of the scatter's share stands
+    between the two.
     """
     values, vectors = np.linalg.eigh(squares)
     freedom = np.maximum(1.0 / np.maximum(values, 1e-12) - 1.0, 1.0) / max(own, 1e-6)
@@ -128,17 +114,7 @@ def widening(squares: Array, own: float = 1.0) -> Array:
 
 
 def white(r: Array, weights: Array, noise: Array, back: Array) -> Array:
-    """Return the covariance (P, P) that white errors of this size make.
-
-    Parameters
-    ----------
-    r
-        (groups, P + 1, P + 1) triangular factors of the rows.
-    weights, noise
-        (groups,).
-    back
-        See :func:`scattered`.
-    """
+    """Return the covariance (P, P) that white errors of this size make."""
     phi = ((weights**2 * noise)[:, None, None] * (r[..., :-1] @ back)).reshape(-1, back.shape[1])
     return np.asarray(back @ (phi.T @ phi) @ back.T)
 
@@ -149,17 +125,7 @@ def residual_norms(r: Array, Psi: Array) -> Array:
 
 
 def residual_std(r: Array, Psi: Array, samples: Array | float) -> Array:
-    """Return the std (groups,) of the residuals, Nm, never below rounding.
-
-    Parameters
-    ----------
-    r
-        (groups, B + 1, B + 1) triangular factors of the rows.
-    Psi
-        (B,) parameters.
-    samples
-        That the rows come from, of each group (groups,) or of every one.
-    """
+    """Return the std (groups,) of the residuals, Nm, never below rounding."""
     active = np.count_nonzero(np.linalg.norm(r[..., :-1], axis=-2), axis=-1)
     freedom = np.maximum(samples - active / max(len(r) / len(Psi), 1.0), 1.0)
     largest = largest_terms(r, Psi)

@@ -30,17 +30,7 @@ SENSED = ("q", "theta", "tau_J", "tau_m")
 
 
 def smoothed(smoother: Smoother, grid: Grid, equations: BaseRegression) -> Motion:
-    """Smooth a regular piece, with the laws beyond the model passed through the same filter.
-
-    Parameters
-    ----------
-    smoother
-        The derivative stage.
-    grid
-        Samples at a constant rate.
-    equations
-        Whose laws beyond the model are meant.
-    """
+    """Smooth a regular piece, with the laws beyond the model passed through the same filter."""
     every = smoother.thinning
     if not equations.columns:
         return smoother(grid, every)
@@ -53,24 +43,12 @@ def smoothed(smoother: Smoother, grid: Grid, equations: BaseRegression) -> Motio
 
 @dataclass
 class Progress:
-    """Counts of the samples of a stream.
+    """Counts of the samples of a stream."""
 
-    Parameters
-    ----------
-    samples
-        Samples in the equations so far.
-    received
-        Samples handed in.
-    refused
-        Samples left out because their stamps did not advance.
-    pieces
-        Runs without a gap.
-    """
-
-    samples: int = 0
-    received: int = 0
-    refused: int = 0
-    pieces: int = 0
+    samples: int = 0  # Samples in the equations so far
+    received: int = 0  # Samples handed in
+    refused: int = 0  # Samples left out because their stamps did not advance
+    pieces: int = 0  # Runs without a gap
 
 
 class Identifier:
@@ -245,15 +223,7 @@ class Identifier:
         methods: tuple[str, ...] = (),
         found: Fit | None = None,
     ) -> Identification:
-        """Return the estimate with its standard deviations and verdicts; see :meth:`fit` for errors.
-
-        Parameters
-        ----------
-        recordings, methods
-            Where the samples came from, and how derivatives were made.
-        found
-            The estimate, where it is known already.
-        """
+        """Return the estimate with its standard deviations and verdicts; see :meth:`fit` for errors."""
         found = found or self.fit()
         return result_of(found, self.equations, self.excitation(), self.progress.samples, recordings, methods)
 

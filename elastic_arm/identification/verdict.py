@@ -44,30 +44,14 @@ TAKES_PART = 0.3
 
 @dataclass(frozen=True)
 class Excitation:
-    """What the motion of a recording can determine, judged before any fit.
+    """What the motion of a recording can determine, judged before any fit."""
 
-    Parameters
-    ----------
-    condition
-        Condition number of the equilibrated columns.
-    relative_std
-        (B,) expected standard deviation over natural scale, for white torque noise of 0.26 Nm.
-    weakest
-        Base parameters that take part in the least determined direction.
-    poor
-        Whether parameters from this recording should not be trusted beyond its own kind of motion.
-    reasons
-        Why, in words.
-    one_way
-        Joints that turn in one direction only.
-    """
-
-    condition: float
-    relative_std: Array
-    weakest: tuple[str, ...]
-    poor: bool
-    reasons: tuple[str, ...]
-    one_way: tuple[str, ...] = ()
+    condition: float  # Condition number of the equilibrated columns
+    relative_std: Array  # (B,) expected standard deviation over natural scale, for white torque noise of 0.26 Nm
+    weakest: tuple[str, ...]  # Base parameters that take part in the least determined direction
+    poor: bool  # Whether parameters from this recording should not be trusted beyond its own kind of motion
+    reasons: tuple[str, ...]  # Why, in words
+    one_way: tuple[str, ...] = ()  # Joints that turn in one direction only
 
 
 @dataclass
@@ -76,22 +60,16 @@ class MotionStatistics:
 
     Parameters
     ----------
-    samples
-        Number of samples.
     speed, acceleration
         (n,) sums of squares.
-    forward
-        (n,) sum of squared speeds in the positive direction.
-    stuck
-        (n,) samples at which a joint sticks, where the motion states it.
     """
 
-    samples: int = 0
+    samples: int = 0  # Number of samples
     seconds: float = 0.0
     speed: Array | float = 0.0
     acceleration: Array | float = 0.0
-    forward: Array | float = 0.0
-    stuck: Array | float = 0.0
+    forward: Array | float = 0.0  # (n,) sum of squared speeds in the positive direction
+    stuck: Array | float = 0.0  # (n,) samples at which a joint sticks, where the motion states it
 
     def add(self, motion: Motion) -> None:
         """Add a run of motion."""
@@ -153,17 +131,6 @@ def excitation(
 
     What a model misses (friction, ripple, elasticity) follows the motion and does not average out as noise does: the
     errors of samples closer than half a period of the motion count as one.
-
-    Parameters
-    ----------
-    blocks
-        Sums of the rows.
-    equations
-        In base parameters.
-    statistics
-        Of the same motion.
-    torque_noise
-        Standard deviation of the torques, Nm.
     """
     r = blocks.total()[..., :-1]
     crowding = np.sqrt(max(blocks.samples / statistics.effective_samples, 1.0))
@@ -212,15 +179,6 @@ def relative_std(equations: BaseRegression, Psi_base: Array, std: Array) -> Arra
 
     Numbers that no arm has below zero are judged by the estimate, too, where it is the smaller: noise in the regressor
     draws them to zero (:mod:`.errors_in_variables`), and their deviations with them.
-
-    Parameters
-    ----------
-    equations
-        In base parameters.
-    Psi_base
-        (B,) estimates.
-    std
-        (B,) their standard deviations.
     """
     scale = natural_scales(equations)
     own = np.maximum(np.abs(Psi_base), 1e-300)
@@ -238,15 +196,7 @@ def directions(undetermined: Array, names: Sequence[str]) -> tuple[str, ...]:
 
 
 def impossible(equations: BaseRegression, Psi: Array) -> NDArray[np.bool_]:
-    """Return which base parameters are below zero though all that they are made of is above, (B,).
-
-    Parameters
-    ----------
-    equations
-        In base parameters.
-    Psi
-        (B,) their values.
-    """
+    """Return which base parameters are below zero though all that they are made of is above, (B,)."""
     return (Psi < 0) & _positive(equations)
 
 

@@ -35,21 +35,15 @@ class Derived:
     ----------
     pieces
         Each makes one run when it is called: a long recording is never in memory as a whole.
-    method
-        In words.
-    said
-        What is to be known of clock and pieces.
-    lengths
-        Samples of the recording in each run.
     zeros, shift
         Where deflections are measured: at no load, with standard deviations, and what is added to the link angles so
         that they count from where those of the first recording do, (n,) rad each.
     """
 
     pieces: tuple[Callable[[], Motion], ...]
-    method: str
-    said: tuple[str, ...] = ()
-    lengths: tuple[int, ...] = ()
+    method: str  # In words
+    said: tuple[str, ...] = ()  # What is to be known of clock and pieces
+    lengths: tuple[int, ...] = ()  # Samples of the recording in each run
     zeros: tuple[Array, Array] | None = None
     shift: Array | None = None
 
@@ -147,17 +141,7 @@ class DerivativeStage:
         return design_smoother(self._grids, self._width)
 
     def __call__(self, equations: BaseRegression | None = None, *, ends: bool = False, stuck: bool = False) -> Derived:
-        """Return the motion, the laws of `equations` through the same filter.
-
-        Parameters
-        ----------
-        equations
-            With laws beyond the model, or None.
-        ends
-            Whether the ends of the pieces are used too.
-        stuck
-            Whether the motion states where joints stick.
-        """
+        """Return the motion, the laws of `equations` through the same filter."""
         smoother, grids = self._smoother, self._grids
         twice = equations is not None and bool(equations.columns)
         lost = 2 * smoother.lag * (2 if twice else 1)

@@ -156,13 +156,7 @@ def _cleared(recording: Recording, robot: Robot) -> Recording:
 
 
 def _estimated(trials: Trials, choice: BatchChoice) -> tuple[Identification, BatchTrial, float]:
-    """Return the identification by one choice, its estimator, and by what its errors exceed white ones in variance.
-
-    Parameters
-    ----------
-    trials, choice
-        Estimators by choice, and the choice.
-    """
+    """Return the identification by one choice, its estimator, and by what its errors exceed white ones in variance."""
     trial = trials.final(choice)
     trials.report("estimate", 1.0)
     identifier, derived = trial.identifier, trial.derived

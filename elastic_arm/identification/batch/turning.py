@@ -23,13 +23,6 @@ def turning_speeds(recordings: Sequence[Recording], robot: Robot) -> Array | Non
     """Return the speed (n,) within which each joint's dry friction turns over, rad/s; None where nothing shows it.
 
     Base parameters, friction and zeros of the torques are fitted beside it.
-
-    Parameters
-    ----------
-    recordings
-        With equal channels.
-    robot
-        The nominal arm.
     """
     chosen = [without_outliers(recording.select(robot.joint_names)) for recording in recordings]
     recorded = [(recording, recording.samples()) for recording in chosen]
