@@ -4,7 +4,8 @@
 
 Where a joint is rigid, the torque that is left when friction, gravity and other joints have theirs accelerates one
 inertia, and H is the same at all frequencies. A joint between two inertias has a resonance: H has a peak there, with
-both of its half-power points inside the band in which the motion has energy.
+both of its half-power points inside the band in which the motion has energy, and half of the acceleration follows the
+torque there. Friction that the equations lack answers likewise, and goes first.
 """
 
 from __future__ import annotations
@@ -26,6 +27,9 @@ Array = NDArray[np.float64]
 SEGMENTS = 8
 # Of the largest density of the torque: what is below is no motion; 20 dB.
 ENERGY = 1e-2
+# Larger ratios of a residual to its sensor's noise are no longer counted: filtered torques hold no noise to compare.
+COUNTED = 1000
+DRY = "coulomb_friction"
 
 
 def poor_fits(equations: BaseRegression, motion: Motion, Psi_base: Array, noise: Mapping[str, Array]) -> list[str]:
@@ -43,9 +47,18 @@ def poor_fits(equations: BaseRegression, motion: Motion, Psi_base: Array, noise:
             if not torque.any() or np.std(left) <= max(POORLY * np.std(torque), SURE * size):
                 continue
             unit = equations.model.robot.units.at(joint, "Nm")
-            ratio = f", {np.std(left) / size:.2g} times the noise of its sensor" if size > 0.0 else ""
-            said = f"{joint}: the fit leaves {np.std(left):.3g} of {np.std(torque):.3g} {unit} (rms){ratio}"
-            line = None if equations.elastic else resonance(equations, motion, Psi_base, side, j)
+            ratio = float(np.std(left) / max(size, 1e-300))
+            times = f"{ratio:.3g}" if ratio < COUNTED else f"more than {COUNTED:g}"
+            said = (
+                f"{joint}: the fit leaves {np.std(left):.3g} of {np.std(torque):.3g} {unit} (rms), {times} times the "
+            )
+            said += "noise of its sensor"
+            if f"{DRY}:{joint}.torque" not in equations.names:
+                found.append(f"{said}: identify its friction, too (--with {DRY})")
+                continue
+            # What exceeds the torque itself is no answer to it.
+            possible = not equations.elastic and np.std(left) <= np.std(torque)
+            line = resonance(equations, motion, Psi_base, side, j) if possible else None
             said += "" if line is None else f", with a resonance near {line:.2g} Hz: the joint may be elastic"
             found.append(f"{said}; the model lacks something there")
     return found
@@ -67,8 +80,11 @@ def resonance(equations: BaseRegression, motion: Motion, Psi_base: Array, side: 
     given = {"fs": 1.0 / float(np.median(np.diff(motion.t))), "nperseg": 2 * len(motion) // (SEGMENTS + 1)}
     f, density = welch(inertial, **given)
     answer = np.abs(csd(inertial, acceleration, **given)[1])
+    coherence = answer**2 / np.maximum(density * welch(acceleration, **given)[1], 1e-300)
     band = np.flatnonzero(density >= ENERGY * density.max())
     band = np.arange(max(band[0], 1), band[-1] + 1)
     H = answer[band] / np.maximum(density[band], 1e-300)
     peak = int(np.argmax(H)) if len(H) else 0
-    return float(f[band[peak]]) if len(H) and max(H[0], H[-1]) < H[peak] / np.sqrt(2.0) else None
+    if not len(H) or coherence[band[peak]] < 0.5 or max(H[0], H[-1]) > H[peak] / np.sqrt(2.0):
+        return None
+    return float(f[band[peak]])
