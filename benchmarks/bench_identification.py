@@ -132,7 +132,7 @@ def recording(model: Model, count: int) -> Recording:
 
 def from_bag(model: Model, bag: Path) -> None:
     """Read a bag and identify, standard deviations included."""
-    identify(read_recording(bag), model.robot, IdentificationSettings(derivatives="smoother", consistent=False))
+    identify(read_recording(bag), model.robot, IdentificationSettings(consistent=False))
 
 
 def read_by_rosbags(bag: Path) -> None:

@@ -169,7 +169,7 @@ def ours(
         arms["consistent"] = equations.base.T @ result.Psi
     name = next(side for side in equations.sides if equations.equations.equation(side).torque is not None)
     found = {}
-    motions = [m for m in DerivativeStage(samples, "smoother")(equations).motions if len(m) > 50]
+    motions = [m for m in DerivativeStage(samples)(equations).motions if len(m) > 50]
     for arm, Psi in arms.items():
         left = []
         for motion in motions:

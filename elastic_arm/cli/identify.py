@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -40,20 +39,6 @@ RESULTS = ("identification.json", "report.html", "robot.yaml")
 COLOURS = {"well": "green", "poorly": "yellow", "not": "red"}
 
 
-class Derivatives(StrEnum):
-    """Sources of the accelerations: smoother or Fourier series."""
-
-    smoother = "smoother"
-    fourier = "fourier"
-
-
-class Weights(StrEnum):
-    """How equations are weighed against each other."""
-
-    noise = "noise"
-    ordinary = "ordinary"
-
-
 Laws = Annotated[
     list[str] | None,
     typer.Option("--with", help="Law identified too: EFFECT[:JOINT][:side=link]; may be given again."),
@@ -74,9 +59,6 @@ def identify(
     channels: Annotated[Path | None, typer.Option(help="Channel map of foreign bags.")] = None,
     namespace: Namespace = None,
     clock: ClockOption = ClockChoice.auto,
-    derivatives: Annotated[Derivatives, typer.Option(help="Where accelerations come from.")] = Derivatives.smoother,
-    period: Annotated[float | None, typer.Option(help="Of the motion, s, for a Fourier series.")] = None,
-    weights: Annotated[Weights, typer.Option(help="Weigh equations by their noise, or all alike.")] = Weights.noise,
     consistent: Annotated[bool, typer.Option(help="Also find all parameters, physically consistent.")] = True,
     out_dir: Annotated[Path, typer.Option("--out", help="Folder for the results.")] = Path("identified"),
     json: Annotated[bool, typer.Option("--json", help="Print the result as JSON, for scripts.")] = False,
@@ -101,8 +83,7 @@ def identify(
     catalogue = Catalogue.default().with_files(effects_files or ())
     robot = load_arm(robot_file, chain, at, catalogue)
     laws = parse_laws(with_ or (), robot, catalogue)
-    weighted = weights is Weights.noise
-    settings = IdentificationSettings(model, laws, derivatives.value, period, weighted, consistent, catalogue)
+    settings = IdentificationSettings(model, laws, consistent, catalogue)
     mapping = None if channels is None else load_channels(channels)
     with progress_bar(TextColumn("{task.description}", markup=False), BarColumn()) as bar:
         task = bar.add_task("reading", total=1.0)

@@ -124,17 +124,7 @@ class Accumulator:
 
 
 def averaged(equations: BaseRegression, motion: Motion, unit: int | None = None) -> tuple[Pair, int]:
-    """Return [Phi y]'[Phi y] of rows averaged over :data:`AVERAGED`, and the number of averages.
-
-    Parameters
-    ----------
-    equations
-        Whose rows are meant.
-    motion
-        A run of samples.
-    unit
-        Samples after which an average ends in any case; all of them when None.
-    """
+    """Return [Phi y]'[Phi y] of rows averaged over :data:`AVERAGED`, and the number of averages."""
     unit = unit or len(motion)
     step = float(np.median(np.diff(motion.t))) if len(motion) > 1 else AVERAGED
     parts = min(max(round(unit * step / AVERAGED), 1), unit)
@@ -164,15 +154,7 @@ def _unit(motion: Motion) -> int:
 
 
 def closes(fit: Fit, blocks: Blocks) -> bool:
-    """Whether the equations close so well that samples with a trace of foreign motion would make them worse.
-
-    Parameters
-    ----------
-    fit
-        Of the samples between the ends.
-    blocks
-        Their sums.
-    """
+    """Whether the equations close so well that samples with a trace of foreign motion would make them worse."""
     square = np.sum([hi[:, -1, -1] for hi, _ in blocks.grams], axis=0) / max(blocks.samples, 1)
     torque = np.sqrt(np.maximum(square, 0.0))  # next to none, rounding may leave less than nothing
     carries = torque > 0.0

@@ -34,16 +34,12 @@ class BaseParameters:
 
     Parameters
     ----------
-    columns
-        (B,) indices of the base columns among all parameters.
-    T
-        (B, P): Psi_base = T Psi, and Phi Psi = Phi[:, columns] Psi_base.
     names, units
         Of the base parameters; a name is a readable combination.
     """
 
-    columns: NDArray[np.intp]
-    T: Array
+    columns: NDArray[np.intp]  # (B,) indices of the base columns among all parameters
+    T: Array  # (B, P): Psi_base = T Psi, and Phi Psi = Phi[:, columns] Psi_base
     names: tuple[str, ...]
     units: tuple[str, ...]
 
@@ -52,15 +48,7 @@ class BaseParameters:
 
 
 def find_base(Phi: Array, names: Sequence[str], units: Sequence[str]) -> BaseParameters:
-    """Find the base parameters from a regressor at random states.
-
-    Parameters
-    ----------
-    Phi
-        (rows, P), at many more states than there are parameters.
-    names, units
-        Of the P parameters; the part after the last dot is the kind.
-    """
+    """Find the base parameters from a regressor at random states."""
     order = _preferred(names)
     columns, coefficients = _independent(Phi, order)
     T = np.zeros((len(columns), len(names)))

@@ -63,23 +63,17 @@ class Column:
     values
         Motion -> residual name ("link", "drive", "motor") -> (N, n) Nm per unit of the parameter. Residuals that it
         does not touch may be left out.
-    nominal
-        Value in the nominal arm.
-    least
-        What a real arm has at least, such as no negative friction.
     ordinary
         Standard deviation of a prior about the nominal value; None where the parameter is free.
-    sensor
-        Whether it is an error of a sensor.
     """
 
     name: str
     unit: str
     values: Callable[[Motion], dict[str, Array]]
-    nominal: float = 0.0
-    least: float = -np.inf
+    nominal: float = 0.0  # Value in the nominal arm
+    least: float = -np.inf  # What a real arm has at least, such as no negative friction
     ordinary: float | None = None
-    sensor: bool = False
+    sensor: bool = False  # Whether it is an error of a sensor
 
 
 class BaseRegression:

@@ -47,18 +47,14 @@ class Deflections:
 
     Parameters
     ----------
-    rows
-        (k,) groups of the link's rows: the joints whose deflection both encoders show.
     stiffness, damping
         (k,) places of their K and D among the base parameters.
-    nominal
-        (B,) base parameters of the description.
     """
 
-    rows: NDArray[np.intp]
+    rows: NDArray[np.intp]  # (k,) groups of the link's rows: the joints whose deflection both encoders show
     stiffness: NDArray[np.intp]
     damping: NDArray[np.intp]
-    nominal: Array
+    nominal: Array  # (B,) base parameters of the description
 
     @staticmethod
     def of(equations: BaseRegression) -> Deflections | None:
@@ -69,17 +65,7 @@ class Deflections:
         return Deflections(np.array(equations.wound), stiffness, damping, equations.base.T @ equations.nominal)
 
     def transform(self, Psi: Array, fixed: Mapping[int, float], groups: int) -> Array:
-        """Return (groups, B + 1, B + 1) from the rows [Phi y] to those of the problem linearised at `Psi`.
-
-        Parameters
-        ----------
-        Psi
-            (B,) base parameters.
-        fixed
-            Values of base parameters that are not estimated, by their place.
-        groups
-            Number of groups.
-        """
+        """Return (groups, B + 1, B + 1) from the rows [Phi y] to those of the problem linearised at `Psi`."""
         width = len(Psi) + 1
         found = np.broadcast_to(np.eye(width), (groups, width, width)).copy()
         for row, k in zip(self.rows, self.stiffness, strict=True):
@@ -97,15 +83,7 @@ class Deflections:
         return found
 
     def stepped(self, Psi: Array, solved: Array) -> Array:
-        """Return the next point: 1 / K, in which the rows are linear, goes where the linear problem sends it.
-
-        Parameters
-        ----------
-        Psi
-            (B,) where the problem was linearised.
-        solved
-            (B,) solution of the linear problem.
-        """
+        """Return the next point: 1 / K, in which the rows are linear, goes where the linear problem sends it."""
         new = solved.copy()
         K = Psi[self.stiffness]
         softening = np.clip(2.0 - solved[self.stiffness] / K, 1.0 / LONGEST_STEP, LONGEST_STEP)
@@ -124,15 +102,6 @@ def fit_deflections(blocks: Blocks, rows: Deflections, power: float = 1.0, prior
 
     A damping or stiffness that the recording leaves open, or that comes out below zero, is that of the description:
     its standard deviation is infinite.
-
-    Parameters
-    ----------
-    blocks
-        The data, in the regression's own rows.
-    rows
-        Which of them are meant.
-    power, prior
-        See :func:`.least_squares.fit`.
     """
     fixed: dict[int, float] = {}
     found = _settled(blocks, rows, fixed, power, prior)
@@ -173,15 +142,7 @@ def _with(Psi: Array, fixed: Mapping[int, float]) -> Array:
 
 
 def zeros(motions: Sequence[Motion], model: Model) -> tuple[Array, Array]:
-    """Return the deflection at no load and no speed, and its standard deviation, (n,) rad each.
-
-    Parameters
-    ----------
-    motions
-        Runs of one recording, with both encoders.
-    model
-        The nominal arm: its torques are the load, up to a factor of each joint.
-    """
+    """Return the deflection at no load and no speed, and its standard deviation, (n,) rad each."""
     values, stds = np.zeros(model.n), np.zeros(model.n)
     runs = [_regressors(motion, model) for motion in motions]
     deflection, speed, load = (np.vstack(parts) for parts in zip(*runs, strict=True))
@@ -198,13 +159,7 @@ def zeros(motions: Sequence[Motion], model: Model) -> tuple[Array, Array]:
 
 
 def shifts(found: tuple[Array, Array], first: tuple[Array, Array]) -> Array:
-    """Return what to add to the link angles (n,) rad so that their zeros are those of the first recording.
-
-    Parameters
-    ----------
-    found, first
-        Zeros of this and of the first recording, from :func:`zeros`.
-    """
+    """Return what to add to the link angles (n,) rad so that their zeros are those of the first recording."""
     apart = found[0] - first[0]
     certain = np.abs(apart) > np.maximum(CERTAIN * np.hypot(found[1], first[1]), SMALLEST)
     return np.where(certain, apart, 0.0)

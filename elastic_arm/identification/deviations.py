@@ -1,4 +1,4 @@
-"""Standard deviations that hold for errors of any colour, and what fitted series add to them.
+"""Standard deviations that hold for errors of any colour.
 
 Whatever the errors' colour, the scores Phi'(y - Phi Psi) of blocks that are longer than it lasts are independent, and
 their scatter gives the covariance (the sandwich, clustered by blocks). Three things make it too small where blocks are
@@ -16,26 +16,17 @@ few, and all are mended:
   seven digits keep doing so, which a factor for each parameter by itself would destroy.
 
 R. Bell and D. McCaffrey, Survey Methodology 28 (2002) 169.
-
-Where derivatives come from a Fourier series, a coefficient that is off by a little is off in every period alike: blocks
-of samples do not see it. But its standard deviation is known, and so is what it does to the equations; the rest is
-propagation of errors.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from dataclasses import replace
-from typing import Protocol
+from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from elastic_arm.dynamics.double_double import Pair
-from elastic_arm.estimation.motion import Motion
-from elastic_arm.estimation.series import FourierFit
-from elastic_arm.identification.base_regression import BaseRegression
 
 Array = NDArray[np.float64]
 
@@ -49,10 +40,6 @@ LEAST_SHARE = 1e-6
 NOISE_FLOOR = 1e-6
 COVERED = 0.975
 NORMAL = 1.96
-# Sums over the errors of a series run over about so many samples of the motion, which is smooth.
-ENOUGH_SAMPLES = 3000
-# Step of the difference quotient over the state, relative to its size.
-STEP = 1e-4
 
 
 def scattered(
@@ -60,18 +47,9 @@ def scattered(
 ) -> Array:
     """Return the covariance (P, P) of an estimate from its blocks' scores.
 
-    Parameters
-    ----------
-    blocks
-        Of each block, the sums [Phi y]'[Phi y] (groups, P + 1, P + 1), hi and lo, and what noise in Phi adds to them.
-    Psi
-        (P,) estimate.
-    weights
-        (groups,) of the equations.
-    back
-        (P, k) from whitened coordinates to parameters: `back @ back.T` is the covariance at unit noise.
-    prior
-        (any, P + 1) the prior's rows [F, F mean], whose information `back` holds as well; none when None.
+    `blocks` hold sums [Phi y]'[Phi y] (groups, P + 1, P + 1) and what noise in Phi adds to them. `back` (P, k) leads
+    from whitened coordinates to parameters: `back @ back.T` is the covariance at unit noise. `prior` has rows
+    [F, F mean].
     """
     solution = np.append(-Psi, 1.0)
     known = None if prior is None else prior[:, :-1] @ back
@@ -125,15 +103,10 @@ def widening(squares: Array, own: float = 1.0) -> Array:
     """Return the matrix (k, k) by which whitened errors are widened for the few blocks that determine them.
 
     Satterthwaite's degrees of freedom along each eigenvector: the number of blocks where they share alike, fewer where
-    some determine it alone; one is lost to the estimate itself.
-
-    Parameters
-    ----------
-    squares
-        (k, k) sum over the blocks of the square of each one's share in the information, whose sum is the unit matrix.
-    own
-        By how much the variance varies with the scores' scatter, 1 where it is that alone. What it is shrunk to
-        hardly scatters, but need not be right: the square root of the scatter's share stands between the two.
+    some determine it alone; one is lost to the estimate itself. `squares` (k, k) sums the squares of each block's share
+    in the information. `own` is by how much the variance varies with the scores' scatter, 1 where it is that alone:
+    what it is shrunk to hardly scatters, but need not be right, and the square root of the scatter's share stands
+    between the two.
     """
     values, vectors = np.linalg.eigh(squares)
     freedom = np.maximum(1.0 / np.maximum(values, 1e-12) - 1.0, 1.0) / max(own, 1e-6)
@@ -141,17 +114,7 @@ def widening(squares: Array, own: float = 1.0) -> Array:
 
 
 def white(r: Array, weights: Array, noise: Array, back: Array) -> Array:
-    """Return the covariance (P, P) that white errors of this size make.
-
-    Parameters
-    ----------
-    r
-        (groups, P + 1, P + 1) triangular factors of the rows.
-    weights, noise
-        (groups,).
-    back
-        See :func:`scattered`.
-    """
+    """Return the covariance (P, P) that white errors of this size make."""
     phi = ((weights**2 * noise)[:, None, None] * (r[..., :-1] @ back)).reshape(-1, back.shape[1])
     return np.asarray(back @ (phi.T @ phi) @ back.T)
 
@@ -162,17 +125,7 @@ def residual_norms(r: Array, Psi: Array) -> Array:
 
 
 def residual_std(r: Array, Psi: Array, samples: Array | float) -> Array:
-    """Return the std (groups,) of the residuals, Nm, never below rounding.
-
-    Parameters
-    ----------
-    r
-        (groups, B + 1, B + 1) triangular factors of the rows.
-    Psi
-        (B,) parameters.
-    samples
-        That the rows come from, of each group (groups,) or of every one.
-    """
+    """Return the std (groups,) of the residuals, Nm, never below rounding."""
     active = np.count_nonzero(np.linalg.norm(r[..., :-1], axis=-2), axis=-1)
     freedom = np.maximum(samples - active / max(len(r) / len(Psi), 1.0), 1.0)
     largest = largest_terms(r, Psi)
@@ -184,75 +137,6 @@ def largest_terms(r: Array, Psi: Array) -> Array:
     """Return the norm over all samples of each group's largest term, (groups,)."""
     terms: Array = np.linalg.norm(r, axis=-2) * np.append(np.abs(Psi), 1.0)
     return np.max(terms, axis=-1)
-
-
-class SolvedFit(Protocol):
-    """A fit: its parameters (P,), the weights of its equations (groups,), and the factor (P + 1, P + 1) of all rows."""
-
-    @property
-    def Psi(self) -> Array:
-        """Parameters."""
-
-    @property
-    def weights(self) -> Array:
-        """Of the equations."""
-
-    @property
-    def factor(self) -> Array:
-        """Of all rows."""
-
-
-def series_covariance(
-    equations: BaseRegression, fit: SolvedFit, motion: Motion, link: FourierFit | None, motor: FourierFit | None
-) -> Array:
-    """Return what the errors of the series add to the covariance (B, B) of the base parameters.
-
-    Parameters
-    ----------
-    equations, fit
-        What was estimated.
-    motion
-        From the series.
-    link, motor
-        The series of the two sides.
-    """
-    every = max(1, len(motion) // ENOUGH_SAMPLES)
-    thin = motion[::every]
-    weighted = equations.rows(thin)[..., :-1] * (fit.weights**2)[:, None, None]
-    meat = np.zeros((len(fit.Psi),) * 2)
-    for side, series in (("q", link), ("theta", motor)):
-        if series is None:
-            continue
-        bases = series.bases(thin.t - motion.t[0])
-        for j, variance in enumerate(series.variances().T):
-            score = np.zeros((len(fit.Psi), len(variance)))
-            for rate, basis in zip(("", "d", "dd"), bases, strict=True):
-                change = _change(equations, fit.Psi, thin, rate + side, j)
-                score += np.einsum("gnb,gn->nb", weighted, change).T @ basis
-            score *= every
-            meat += (score * variance) @ score.T
-    r = fit.factor[:-1, :-1]
-    size = np.linalg.norm(r, axis=0)
-    scale = np.where(size > 0, size, 1.0)
-    inverse = np.linalg.pinv((r / scale).T @ (r / scale), rcond=1e-15, hermitian=True) / np.outer(scale, scale)
-    return np.asarray(inverse @ meat @ inverse)
-
-
-def _change(equations: BaseRegression, Psi: Array, motion: Motion, channel: str, j: int) -> Array:
-    """Return the derivative of all predicted rows (groups, N) by a channel of joint j."""
-    values: Array = getattr(motion, channel)
-    step = STEP * float(np.std(values[:, j])) + 1e-9
-    ahead, behind = (np.concatenate(list(_predicted(equations, Psi, motion, channel, j, h))) for h in (step, -step))
-    return (ahead - behind) / (2.0 * step)
-
-
-def _predicted(
-    equations: BaseRegression, Psi: Array, motion: Motion, channel: str, j: int, step: float
-) -> Iterator[Array]:
-    values = getattr(motion, channel).copy()
-    values[:, j] += step
-    predicted = equations.predict(replace(motion, **{channel: values}), Psi)
-    yield from (predicted[side].T for side in equations.sides)
 
 
 def inflation(robust: Array, white: Array) -> float:

@@ -34,31 +34,14 @@ WHITE_SHARE = 0.14
 
 @dataclass(frozen=True)
 class _Directions:
-    """Directions that make up the covariance of the states, at most three a joint and side.
+    """Directions that make up the covariance of the states, at most three a joint and side."""
 
-    Parameters
-    ----------
-    steps
-        (V,) how many standard deviations the differences reach.
-    offsets
-        Channel -> (1 + 2 V, n): nothing, then a step ahead and one back in each direction.
-    """
-
-    steps: Array
-    offsets: dict[str, Array]
+    steps: Array  # (V,) how many standard deviations the differences reach
+    offsets: dict[str, Array]  # Channel -> (1 + 2 V, n): nothing, then a step ahead and one back in each direction
 
 
 def noise_sums(equations: BaseRegression, motion: Motion, every: int, first: int) -> Array | None:
     """Return what the noise of `motion` adds on the average to [Phi y]'[Phi y] of all groups.
-
-    Parameters
-    ----------
-    equations
-        Whose rows are meant. Laws that were filtered with the motion are taken for exact.
-    motion
-        A run of samples.
-    every, first
-        The motion changes little from one sample to the next: one speaks for so many, the first one at `first`.
 
     Returns
     -------
@@ -132,13 +115,6 @@ def correction_share(whole: Array, noise: Array) -> float:
     Where noise is all that sums hold in some direction, its own scatter decides whether anything is left without it,
     or less than nothing. As Fuller's modified estimator (section 2.5 there) does, no more is taken off than
     :data:`MOST_TAKEN_OFF` of what would leave nothing.
-
-    Parameters
-    ----------
-    whole
-        (B + 1, B + 1) triangular factor of all rows [Phi y].
-    noise
-        (B + 1, B + 1) what noise adds to their sums on the average.
     """
     size = np.linalg.norm(whole, axis=0)
     live = size > 0
@@ -149,22 +125,7 @@ def correction_share(whole: Array, noise: Array) -> float:
 
 
 def covariance_left(noise: Array, whole: Array, Psi: Array, described: Array, samples: int) -> Array:
-    """Return what is not known of the noise, as a covariance (B + 1, B + 1) of the sums' right side.
-
-    Parameters
-    ----------
-    noise
-        (groups, B + 1, B + 1) what noise adds to the weighted sums.
-    whole
-        See :func:`correction_share`.
-    Psi
-        (B,) estimate.
-    described
-        (B,) what the parameters are known to be like; zero where nothing is known. An estimate that the noise has
-        drawn to zero does not show how far it was drawn.
-    samples
-        From which the level of the noise was estimated.
-    """
+    """Return what is not known of the noise, as a covariance (B + 1, B + 1) of the sums' right side."""
     total = noise.sum(axis=0)
     level = noise @ np.append(-Psi, 1.0) / np.sqrt(WHITE_SHARE * samples)
     likely = np.where(np.abs(described) > np.abs(Psi), described, Psi)

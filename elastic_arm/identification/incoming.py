@@ -26,18 +26,14 @@ class IncomingRun:
 
     Parameters
     ----------
-    buffer
-        Samples that are not on the grid yet.
-    placing
-        Puts them there.
     run
         Points of the grid that wait for the smoother, or are part of its next window.
     since, last
         Time of the first sample that is held, and of the last one that came.
     """
 
-    buffer: Samples | None = None
-    placing: Placing | None = None
+    buffer: Samples | None = None  # Samples that are not on the grid yet
+    placing: Placing | None = None  # Puts them there
     run: list[Grid] = field(default_factory=list)
     since: float = np.inf
     last: float = -np.inf
@@ -63,13 +59,7 @@ class IncomingRun:
         return kept
 
     def first_in_motion(self, wait: bool) -> Samples | None:
-        """Return the samples from which clock and smoother are chosen; None where there are none.
-
-        Parameters
-        ----------
-        wait
-            For the whole stretch, not to make do with what is there.
-        """
+        """Return the samples from which clock and smoother are chosen; None where there are none."""
         if self.buffer is None:
             return None
         onset = _onset(self.buffer)

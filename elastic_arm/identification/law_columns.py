@@ -35,27 +35,18 @@ def law_columns(
     model: str = "mod3",
     sign_speed: float | Sequence[float] = DEFAULT_SIGN_SPEED,
 ) -> list[Column]:
-    """Return one column for each linear parameter of each effect.
-
-    Parameters
-    ----------
-    instances
-        The effects; their parameters beside the linear ones are taken as given.
-    robot, model
-        The arm, and the variant of its equations, mod1, mod2 or mod3.
-    sign_speed
-        rad/s, of all joints or (n,); the sign of a velocity w is tanh(w / sign_speed).
-    """
+    """Return one column for each linear parameter of each effect."""
     if not instances:
         return []
     evaluate = _LawColumns(tuple(instances), robot, model, sign_speed)
-    described = {_place(entry["effect"], entry.get("joint"), robot) for entry in robot.effects}
+    # A law that is asked for holds no value of its own: where the description states one, that is the nominal.
+    described = {_place(entry["effect"], entry.get("joint"), robot): entry["parameters"] for entry in robot.effects}
     entries = []
     for instance in instances:
         place = place_of(instance, robot)
         for p in _linear(instance.effect):
-            values = np.atleast_1d(np.asarray(instance.parameters[p.name], dtype=float)) - (p.neutral or 0.0)
-            nominal = values if place in described else np.zeros(p.size)
+            stated = described.get(place, {}).get(p.name)
+            nominal = np.zeros(p.size) if stated is None else np.atleast_1d(stated) - (p.neutral or 0.0)
             unit, least = p.unit_at(instance.joint, robot.units), p.least - (p.neutral or 0.0)
             sensor = isinstance(instance.effect, SensorEffect)
             entries += [
@@ -80,19 +71,7 @@ def _place(effect: str, joint: str | None, robot: Robot) -> str:
 def with_stated(
     effects: Sequence[EffectInstance], robot: Robot, *, motored: bool, catalogue: Catalogue | None = None
 ) -> tuple[EffectInstance, ...]:
-    """Return laws that the description states, such as the friction of a simulator's joints, then the user's own.
-
-    Parameters
-    ----------
-    effects
-        The user's; at their places they take the place of those stated.
-    robot
-        The description. What it states without a linear parameter is left to it.
-    motored
-        Whether motor torques were recorded; what acts before a joint torque sensor leaves no trace otherwise.
-    catalogue
-        Where ids are looked up; the default catalogue when None.
-    """
+    """Return laws that the description states, such as the friction of a simulator's joints, then the user's own."""
     own = {(instance.effect.id, instance.joint) for instance in effects}
     stated = [
         instance
@@ -112,15 +91,6 @@ def on_recorded_side(
 
     An arm that is taken for rigid has one side: its description does not tell whether a gear's friction acts before the
     sensor or behind it.
-
-    Parameters
-    ----------
-    effects
-        As they were asked for.
-    robot
-        The description.
-    motored
-        Whether motor torques were recorded.
 
     Returns
     -------

@@ -53,30 +53,20 @@ class Blocks:
 
     Parameters
     ----------
-    groups
-        Number of groups.
-    width
-        Columns, the measured side included.
-    most
-        Largest number of blocks kept, even.
-    span
-        Units of samples that make a block; it doubles whenever the blocks are full.
     grams
         hi, lo (groups, width, width) of each block: [Phi y]'[Phi y] in twice the working precision.
-    counts
-        Samples of each block.
     known_noise
         (groups, width, width) of each block: what noise in Phi is known to add to its sums, on the average.
     share
         Of each group's rows, (groups,), those that count; others are zero.
     """
 
-    groups: int
-    width: int
-    most: int = MOST_BLOCKS
-    span: int = 1
+    groups: int  # Number of groups
+    width: int  # Columns, the measured side included
+    most: int = MOST_BLOCKS  # Largest number of blocks kept, even
+    span: int = 1  # Units of samples that make a block; it doubles whenever the blocks are full
     grams: list[Pair] = field(default_factory=list)
-    counts: list[int] = field(default_factory=list)
+    counts: list[int] = field(default_factory=list)  # Samples of each block
     known_noise: list[Array] = field(default_factory=list)
     share: Array = field(default_factory=lambda: np.ones(()))
     _units: int = 0
@@ -92,19 +82,7 @@ class Blocks:
         return self.span - self._units
 
     def add(self, gram: Pair, count: int, units: int = 1, known_noise: Array | None = None) -> None:
-        """Add the sums of the next `count` samples, which are `units` units, at most :attr:`room`.
-
-        Parameters
-        ----------
-        gram
-            [Phi y]'[Phi y] of the samples by group, hi and lo (groups, B + 1, B + 1).
-        count
-            Samples.
-        units
-            Units that they make up, at most :attr:`room`.
-        known_noise
-            Mean of what the regressors' noise adds to the sums (groups, B + 1, B + 1); none when None.
-        """
+        """Add the sums of the next `count` samples, which are `units` units, at most :attr:`room`."""
         noise = np.zeros_like(gram[0]) if known_noise is None else known_noise
         if self._units:
             self.grams[-1] = add(self.grams[-1], gram)
@@ -140,15 +118,7 @@ class Blocks:
         return cholesky(functools.reduce(add, self.grams)) if self.grams else np.zeros(shape)
 
     def corrected(self, weights: Array, factors: Array) -> Array:
-        """Return the triangular factor (width, width) of all weighted rows, known noise in Phi taken off.
-
-        Parameters
-        ----------
-        weights
-            (groups,).
-        factors
-            What :meth:`total` returned: without known noise, the factor is that of them all.
-        """
+        """Return the triangular factor (width, width) of all weighted rows, known noise in Phi taken off."""
         whole = triangular((weights[:, None, None] * factors).reshape(-1, self.width))
         if not self.noisy:
             return whole
@@ -201,17 +171,13 @@ class Prior:
 
     Parameters
     ----------
-    mean
-        (P,) values.
-    factor
-        (P, P) triangular or not: the information is factor' factor; zero columns where nothing is known.
     excess
         How many times larger the errors of `mean` are than `factor` weighs them, of all rows or (P,): a prior that is
         chosen so that it predicts well may be narrower than its own errors, and those count in the deviations.
     """
 
-    mean: Array
-    factor: Array
+    mean: Array  # (P,) values
+    factor: Array  # (P, P) triangular or not: the information is factor' factor; zero columns where nothing is known
     excess: float | Array = 1.0
 
     def rows(self) -> Array:
@@ -221,42 +187,18 @@ class Prior:
 
 @dataclass(frozen=True)
 class Fit:
-    """A least-squares estimate and its doubts.
+    """A least-squares estimate and its doubts."""
 
-    Parameters
-    ----------
-    Psi
-        (P,) estimate.
-    covariance
-        (P, P), from the blocks' scores: holds for coloured errors.
-    white_covariance
-        (P, P), as if errors were white.
-    noise
-        (groups,) std of the residuals.
-    weights
-        (groups,) a power of 1/noise; weighted residuals have a mean square of one.
-    factor
-        (P + 1, P + 1) weighted triangular factor of all rows: R Psi = z is the whole problem.
-    condition
-        Condition number of the equilibrated columns.
-    undetermined
-        (k, P) unit vectors, in units of the equilibrated columns, of what the data leave open.
-    samples
-        Number of samples.
-    fixed
-        Places of parameters that were not estimated: they are those of the description.
-    """
-
-    Psi: Array
-    covariance: Array
-    white_covariance: Array
-    noise: Array
-    weights: Array
-    factor: Array
-    condition: float
-    undetermined: Array
-    samples: int
-    fixed: tuple[int, ...] = ()
+    Psi: Array  # (P,) estimate
+    covariance: Array  # (P, P), from the blocks' scores: holds for coloured errors
+    white_covariance: Array  # (P, P), as if errors were white
+    noise: Array  # (groups,) std of the residuals
+    weights: Array  # (groups,) a power of 1/noise; weighted residuals have a mean square of one
+    factor: Array  # (P + 1, P + 1) weighted triangular factor of all rows: R Psi = z is the whole problem
+    condition: float  # Condition number of the equilibrated columns
+    undetermined: Array  # (k, P) unit vectors, in units of the equilibrated columns, of what the data leave open
+    samples: int  # Number of samples
+    fixed: tuple[int, ...] = ()  # Places of parameters that were not estimated: they are those of the description
 
     @property
     def std(self) -> Array:
@@ -267,19 +209,7 @@ class Fit:
 
 
 def fit(blocks: Blocks, power: float = 1.0, rounds: int = 4, prior: Prior | None = None) -> Fit:
-    """Solve the accumulated problem.
-
-    Parameters
-    ----------
-    blocks
-        The data.
-    power
-        Each group is weighed by 1/noise to this power, estimated from the residuals in `rounds` rounds: 1 where they
-        are noise, 0 for ordinary least squares, see :data:`MISFIT_POWER` for what lies between.
-    rounds
-        Of weights.
-    prior
-        What is known beforehand.
+    """Solve the accumulated problem; groups are weighed by 1/noise to a `power`, estimated in `rounds` rounds.
 
     Raises
     ------
@@ -310,17 +240,7 @@ def fit(blocks: Blocks, power: float = 1.0, rounds: int = 4, prior: Prior | None
 
 
 def correlation(blocks: Blocks, found: Fit, samples: float) -> float:
-    """Return how many times larger the variances are than those of white errors, by the scatter of long blocks.
-
-    Parameters
-    ----------
-    blocks
-        The data.
-    found
-        Their fit, without a prior.
-    samples
-        That a block shall have; fewer where too few blocks would be left. Infinite where there are too few as it is.
-    """
+    """Return how many times larger the variances are than those of white errors, by the scatter of long blocks."""
     if len(blocks.grams) < FEWEST_LONG_BLOCKS:
         return float("inf")
     long = blocks.copy()

@@ -44,19 +44,8 @@ def prior_of(
 ) -> Prior:
     """Return the description as a prior of relative error `width`; laws beyond the model are free up to a size.
 
-    Parameters
-    ----------
-    equations
-        In base parameters.
-    width
-        By which the prior is weighed; infinite where the arm's own parameters are free.
-    error
-        By which the description is off, as far as is known; it counts in the deviations where it exceeds `width`.
-    laws
-        What :func:`law_sizes` returned; without it, laws have no size.
-    correlated
-        How many times larger the variances are than those of white errors, for which the data's rows are weighed. What
-        is ordinary of a law is weighed as many times more.
+    `error`, by which the description is off as far as is known, counts in the deviations where it exceeds `width`.
+    Variances are `correlated` times those of white errors, for which the data's rows are weighed.
     """
     base = equations.base
     own, covariance = _description_errors(equations)
@@ -76,13 +65,6 @@ def law_sizes(blocks: Blocks, equations: BaseRegression) -> Array:
     That of a law is what is ordinary of it, where that is stated, else the size at which it makes all the torque of its
     joint. A joint that never reverses shows friction and the zero of its torque as one and the same constant: any two
     numbers of the right sum would fit.
-
-    Parameters
-    ----------
-    blocks
-        The data.
-    equations
-        In base parameters.
     """
     squares = np.diagonal(functools.reduce(add, blocks.grams)[0], axis1=1, axis2=2)
     columns, torques = squares[:, :-1], squares[:, -1:]
@@ -120,15 +102,6 @@ def description_error(fit: Fit, equations: BaseRegression, doubt: float = 0.0) -
     The width of the prior in `fit`'s estimate less the description, by maximum likelihood (empirical Bayes; B. Efron,
     Large-Scale Inference, 2010, 1), parameter by parameter. The width that predicts best is none of the description's
     errors: where the data show nothing of a parameter, any narrow prior predicts as well.
-
-    Parameters
-    ----------
-    fit
-        Without a prior of the arm's own parameters.
-    equations
-        In base parameters.
-    doubt
-        Return the smallest error above it whose log-likelihood is more than this below its own; it itself when 0.
     """
     own, covariance = _description_errors(equations)
     seen = np.isfinite(fit.std[own])
@@ -146,19 +119,7 @@ def description_error(fit: Fit, equations: BaseRegression, doubt: float = 0.0) -
 
 
 def chosen_width(blocks: Blocks, fit: Fit, equations: BaseRegression, correlated: float = 1.0) -> float | None:
-    """Return the width of the prior that cross-validation prefers; None where none predicts clearly better.
-
-    Parameters
-    ----------
-    blocks
-        The data, in rows that are linear in the base parameters.
-    fit
-        Of these, without a prior of the arm's own parameters: its weights are used.
-    equations
-        In base parameters.
-    correlated
-        See :func:`prior_of`.
-    """
+    """Return the width of the prior that cross-validation prefers; None where none predicts clearly better."""
     if len(blocks.grams) < 2 * FOLDS:
         return None
     laws = law_sizes(blocks, equations)

@@ -278,17 +278,7 @@ def result_of(
     recordings: tuple[str, ...],
     methods: tuple[str, ...],
 ) -> Identification:
-    """Return the result of a fit.
-
-    Parameters
-    ----------
-    fit, equations
-        The estimate, and what it is an estimate of.
-    judged
-        The judgement of the motion before the fit.
-    samples, recordings, methods
-        How many samples were used, where they came from, and how derivatives were made.
-    """
+    """Return the result of a fit."""
     base = equations.base
     relative = relative_std(equations, fit.Psi, fit.std)
     nominal = base.T @ equations.nominal
@@ -308,7 +298,7 @@ def result_of(
                 fit.std.tolist(),
                 nominal.tolist(),
                 relative.tolist(),
-                checked(verdicts(relative), fit, equations),
+                checked(verdicts(relative), fit, equations, judged.one_way),
                 strict=True,
             )
         ),
@@ -326,7 +316,7 @@ def result_of(
         parameter_names=equations.names,
         T=base.T,
         covariance=fit.covariance,
-        notes=remarks(fit, equations),
+        notes=remarks(fit, equations, judged.one_way),
     )
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,27 +19,18 @@ from elastic_arm.identification.deflection import Deflections, fit_deflections
 from elastic_arm.identification.incoming import IncomingRun
 from elastic_arm.identification.least_squares import MISFIT_POWER, Blocks, Fit, Prior, fit
 from elastic_arm.identification.result import Identification, result_of
-from elastic_arm.identification.saved import Recorded, Sums, read_sums, recorded_in, write_sums
 from elastic_arm.identification.verdict import Excitation, MotionStatistics, excitation
 from elastic_arm.recording import Samples
 
 Array = NDArray[np.float64]
 
+# What each joint has recorded.
+Recorded = tuple[frozenset[str], ...]
 SENSED = ("q", "theta", "tau_J", "tau_m")
 
 
 def smoothed(smoother: Smoother, grid: Grid, equations: BaseRegression) -> Motion:
-    """Smooth a regular piece, with the laws beyond the model passed through the same filter.
-
-    Parameters
-    ----------
-    smoother
-        The derivative stage.
-    grid
-        Samples at a constant rate.
-    equations
-        Whose laws beyond the model are meant.
-    """
+    """Smooth a regular piece, with the laws beyond the model passed through the same filter."""
     every = smoother.thinning
     if not equations.columns:
         return smoother(grid, every)
@@ -53,24 +43,12 @@ def smoothed(smoother: Smoother, grid: Grid, equations: BaseRegression) -> Motio
 
 @dataclass
 class Progress:
-    """Counts of the samples of a stream.
+    """Counts of the samples of a stream."""
 
-    Parameters
-    ----------
-    samples
-        Samples in the equations so far.
-    received
-        Samples handed in.
-    refused
-        Samples left out because their stamps did not advance.
-    pieces
-        Runs without a gap.
-    """
-
-    samples: int = 0
-    received: int = 0
-    refused: int = 0
-    pieces: int = 0
+    samples: int = 0  # Samples in the equations so far
+    received: int = 0  # Samples handed in
+    refused: int = 0  # Samples left out because their stamps did not advance
+    pieces: int = 0  # Runs without a gap
 
 
 class Identifier:
@@ -84,8 +62,6 @@ class Identifier:
         Laws beyond the model.
     smoother, clock
         Derivative stage, and rate and meaning of the stamps; chosen from the first seconds when None.
-    weighted
-        Weigh each equation by its noise, less so where the arm is taken for rigid (:data:`.MISFIT_POWER`).
     joints
         Names.
     encoder_columns
@@ -107,14 +83,12 @@ class Identifier:
         *,
         smoother: Smoother | None = None,
         clock: Clock | None = None,
-        weighted: bool = True,
         joints: Sequence[str] = (),
         encoder_columns: bool = False,
         averaged: bool = True,
     ) -> None:
         self.model = model
         self.columns, self.joints = tuple(columns), tuple(joints)
-        self.weighted = weighted
         self.encoder_columns, self.averaged = encoder_columns, averaged
         self._given = (smoother, clock)
         self.paused = False
@@ -229,10 +203,10 @@ class Identifier:
                 f"{self._piece.waiting} samples are not yet enough for an estimate",
                 "Wait some seconds, or record longer.",
             )
-        rows, power = Deflections.of(self.equations), float(self.weighted)
+        rows = Deflections.of(self.equations)
         if rows is not None:
-            return fit_deflections(blocks, rows, power, prior)
-        return fit(blocks, MISFIT_POWER * power if self.equations.rigid else power, prior=prior)
+            return fit_deflections(blocks, rows, 1.0, prior)
+        return fit(blocks, MISFIT_POWER if self.equations.rigid else 1.0, prior=prior)
 
     def linear_blocks(self, found: Fit | None = None) -> Blocks:
         """Return the sums of rows that are linear in the base parameters, at the estimate where they are not."""
@@ -249,15 +223,7 @@ class Identifier:
         methods: tuple[str, ...] = (),
         found: Fit | None = None,
     ) -> Identification:
-        """Return the estimate with its standard deviations and verdicts; see :meth:`fit` for errors.
-
-        Parameters
-        ----------
-        recordings, methods
-            Where the samples came from, and how derivatives were made.
-        found
-            The estimate, where it is known already.
-        """
+        """Return the estimate with its standard deviations and verdicts; see :meth:`fit` for errors."""
         found = found or self.fit()
         return result_of(found, self.equations, self.excitation(), self.progress.samples, recordings, methods)
 
@@ -265,37 +231,6 @@ class Identifier:
         """Return what the motion so far can determine; the torques are not looked at."""
         ready = self._ready()
         return excitation(ready.snapshot(), ready.equations, ready.statistics)
-
-    def save(self, path: str | Path) -> None:
-        """Write the sums of all samples so far to an npz file, from which :meth:`load` goes on.
-
-        Samples that still wait for the smoother's window are not part of them, as at a gap.
-
-        Raises
-        ------
-        IdentificationError
-            Before the first samples, or if the file cannot be written.
-        """
-        ready = self._ready()
-        own, derivatives = (ready.averaged, ready.snapshot(), ready.statistics), (self.smoother, self.clock)
-        write_sums(path, ready.equations, Sums(self._recorded, *own, vars(self.progress), *derivatives))
-
-    def load(self, path: str | Path) -> None:
-        """Go on from sums that :meth:`save` wrote, in place of all samples so far; later samples start a new piece.
-
-        Raises
-        ------
-        IdentificationError
-            If the file holds no sums, or those of another arm or model, or of rows averaged otherwise.
-        """
-        recorded = recorded_in(path)
-        accumulator = self._empty(recorded)
-        known = read_sums(path, accumulator.equations, averaged=accumulator.averaged)
-        self.reset()
-        accumulator.blocks, accumulator.statistics_of_blocks = known.blocks, known.statistics
-        self.accumulator, self._recorded = accumulator, recorded
-        self.smoother, self.clock = known.smoother, known.clock
-        self.progress = Progress(**known.progress)
 
     def _ready(self) -> Accumulator:
         if self.accumulator is None:

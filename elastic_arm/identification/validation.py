@@ -47,18 +47,10 @@ EQUAL = 0.01
 
 @dataclass(frozen=True)
 class HeldOut:
-    """Motion that no fit has seen.
+    """Motion that no fit has seen."""
 
-    Parameters
-    ----------
-    equations
-        In base parameters.
-    motions
-        Runs of smoothed motion by recording.
-    """
-
-    equations: BaseRegression
-    motions: Mapping[str, Sequence[Motion]]
+    equations: BaseRegression  # In base parameters
+    motions: Mapping[str, Sequence[Motion]]  # Runs of smoothed motion by recording
 
     @cached_property
     def _factors(self) -> dict[str, Array]:
@@ -121,21 +113,7 @@ def validated(
     held_out: HeldOut,
     correlated: float = 1.0,
 ) -> Identification:
-    """Add the errors on held-out recordings; what they refute is pulled to the description until it is no worse.
-
-    Parameters
-    ----------
-    result, identifier
-        The identification so far, and the estimator that it came from.
-    robot
-        The nominal arm.
-    effects
-        Laws beyond the model.
-    held_out
-        What no fit has seen.
-    correlated
-        How many times larger the variances are than those of white errors.
-    """
+    """Add the errors on held-out recordings; what they refute is pulled to the description until it is no worse."""
     linear = not held_out.equations.summed  # Else each prior takes a search of its own: too long for a single joint.
     if held_out.ratio(result.Psi_base) > EQUAL or (linear and held_out.worse(result.Psi_base)):
         result = _pulled(result, identifier, held_out, correlated)
@@ -212,26 +190,12 @@ def _consistent_or_none(
 
 
 def log_ratio(found: Sequence[ByJoint], nominal: Sequence[ByJoint], equations: BaseRegression) -> float:
-    """Return the mean log ratio of rms errors, over joints and the equations that hold a torque; above 0 is worse.
-
-    Parameters
-    ----------
-    found, nominal
-        What :meth:`HeldOut.judged` returned for two arms, recording by recording.
-    equations
-        Whose residuals they are.
-    """
+    """Return the mean log ratio of rms errors, over joints and the equations that hold a torque; above 0 is worse."""
     return float(np.mean([np.log(a / b) for _, _, a, b in _pairs(found, nominal, equations)]))
 
 
 def worse_joints(found: ByJoint, nominal: ByJoint, equations: BaseRegression) -> list[str]:
-    """Return the joints that are predicted clearly worse than by the description, in words.
-
-    Parameters
-    ----------
-    found, nominal, equations
-        See :func:`log_ratio`, of one recording.
-    """
+    """Return the joints that are predicted clearly worse than by the description, in words."""
     pairs = _pairs([found], [nominal], equations)
     unit = equations.model.robot.units.at
     return [

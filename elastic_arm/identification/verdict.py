@@ -36,33 +36,22 @@ NEVER_NEGATIVE = re.compile(r"(^[^:]*\.(K|D|m|Izz)|(viscous|coulomb)_friction:\S
 SURE = 3.0
 # Of the quickest joint's rms speed; what is below trembles, or is noise.
 STANDS = 0.01
+# Laws that are one and the same constant where a joint never reverses: its dry friction and the zero of its torque.
+CONSTANT = re.compile(r"^(?:coulomb_friction|(?:joint|motor)_torque_offset):(\S+)\.")
 # A parameter takes part in an undetermined direction from this share on.
 TAKES_PART = 0.3
 
 
 @dataclass(frozen=True)
 class Excitation:
-    """What the motion of a recording can determine, judged before any fit.
+    """What the motion of a recording can determine, judged before any fit."""
 
-    Parameters
-    ----------
-    condition
-        Condition number of the equilibrated columns.
-    relative_std
-        (B,) expected standard deviation over natural scale, for white torque noise of 0.26 Nm.
-    weakest
-        Base parameters that take part in the least determined direction.
-    poor
-        Whether parameters from this recording should not be trusted beyond its own kind of motion.
-    reasons
-        Why, in words.
-    """
-
-    condition: float
-    relative_std: Array
-    weakest: tuple[str, ...]
-    poor: bool
-    reasons: tuple[str, ...]
+    condition: float  # Condition number of the equilibrated columns
+    relative_std: Array  # (B,) expected standard deviation over natural scale, for white torque noise of 0.26 Nm
+    weakest: tuple[str, ...]  # Base parameters that take part in the least determined direction
+    poor: bool  # Whether parameters from this recording should not be trusted beyond its own kind of motion
+    reasons: tuple[str, ...]  # Why, in words
+    one_way: tuple[str, ...] = ()  # Joints that turn in one direction only
 
 
 @dataclass
@@ -71,19 +60,16 @@ class MotionStatistics:
 
     Parameters
     ----------
-    samples
-        Number of samples.
     speed, acceleration
         (n,) sums of squares.
-    stuck
-        (n,) samples at which a joint sticks, where the motion states it.
     """
 
-    samples: int = 0
+    samples: int = 0  # Number of samples
     seconds: float = 0.0
     speed: Array | float = 0.0
     acceleration: Array | float = 0.0
-    stuck: Array | float = 0.0
+    forward: Array | float = 0.0  # (n,) sum of squared speeds in the positive direction
+    stuck: Array | float = 0.0  # (n,) samples at which a joint sticks, where the motion states it
 
     def add(self, motion: Motion) -> None:
         """Add a run of motion."""
@@ -93,6 +79,7 @@ class MotionStatistics:
         self.samples += motion.every * len(motion)
         self.seconds += float(motion.t[-1] - motion.t[0]) * len(motion) / max(len(motion) - 1, 1)
         self.speed = self.speed + motion.every * np.sum(dq**2, axis=0)
+        self.forward = self.forward + motion.every * np.sum(np.maximum(dq, 0.0) ** 2, axis=0)
         self.acceleration = self.acceleration + motion.every * np.sum(ddq**2, axis=0)
         if motion.stuck is not None:
             self.stuck = self.stuck + motion.every * np.sum(motion.stuck, axis=0)
@@ -105,6 +92,12 @@ class MotionStatistics:
         speed, acceleration = np.atleast_1d(self.speed), np.atleast_1d(self.acceleration)
         moves = speed > STANDS**2 * speed.max()
         return float(np.sqrt(np.max(acceleration[moves] / speed[moves])) / (2 * np.pi))
+
+    @property
+    def one_way(self) -> NDArray[np.intp]:
+        """Joints that move, and never the other way."""
+        speed, forward = np.atleast_1d(self.speed), np.atleast_1d(self.forward)
+        return np.flatnonzero(np.minimum(forward, speed - forward) < STANDS**2 * speed)
 
     @property
     def effective_samples(self) -> float:
@@ -138,17 +131,6 @@ def excitation(
 
     What a model misses (friction, ripple, elasticity) follows the motion and does not average out as noise does: the
     errors of samples closer than half a period of the motion count as one.
-
-    Parameters
-    ----------
-    blocks
-        Sums of the rows.
-    equations
-        In base parameters.
-    statistics
-        Of the same motion.
-    torque_noise
-        Standard deviation of the torques, Nm.
     """
     r = blocks.total()[..., :-1]
     crowding = np.sqrt(max(blocks.samples / statistics.effective_samples, 1.0))
@@ -156,14 +138,15 @@ def excitation(
     size = np.linalg.norm(whole, axis=0)
     _, s, vt = np.linalg.svd(whole / np.where(size > 0, size, 1.0), full_matrices=False)
     condition = float(s[0] / s[-1]) if s[-1] > 0 else float("inf")
-    spread = np.sqrt(np.sum((vt / np.maximum(s, 1e-300)[:, None]) ** 2, axis=0))
     scales = natural_scales(equations)
-    with np.errstate(divide="ignore"):
+    with np.errstate(divide="ignore", over="ignore"):
+        spread = np.sqrt(np.sum((vt / np.maximum(s, 1e-300)[:, None]) ** 2, axis=0))
         relative = np.where(size > 0, spread / size, np.inf) / scales
     names = equations.base.names
     weakest = tuple(names[k] for k in np.flatnonzero(np.abs(vt[-1]) > TAKES_PART).tolist())
     reasons = _reasons(statistics, int(equations.equations.live.sum()), relative[np.isfinite(scales)], len(names))
-    return Excitation(condition, relative, weakest, bool(reasons), reasons)
+    one_way = tuple(equations.joints[j] for j in statistics.one_way.tolist())
+    return Excitation(condition, relative, weakest, bool(reasons), reasons, one_way)
 
 
 def _reasons(statistics: MotionStatistics, groups: int, relative: Array, parameters: int) -> tuple[str, ...]:
@@ -196,15 +179,6 @@ def relative_std(equations: BaseRegression, Psi_base: Array, std: Array) -> Arra
 
     Numbers that no arm has below zero are judged by the estimate, too, where it is the smaller: noise in the regressor
     draws them to zero (:mod:`.errors_in_variables`), and their deviations with them.
-
-    Parameters
-    ----------
-    equations
-        In base parameters.
-    Psi_base
-        (B,) estimates.
-    std
-        (B,) their standard deviations.
     """
     scale = natural_scales(equations)
     own = np.maximum(np.abs(Psi_base), 1e-300)
@@ -222,15 +196,7 @@ def directions(undetermined: Array, names: Sequence[str]) -> tuple[str, ...]:
 
 
 def impossible(equations: BaseRegression, Psi: Array) -> NDArray[np.bool_]:
-    """Return which base parameters are below zero though all that they are made of is above, (B,).
-
-    Parameters
-    ----------
-    equations
-        In base parameters.
-    Psi
-        (B,) their values.
-    """
+    """Return which base parameters are below zero though all that they are made of is above, (B,)."""
     return (Psi < 0) & _positive(equations)
 
 
@@ -240,37 +206,33 @@ def _positive(equations: BaseRegression) -> NDArray[np.bool_]:
     return np.array([bool(np.all(row >= 0) and np.all(never[row != 0])) for row in equations.base.T])
 
 
-def checked(words: Sequence[str], fit: Fit, equations: BaseRegression) -> tuple[str, ...]:
-    """Return the verdicts with what is impossible called "not" determined, and nothing "well" of a hopeless fit.
-
-    Parameters
-    ----------
-    words
-        "well", "poorly" or "not" by the standard deviations alone.
-    fit, equations
-        The estimate, and what it is one of.
-    """
+def checked(words: Sequence[str], fit: Fit, equations: BaseRegression, one_way: Sequence[str] = ()) -> tuple[str, ...]:
+    """Return the verdicts `words` with what is impossible called "not" determined, and what is hopeless not "well"."""
     wrong = impossible(equations, fit.Psi)
-    hopeless = fit.condition > HOPELESS
+    hopeless = (fit.condition > HOPELESS) | (equations.base.T[:, _constants(equations, one_way)] != 0.0).any(axis=1)
     found = []
-    for word, bad in zip(words, wrong.tolist(), strict=True):
-        found.append("not" if bad else "poorly" if hopeless and word == "well" else word)
+    for word, bad, doubted in zip(words, wrong.tolist(), hopeless.tolist(), strict=True):
+        found.append("not" if bad else "poorly" if doubted and word == "well" else word)
     return tuple(found)
 
 
-def remarks(fit: Fit, equations: BaseRegression) -> tuple[str, ...]:
-    """Return what was fixed, what is impossible, and how far the link encoders lag and are offset.
+def _constants(equations: BaseRegression, joints: Sequence[str]) -> list[int]:
+    """Return which parameters (P,) are constants where these joints never reverse."""
+    matched = [CONSTANT.match(name) for name in equations.names]
+    return [k for k, match in enumerate(matched) if match is not None and match[1] in joints]
 
-    Parameters
-    ----------
-    fit, equations
-        The estimate, and what it is one of.
-    """
+
+def remarks(fit: Fit, equations: BaseRegression, one_way: Sequence[str] = ()) -> tuple[str, ...]:
+    """Return what was fixed, is impossible or cannot be told apart, and how link encoders lag and are offset."""
     names = equations.base.names
     found = []
     if fit.fixed:
         kept = ", ".join(names[k] for k in fit.fixed)
         found.append(f"this recording gives no value of {kept}: kept as in the description")
+    if constants := [equations.names[k] for k in _constants(equations, one_way)]:
+        joints = ", ".join(dict.fromkeys(CONSTANT.sub(r"\1.", name).rpartition(".")[0] for name in constants))
+        why = "a zero of the torque and dry friction are one and the same constant there"
+        found.append(f"{joints} turned in one direction only: {why}, and neither is known; record reversals too")
     # Not what is zero but for its uncertainty, as a law tried at a joint that does not have it.
     beyond = impossible(equations, fit.Psi) & (np.abs(fit.Psi) > SURE * np.sqrt(np.diag(fit.covariance)))
     below = [names[k] for k in np.flatnonzero(beyond).tolist()]

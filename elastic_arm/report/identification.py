@@ -57,17 +57,7 @@ def identifiability(result: Identification) -> MplFigure:
 
 
 def torques(equations: BaseRegression, motion: Motion, result: Identification) -> MplFigure:
-    """Draw measured torques, what the nominal and the identified arm predict, and what is left.
-
-    Parameters
-    ----------
-    equations
-        Of the identification.
-    motion
-        Smoothed samples of the recording.
-    result
-        The identified parameters.
-    """
+    """Draw measured torques, what the nominal and the identified arm predict, and what is left."""
     measured = equations.measured(motion)
     sides = [side for side in equations.sides if side != "link"] or list(equations.sides)
     nominal = _predicted(equations, motion, equations.base.T @ equations.nominal)
@@ -93,17 +83,7 @@ def _predicted(equations: BaseRegression, motion: Motion, Psi_base: Array) -> di
 
 
 def residuals(equations: BaseRegression, motion: Motion, result: Identification) -> MplFigure:
-    """Draw what the identified arm leaves, per joint and equation.
-
-    Parameters
-    ----------
-    equations
-        Of the identification.
-    motion
-        Smoothed samples of the recording.
-    result
-        The identified parameters.
-    """
+    """Draw what the identified arm leaves, per joint and equation."""
     measured, found = equations.measured(motion), _predicted(equations, motion, result.Psi_base)
     with style():
         figure, axes = new_figure(equations.n, 1, size=(8.4, 1.35 * equations.n), sharex=True)
@@ -120,15 +100,7 @@ def residuals(equations: BaseRegression, motion: Motion, result: Identification)
 def sections(
     result: Identification, equations: BaseRegression | None = None, motion: Motion | None = None
 ) -> Sequence[Section]:
-    """Return the report: verdict first, then parameters, fit and validation.
-
-    Parameters
-    ----------
-    result
-        What was identified.
-    equations, motion
-        A run of the recording, for the figures of torques and residuals.
-    """
+    """Return the report: verdict first, then parameters, fit and validation."""
     said: list[Section] = [Section("What the recording determines", _verdict(result))]
     said.append(Section("Base parameters", [_parameters(result)]))
     if equations is not None and motion is not None:

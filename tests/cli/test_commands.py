@@ -157,7 +157,7 @@ USAGE: dict[str, tuple[str, str]] = {
     "diagnose --nope bag": ("no such option: --nope", "diagnose"),
     "diagnose": ("missing argument 'BAG…'", "diagnose"),
     "simulate --out": ("option '--out' requires an argument", "simulate"),
-    "identify bag --weights beauty": ("'beauty' is not one of 'noise', 'ordinary'", "identify"),
+    "identify bag --clock beauty": ("'beauty' is not one of", "identify"),
     "excite --seed one --out t": ("invalid value for '--seed'", "excite"),
     "bag chek": ("no such command 'chek'. Did you mean 'check'?", "bag"),
     "bag check": ("missing argument", "bag check"),

@@ -18,7 +18,6 @@ from elastic_arm.identification import (
     Identification,
     IdentificationSettings,
     Identifier,
-    compare,
     identifier_of,
     identify,
     parse_laws,
@@ -114,29 +113,6 @@ def test_intervals_cover_the_truth_over_seeds(model: Model) -> None:
     assert np.sqrt(np.mean(np.mean(bias, axis=0) ** 2)) < 2.0 / np.sqrt(len(SEEDS))
 
 
-@pytest.mark.slow(4)
-def test_intervals_from_fourier_series_cover_the_truth_too(model: Model) -> None:
-    """With encoder noise of 1e-5 rad, series over two periods give intervals that cover in 88 to 99 % of cases."""
-    hits = []
-    for seed in range(4):
-        rng = np.random.default_rng(200 + seed)
-        recording = recorded(record(model, rng, encoder_noise=1e-5, velocity_noise=1e-3, harmonics=6))
-        result = identify(recording, model.robot, IdentificationSettings(derivatives="fourier", consistent=False))
-        hits.append([abs(c.z) < 1.96 for c in compare(result, model.robot)])
-    assert 0.88 <= np.mean(hits) <= 0.99
-
-
-def test_all_pieces_in_which_a_motion_repeats_are_used(model: Model) -> None:
-    """Series are fitted to every piece between gaps that is long enough, and the result says to how many of them."""
-    whole = record(model, np.random.default_rng(0), period=4.0, periods=6, harmonics=6, **REAL)
-    kept = part(whole, np.setdiff1d(np.arange(len(whole)), np.r_[3000:3100, 12000:12500]))
-    result = identify(recorded(kept), model.robot, IdentificationSettings(derivatives="fourier", consistent=False))
-    assert result.derivatives == ("Fourier series of 2 of 3 pieces",)
-    assert result.samples == pytest.approx(len(kept) - 3000, rel=0.02)
-    errors = np.array([c.z for c in compare(result, model.robot)])
-    assert np.sqrt(np.mean(errors**2)) < 1.5
-
-
 def test_exact_encoders_give_parameters_to_a_few_parts_in_ten_thousand(model: Model) -> None:
     """With exact encoders and 0.26 Nm torque noise every base parameter comes out to 0.1 % of its natural size."""
     identifier = fed(model, record(model, np.random.default_rng(3)), [])
@@ -212,7 +188,7 @@ def test_recordings_with_different_channels_are_refused(model: Model, samples: S
     first = recorded(samples)
     second = recorded(samples, motor=None)
     with pytest.raises(IdentificationError, match="another q, tau_J"):
-        identify([first, second], model.robot, IdentificationSettings(derivatives="smoother", consistent=False))
+        identify([first, second], model.robot, IdentificationSettings(consistent=False))
 
 
 def test_a_law_beside_the_model_is_identified(model: Model, samples: Samples) -> None:
@@ -221,9 +197,7 @@ def test_a_law_beside_the_model_is_identified(model: Model, samples: Samples) ->
     rubbed[:, 1] += 12.0 * samples.dtheta[:, 1]
     laws = parse_laws(["viscous_friction"], model.robot)
     recording = recorded(replace(samples, tau_m=rubbed))
-    result = identify(
-        recording, model.robot, IdentificationSettings(effects=laws, derivatives="smoother", consistent=False)
-    )
+    result = identify(recording, model.robot, IdentificationSettings(effects=laws, consistent=False))
     found = {e.name: e for e in result.estimates if e.name.startswith("viscous")}
     assert found["viscous_friction:joint_2.coefficient"].value == pytest.approx(12.0, abs=0.05)
     for joint in ("joint_1", "joint_3"):
@@ -265,7 +239,7 @@ def test_a_second_of_motion_is_called_too_short(model: Model) -> None:
 def test_what_offline_gains_over_a_stream_is_said(model: Model, samples: Samples) -> None:
     """The same recording's standard deviations are compared, parameter by parameter, and the greatest gain is named."""
     online = fed(model, samples, []).fit()
-    offline = identify(recorded(samples), model.robot, IdentificationSettings(derivatives="fourier", consistent=False))
+    offline = identify(recorded(samples), model.robot, IdentificationSettings(consistent=False))
     found = std_ratio(online.std, offline)
     assert found.ratios == pytest.approx(online.std / offline.std)
     assert found.median <= found.largest == found.ratios.max()
@@ -274,7 +248,7 @@ def test_what_offline_gains_over_a_stream_is_said(model: Model, samples: Samples
 
 def test_result_survives_its_json_file(model: Model, samples: Samples, tmp_path: Path) -> None:
     """A saved result loads with equal numbers, and its table can be used."""
-    result = identify(recorded(samples), model.robot, IdentificationSettings(derivatives="smoother"))
+    result = identify(recorded(samples), model.robot, IdentificationSettings())
     result.to_json(tmp_path / "identification.json")
     loaded = Identification.load(tmp_path / "identification.json")
     assert loaded.Psi_base == pytest.approx(result.Psi_base, rel=0, abs=0)
@@ -308,7 +282,7 @@ def test_blocks_begun_long_are_those_that_a_stream_ends_with(model: Model) -> No
         equations = identifier.choose_equations(samples)
         assert identifier.accumulator is not None
         identifier.accumulator.expect(expected)
-        for motion in DerivativeStage(samples, "smoother")(equations).motions:
+        for motion in DerivativeStage(samples)(equations).motions:
             identifier.add_motion(motion)
         found.append((identifier.fit(), identifier.linear_blocks()))
     (grown, short), (begun, long) = found
@@ -326,7 +300,7 @@ def test_samples_in_pieces_too_short_do_not_lengthen_the_blocks(model: Model) ->
     k, counts = np.arange(len(whole)), []
     for kept in (k < 10_050, (k < 10_050) | (k % 150 > 25)):
         samples = part(whole, np.flatnonzero(kept))
-        settings = IdentificationSettings(derivatives="smoother")
+        settings = IdentificationSettings()
         trials = Trials([(recorded(samples), samples)], load_robot(None), settings, lambda what, share: None)
         counts.append(trials(BatchChoice()).linear_blocks.counts)
     assert counts[0] == counts[1] and len(counts[0]) > 30
@@ -337,7 +311,7 @@ def test_noise_is_that_of_the_rows_that_count(model: Model, samples: Samples) ->
     found = []
     for every in (1, 2):
         identifier = Identifier(model)
-        for motion in DerivativeStage(samples, "smoother")().motions:
+        for motion in DerivativeStage(samples)().motions:
             stuck = np.zeros_like(motion.theta, dtype=bool)
             stuck[1::every, 1] = every > 1
             identifier.add_motion(replace(motion, stuck=stuck))
@@ -346,10 +320,8 @@ def test_noise_is_that_of_the_rows_that_count(model: Model, samples: Samples) ->
     assert found[1] == pytest.approx(found[0], rel=0.1)
 
 
-def test_a_motion_repeats_whether_its_period_is_stated_or_found(model: Model, samples: Samples) -> None:
-    """A cut of less than a period and a half shows no repetition, and neither does a ramp."""
-    assert DerivativeStage(samples, "smoother").repeats
-    assert DerivativeStage(samples, "smoother", period=5.0).repeats
-    assert not DerivativeStage(samples, "smoother", period=0.9 * float(samples.t[-1] - samples.t[0])).repeats
+def test_periodic_motion_repeats_and_a_ramp_does_not(model: Model, samples: Samples) -> None:
+    """Whether a motion repeats is found from it."""
+    assert DerivativeStage(samples).repeats
     ramp = np.outer(np.linspace(0.0, 1.0, len(samples)) ** 2, np.ones(3))
-    assert not DerivativeStage(replace(samples, q=ramp, theta=ramp), "smoother").repeats
+    assert not DerivativeStage(replace(samples, q=ramp, theta=ramp)).repeats

@@ -59,7 +59,7 @@ def result(true_robot: Robot) -> Identification:
     return identify(
         recorded(samples, true_robot),
         mistaken(true_robot),
-        IdentificationSettings(derivatives="smoother"),
+        IdentificationSettings(),
         validate=[recorded(other, true_robot, "other")],
     )
 
@@ -102,9 +102,7 @@ def test_errors_count_as_alike_over_half_a_period_only_where_the_motion_repeats(
     """Blocks show how far sensors' noise is correlated; where the motion repeats, so may what the model misses."""
     samples = record(build_model(true_robot, "mod3"), np.random.default_rng(1), encoder_noise=1e-6, velocity_noise=1e-4)
     recording = recorded(samples, true_robot)
-    _, identifier, _ = identify_with(
-        recording, true_robot, IdentificationSettings(derivatives="smoother", consistent=False)
-    )
+    _, identifier, _ = identify_with(recording, true_robot, IdentificationSettings(consistent=False))
     half_period = identifier.fit().samples / identifier.statistics.effective_samples
     assert correlation_of_errors(identifier, repeats=True) == half_period
     assert correlation_of_errors(identifier, repeats=False) < 0.4 * half_period
@@ -131,7 +129,7 @@ def test_errors_of_averages_count_as_white_ones_at_least(
 ) -> None:
     """What friction leaves follows the joints that move, not one that trembles; fewer averages than half periods."""
     rigid = parse_urdf(to_urdf(true_robot))
-    settings = IdentificationSettings(derivatives="smoother", consistent=False)
+    settings = IdentificationSettings(consistent=False)
     _, identifier, _ = identify_with(of_rigid_arm(rigid, harmonics, trembles), rigid, settings)
     assert correlation_of_errors(identifier, repeats=False) >= least
     assert correlation_of_errors(identifier, repeats=True) >= least

@@ -54,7 +54,7 @@ def test_torque_sets_the_scale_whatever_the_encoders_noise(arm: Robot, noise: fl
     result = identify(
         without_sensors(arm, samples, samples.q),
         described(arm),
-        IdentificationSettings(consistent=False, derivatives="smoother"),
+        IdentificationSettings(consistent=False),
     )
     for joint in arm.joints:
         assert value_of(result, f"{joint.name}.K") == pytest.approx(joint.transmission.stiffness, rel=0.03)
@@ -69,7 +69,7 @@ def test_a_damping_that_the_recording_does_not_hold_stays_with_the_description(a
     result = identify(
         without_sensors(arm, samples, samples.q),
         nominal,
-        IdentificationSettings(consistent=False, derivatives="smoother"),
+        IdentificationSettings(consistent=False),
     )
     damping = next(e for e in result.estimates if e.name == "joint_1.D")
     assert (damping.value, damping.verdict) == (nominal.joints[0].transmission.damping, "not")
@@ -80,9 +80,7 @@ def test_lag_and_offset_of_a_link_encoder_are_not_read_as_compliance(arm: Robot)
     """A link encoder 2 ms late and 0.5 mrad off is said to be, and stiffnesses stay right to 3 %."""
     samples = measured(arm, 1e-6)
     late = samples.q - LAG * samples.dq + OFFSET
-    result = identify(
-        without_sensors(arm, samples, late), arm, IdentificationSettings(consistent=False, derivatives="smoother")
-    )
+    result = identify(without_sensors(arm, samples, late), arm, IdentificationSettings(consistent=False))
     for joint in arm.joints:
         K = value_of(result, f"{joint.name}.K")
         assert pytest.approx(joint.transmission.stiffness, rel=0.03) == K
@@ -95,6 +93,6 @@ def test_zeros_that_differ_between_recordings_are_aligned_and_said(arm: Robot) -
     """Two recordings whose link encoders count from 3 mrad apart give the stiffness that each alone gives."""
     first, second = measured(arm, 1e-6), measured(arm, 1e-6, seed=1)
     both = [without_sensors(arm, first, first.q, "first"), without_sensors(arm, second, second.q + 3e-3, "second")]
-    result = identify(both, arm, IdentificationSettings(consistent=False, derivatives="smoother"))
+    result = identify(both, arm, IdentificationSettings(consistent=False))
     assert value_of(result, "joint_1.K") == pytest.approx(arm.joints[0].transmission.stiffness, rel=0.01)
     assert any(note.startswith("second: zeros of the link encoders") for note in result.notes)

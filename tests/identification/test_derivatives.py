@@ -36,7 +36,7 @@ def swinging(seconds: float = SECONDS, rate: float = RATE, frequency: float = 0.
 
 def stuck(recording: Samples) -> np.ndarray:
     """Return where joints stick, of all runs one after another, (M, n)."""
-    motions = list(DerivativeStage(recording, "smoother")(stuck=True).motions)
+    motions = list(DerivativeStage(recording)(stuck=True).motions)
     assert all(len(motion.stuck) == len(motion) for motion in motions)
     return np.concatenate([motion.stuck for motion in motions])
 
@@ -54,26 +54,26 @@ def test_a_joint_that_is_parked_sticks_in_every_run(monkeypatch: pytest.MonkeyPa
 
 def test_a_run_or_piece_of_one_sample_is_no_error(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of a piece that is one sample longer than what the smoother loses, that sample is left."""
-    lost = 2 * DerivativeStage(samples(swinging()), "smoother")._smoother.lag
+    lost = 2 * DerivativeStage(samples(swinging()))._smoother.lag
     cut = samples(swinging((6001 + 500 + lost) / RATE), lost=slice(6000, 6500))
     monkeypatch.setattr(Smoother, "lag", property(lambda self: lost // 2))
-    assert [len(motion) for motion in DerivativeStage(cut, "smoother")(stuck=True).motions][-1] == 1
+    assert [len(motion) for motion in DerivativeStage(cut)(stuck=True).motions][-1] == 1
     monkeypatch.setattr(smoother, "RUN", 6000 - lost - 1)
-    assert 1 in [len(motion) for motion in DerivativeStage(cut, "smoother")(stuck=True).motions][:-1]
+    assert 1 in [len(motion) for motion in DerivativeStage(cut)(stuck=True).motions][:-1]
 
 
 def test_reversals_are_as_short_in_motion_that_is_thinned() -> None:
     """A reversal of 2 ms is none at which a joint sticks, though one sample of those that are kept falls into it."""
-    stage = DerivativeStage(samples(swinging(frequency=2.0)), "smoother")
+    stage = DerivativeStage(samples(swinging(frequency=2.0)))
     motions = list(stage(stuck=True).motions)
     assert not any(motion.stuck.any() for motion in motions)
 
 
 def test_a_recording_that_is_too_short_is_named_with_what_it_needs() -> None:
     """Its own length and all that is needed: twice as much with laws, which pass the smoother a second time."""
-    whole = DerivativeStage(samples(swinging()), "smoother")._smoother.lag / RATE
+    whole = DerivativeStage(samples(swinging()))._smoother.lag / RATE
     seconds = round(3.0 * whole, 1)
-    short = DerivativeStage(samples(swinging(seconds)), "smoother", source="runs/short")
+    short = DerivativeStage(samples(swinging(seconds)), source="runs/short")
     need = 2.0 * short._smoother.lag / RATE
     assert need < seconds < 2.0 * need
     with pytest.raises(IdentificationError) as raised:
@@ -85,4 +85,4 @@ def test_a_recording_that_is_too_short_is_named_with_what_it_needs() -> None:
     end = round(0.5 * need * RATE)
     gaps = samples(swinging(2.0 * seconds), lost=slice(end, round(2.0 * seconds * RATE) - end))
     with pytest.raises(IdentificationError, match="the recording has 2 pieces between gaps, the longest"):
-        DerivativeStage(gaps, "smoother")()
+        DerivativeStage(gaps)()

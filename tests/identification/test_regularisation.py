@@ -48,7 +48,7 @@ def misled(arm: Robot, samples: Samples) -> Identification:
     """The description is right; three seconds of fitted motion hold a torque of 80 Nm that the model lacks."""
     fitted = recorded(arm, samples, slice(0, 3000), "fitted", torque=80.0)
     held_out = recorded(arm, samples, slice(6000, 12000), "held out")
-    return identify(fitted, arm, IdentificationSettings(derivatives="smoother"), validate=[held_out])
+    return identify(fitted, arm, IdentificationSettings(), validate=[held_out])
 
 
 def test_a_fit_worse_than_the_description_is_said_to_be(misled: Identification) -> None:
@@ -82,7 +82,7 @@ def test_no_joint_of_the_arm_file_is_predicted_worse_than_by_the_description(arm
     rubs = np.tanh(plain.motor.velocity / 1e-3) * np.array([0.0, 0.0, 60.0])
     fitted = replace(plain, motor=replace(plain.motor, effort=plain.motor.effort + rubs))
     laws = parse_laws(("coulomb_friction:joint_3",), arm)
-    found = identify(fitted, heavy, IdentificationSettings(derivatives="smoother", effects=laws), validate=[held_out])
+    found = identify(fitted, heavy, IdentificationSettings(effects=laws), validate=[held_out])
     assert found.identified is not None and found.validation is not None
     (by_arm,) = found.validation.values()
     ratios = {joint: by_arm["consistent"]["motor"][joint] / rms for joint, rms in by_arm["nominal"]["motor"].items()}
@@ -115,7 +115,7 @@ def test_what_a_rigid_arm_repeats_does_not_spoil_another_motion(arm: Robot, monk
 
     def missed(widest: float) -> float:
         monkeypatch.setattr(batch, "LOOSE", widest)
-        settings = IdentificationSettings(derivatives="smoother", consistent=False)
+        settings = IdentificationSettings(consistent=False)
         found, identifier, _ = identify_with(fitted, rigid, settings)
         predicted = identifier.equations.predict(held_out, found.Psi_base)["whole"]
         return float(np.sqrt(np.mean((predicted - held_out.tau_m) ** 2)))

@@ -28,7 +28,7 @@ def errors_together(encoder_noise: float, seed: int) -> tuple[float, int]:
     recording = simulate(
         true, motion, SimulationSettings(nominal=robot, sensors=sensors, substeps=4), duration=20.0, rng=rng
     )
-    result = identify(recording, robot, IdentificationSettings(derivatives="smoother", consistent=False))
+    result = identify(recording, robot, IdentificationSettings(consistent=False))
     truth = np.array([each.true for each in compare(result, true)])
     return chi_square(result, truth), len(truth)
 

@@ -45,9 +45,7 @@ def test_the_zero_of_a_torque_is_found_without_being_asked_for(arm: Robot, sampl
     """4 Nm of one motor come out within 3 %, friction beside them, and a note names them."""
     torque = np.array([0.0, 0.0, 4.0]) + np.tanh(samples.dtheta / 1e-3) * np.array([0.0, 0.0, 10.0])
     laws = parse_laws(FRICTION, arm)
-    found = identify(
-        with_torque(arm, samples, torque), arm, IdentificationSettings(effects=laws, derivatives="smoother")
-    )
+    found = identify(with_torque(arm, samples, torque), arm, IdentificationSettings(effects=laws))
     assert zeros_of(found)["motor_torque_offset:joint_3.offset"] == pytest.approx(4.0, rel=0.03)
     assert any("without being asked for" in note and "joint_3" in note for note in found.notes)
     assert found.identified is not None
@@ -79,12 +77,12 @@ def test_torques_with_right_zeros_get_none(arm: Robot, samples: Samples) -> None
     right = identify(
         with_torque(arm, samples, torque),
         arm,
-        IdentificationSettings(effects=laws, derivatives="smoother", consistent=False),
+        IdentificationSettings(effects=laws, consistent=False),
     )
     unasked = identify(
         with_torque(arm, samples, np.array([0, 0, 4.0])),
         arm,
-        IdentificationSettings(derivatives="smoother", consistent=False),
+        IdentificationSettings(consistent=False),
     )
     assert not zeros_of(right) and not zeros_of(unasked)
 
@@ -96,7 +94,7 @@ def test_dry_friction_turns_over_at_each_joint_where_it_does(arm: Robot, samples
     found = identify(
         recording,
         arm,
-        IdentificationSettings(effects=parse_laws(FRICTION, arm), derivatives="smoother", consistent=False),
+        IdentificationSettings(effects=parse_laws(FRICTION, arm), consistent=False),
     )
     sizes = {e.name: e.value for e in found.estimates}
     found_dry = [sizes[f"coulomb_friction:joint_{k}.torque"] for k in (2, 3)]
@@ -148,7 +146,7 @@ def vibrating(rigid: Robot, seed: int) -> Recording:
 def test_motion_that_a_rigid_description_lacks_is_averaged_out(arm: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     """Vibration of the motors alone is not taken for motion of the links: masses come out nearer to the true ones."""
     rigid = parse_urdf(to_urdf(arm))
-    settings = IdentificationSettings(effects=parse_laws(FRICTION, rigid), derivatives="smoother", consistent=False)
+    settings = IdentificationSettings(effects=parse_laws(FRICTION, rigid), consistent=False)
     fitted = vibrating(rigid, 1)
 
     def errors(found: Identification) -> np.ndarray:
@@ -179,7 +177,7 @@ def test_friction_while_a_joint_sticks_is_left_out(arm: Robot, monkeypatch: pyte
 
     def estimated(described: Robot, recording: Recording) -> tuple[bool, float]:
         laws = parse_laws(["coulomb_friction", "motor_torque_offset"], described)
-        settings = IdentificationSettings(effects=laws, derivatives="smoother", consistent=False)
+        settings = IdentificationSettings(effects=laws, consistent=False)
         found = identify(recording, described, settings)
         return selection.STICKS in found.notes, float(np.max(np.abs(list(zeros_of(found).values()))))
 

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,14 +12,13 @@ from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 
 from elastic_arm.dynamics import Model, build_model
-from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.resampling import part
 from elastic_arm.estimation.smoother import Smoother
 from elastic_arm.excitation import FourierTrajectory
-from elastic_arm.identification import Identifier, chi_square, identifier_of, parse_laws
+from elastic_arm.identification import Identifier, chi_square, identifier_of
 from elastic_arm.identification.least_squares import Fit
 from elastic_arm.recording import Samples
-from elastic_arm.robot import load_robot, parse_urdf, to_urdf
+from elastic_arm.robot import load_robot
 from elastic_arm.sensors import Encoder, Sensors, TorqueSensor
 from elastic_arm.simulation import SimulationSettings, Simulator
 from tests.helpers.periodic_arm import RATE, record
@@ -77,68 +74,6 @@ def test_any_cut_of_the_samples_gives_the_result_of_the_batch(kind: str, mode: s
     assert np.abs((found.Psi - expected.Psi) / expected.std).max() < 1e-6
     assert found.std == pytest.approx(expected.std, rel=1e-5)
     assert stream.statistics.seconds == pytest.approx(whole.statistics.seconds)
-
-
-def test_saved_sums_are_taken_up_where_they_were_left(tmp_path: Path) -> None:
-    """A stream that is saved at a gap and loaded elsewhere ends with the estimate of one that went on."""
-    taken = samples("regular")
-    halves = [part(taken, np.flatnonzero(chosen)) for chosen in (taken.t < 4.2, taken.t >= 4.2)]
-    begun, resumed, whole = identifier(), identifier(), identifier()
-    for each in (begun, whole):
-        each.add(halves[0])
-        each.finish()
-    begun.save(tmp_path / "sums.npz")
-    resumed.load(tmp_path / "sums.npz")
-    for each in (resumed, whole):
-        each.add(halves[1])
-        each.finish()
-    assert resumed.progress == whole.progress
-    expected, found = whole.fit(), resumed.fit()
-    assert found.samples == expected.samples
-    assert found.Psi == pytest.approx(expected.Psi, rel=1e-9)
-    assert resumed.smoother.cutoff == begun.smoother.cutoff
-    assert resumed.excitation().reasons == whole.excitation().reasons
-
-
-def test_sums_of_another_model_are_refused_by_name(tmp_path: Path) -> None:
-    """The error names the two models, the laws, or the file that holds no sums at all."""
-    batch("regular")[0].save(tmp_path / "sums.npz")
-    with pytest.raises(IdentificationError, match="sums of model mod3, not mod1"):
-        identifier_of(model().robot, "mod1").load(tmp_path / "sums.npz")
-    with pytest.raises(IdentificationError, match="viscous_friction"):
-        identifier_of(model().robot, "mod3", parse_laws(["viscous_friction"], model().robot)).load(
-            tmp_path / "sums.npz"
-        )
-    (tmp_path / "other.npz").write_text("no sums")
-    with pytest.raises(IdentificationError, match="holds no sums"):
-        identifier().load(tmp_path / "other.npz")
-
-
-def test_sums_of_averages_and_of_single_rows_are_not_mixed(tmp_path: Path) -> None:
-    """An identifier of a rigid arm that averages refuses sums of one that does not, and those that do not say it."""
-    rigid = parse_urdf(to_urdf(load_robot(None)))
-    taken = replace(samples("regular"), q=None, dq=None, tau_J=None)
-    averaging, plain = (Identifier(build_model(rigid), averaged=averaged) for averaged in (True, False))
-    plain.add(taken)
-    plain.finish()
-    plain.save(tmp_path / "plain.npz")
-    with pytest.raises(IdentificationError, match=r"sums of rows as they were sampled, not of averages"):
-        averaging.load(tmp_path / "plain.npz")
-    plain.load(tmp_path / "plain.npz")
-    with pytest.raises(IdentificationError, match="averaged or not"):
-        plain.load(unsaid(tmp_path / "plain.npz"))
-    batch("regular")[0].save(tmp_path / "elastic.npz")
-    identifier().load(unsaid(tmp_path / "elastic.npz"))
-
-
-def unsaid(path: Path) -> Path:
-    """Return a copy of saved sums that does not say whether rows were averaged, as older versions wrote them."""
-    with np.load(path) as file:
-        arrays = dict(file)
-    head = json.loads(str(arrays.pop("head")))
-    del head["averaged"]
-    np.savez(path.with_name("older.npz"), head=np.array(json.dumps(head)), **arrays)
-    return path.with_name("older.npz")
 
 
 @pytest.mark.parametrize("standing", [0.0, 1.0, 2.3, 20.0])

@@ -6,7 +6,6 @@ import functools
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,9 +13,10 @@ from numpy.typing import NDArray
 from elastic_arm.codegen.parallel import ahead
 from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.motion import Motion
+from elastic_arm.estimation.observation import torque_noise
 from elastic_arm.estimation.resampling import Clock, Grid
 from elastic_arm.estimation.residuals import AROUND, sticking
-from elastic_arm.estimation.series import FourierFit, fourier_motion, period_of, repeats
+from elastic_arm.estimation.series import period_of, repeats
 from elastic_arm.estimation.smoother import Smoother, design_smoother, left_out, runs, with_ends
 from elastic_arm.formatting import JointUnits
 from elastic_arm.identification.base_regression import BaseRegression
@@ -25,7 +25,6 @@ from elastic_arm.identification.stream import smoothed
 from elastic_arm.recording import Samples
 
 Array = NDArray[np.float64]
-Method = Literal["smoother", "fourier"]
 
 
 @dataclass(frozen=True)
@@ -36,24 +35,15 @@ class Derived:
     ----------
     pieces
         Each makes one run when it is called: a long recording is never in memory as a whole.
-    method
-        In words.
-    series
-        Of link and motor side for each of `pieces`, where the derivatives come from them.
-    said
-        What is to be known of clock and pieces.
-    lengths
-        Samples of the recording in each run.
     zeros, shift
         Where deflections are measured: at no load, with standard deviations, and what is added to the link angles so
         that they count from where those of the first recording do, (n,) rad each.
     """
 
     pieces: tuple[Callable[[], Motion], ...]
-    method: str
-    series: tuple[tuple[FourierFit | None, FourierFit | None], ...] = ()
-    said: tuple[str, ...] = ()
-    lengths: tuple[int, ...] = ()
+    method: str  # In words
+    said: tuple[str, ...] = ()  # What is to be known of clock and pieces
+    lengths: tuple[int, ...] = ()  # Samples of the recording in each run
     zeros: tuple[Array, Array] | None = None
     shift: Array | None = None
 
@@ -100,31 +90,22 @@ class Derived:
 
 
 class DerivativeStage:
-    """The derivative stage of one recording: what depends on no law (clock, noise, series) is found once.
+    """The derivative stage of one recording: what depends on no law (clock, noise) is found once.
 
     Parameters
     ----------
     samples
         Of one recording.
-    method
-        "smoother", or "fourier": analytic derivatives of a fitted series. Its errors are the same in all periods; of
-        arms along periodic motions it left 1.1 to 4 times the errors, with deviations that were too small.
-    period
-        Of the motion, s; found from it when None.
     source
         Where the recording came from, for errors.
 
     Raises
     ------
     IdentificationError
-        If the recording is too short, or a series was requested and the motion is none.
+        If the recording is too short.
     """
 
-    def __init__(
-        self, samples: Samples, method: Method = "smoother", *, period: float | None = None, source: str = ""
-    ) -> None:
-        if period is not None and not period > 0:
-            raise IdentificationError(f"the period is {period:g} s", "Give a time above zero, or none.")
+    def __init__(self, samples: Samples, *, source: str = "") -> None:
         self._source = source or "the recording"
         clock = Clock.of(samples, self._source)
         self._grids = clock.place(samples)
@@ -134,21 +115,21 @@ class DerivativeStage:
             raise IdentificationError(f"{self._source} holds no motion", "Record one that `elastic-arm excite` makes.")
         self._said: tuple[str, ...] = (clock.note,) if clock.note else ()
         self._width = next(iter(self._grids[0].channels().values())).shape[1]
-        self._longest, self._stated_period = max(self._grids, key=len), period
-        self._series = self._by_series() if method == "fourier" else None
+        self._longest = max(self._grids, key=len)
 
     @functools.cached_property
     def repeats(self) -> bool:
         """Whether the motion is periodic."""
         try:
-            return repeats(self._longest, self._period)
+            return repeats(self._longest, period_of(self._longest))
         except IdentificationError:
             return False
 
     @functools.cached_property
-    def _period(self) -> float:
-        # Only when it is asked for: in a long recording the search costs a good part of all.
-        return self._stated_period or period_of(self._longest)
+    def torque_noise(self) -> dict[str, Array]:
+        """Standard deviation (n,) of the noise of each torque channel, Nm."""
+        levels = {channel: torque_noise([self._longest], channel) for channel in ("tau_J", "tau_m")}
+        return {channel: level for channel, level in levels.items() if level is not None}
 
     @property
     def band(self) -> float:
@@ -159,32 +140,8 @@ class DerivativeStage:
     def _smoother(self) -> Smoother:
         return design_smoother(self._grids, self._width)
 
-    def _by_series(self) -> Derived:
-        """Fit series to every piece in which the motion repeats, each its own: it may begin anew after a gap."""
-        grids, period = self._grids, self._period
-        noises = (self._smoother.link_noise, self._smoother.motor_noise)
-        link_std, motor_std = (None if noise is None else noise.position_std for noise in noises)
-        used = [grid for grid in grids if grid is self._longest or repeats(grid, period)]
-        fitted = [fourier_motion(grid, link_std, motor_std, period) for grid in used]
-        what = "Fourier series" if len(used) == len(grids) else f"Fourier series of {len(used)} of {len(grids)} pieces"
-        pieces = tuple((lambda motion=motion: motion) for motion, _, _ in fitted)
-        series = tuple((link, motor) for _, link, motor in fitted)
-        return Derived(pieces, what, series, self._said, tuple(len(motion) for motion, _, _ in fitted))
-
     def __call__(self, equations: BaseRegression | None = None, *, ends: bool = False, stuck: bool = False) -> Derived:
-        """Return the motion, the laws of `equations` through the same filter.
-
-        Parameters
-        ----------
-        equations
-            With laws beyond the model, or None.
-        ends
-            Whether the ends of the pieces are used too.
-        stuck
-            Whether the motion states where joints stick.
-        """
-        if self._series is not None:
-            return self._series
+        """Return the motion, the laws of `equations` through the same filter."""
         smoother, grids = self._smoother, self._grids
         twice = equations is not None and bool(equations.columns)
         lost = 2 * smoother.lag * (2 if twice else 1)

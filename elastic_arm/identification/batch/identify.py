@@ -7,7 +7,6 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from elastic_arm.dynamics import build_model
 from elastic_arm.effects import EffectInstance
@@ -22,9 +21,9 @@ from elastic_arm.identification.batch.selection import BatchChoice, BatchTrial, 
 from elastic_arm.identification.batch.settings import USUAL, IdentificationSettings
 from elastic_arm.identification.consistency.estimation import correlation_of_errors, with_consistency
 from elastic_arm.identification.consistency.identified_robot import odd_masses
-from elastic_arm.identification.deviations import series_covariance
 from elastic_arm.identification.law_columns import law_columns, on_recorded_side, with_stated
 from elastic_arm.identification.least_squares import Prior
+from elastic_arm.identification.misfit import poor_fits
 from elastic_arm.identification.regularisation import (
     DOUBT,
     chosen_width,
@@ -42,7 +41,6 @@ from elastic_arm.recording.inspection.two_encoders import by_motor_encoders
 from elastic_arm.recording.recording import recordings_of
 from elastic_arm.robot import Robot, require_robot
 
-Array = NDArray[np.float64]
 # Relative error of the description: where an arm is taken for rigid it is never believed to be off by more. What
 # repeats in all parts of a recording shows no need of a prior, and still predicts another motion badly.
 LOOSE = 3.0
@@ -158,29 +156,23 @@ def _cleared(recording: Recording, robot: Robot) -> Recording:
 
 
 def _estimated(trials: Trials, choice: BatchChoice) -> tuple[Identification, BatchTrial, float]:
-    """Return the identification by one choice, its estimator, and by what its errors exceed white ones in variance.
-
-    Parameters
-    ----------
-    trials, choice
-        Estimators by choice, and the choice.
-    """
+    """Return the identification by one choice, its estimator, and by what its errors exceed white ones in variance."""
     trial = trials.final(choice)
     trials.report("estimate", 1.0)
     identifier, derived = trial.identifier, trial.derived
     sources = tuple(recording.source for recording, _ in trials.recordings)
-    covariance, correlated = _covariance(trial), 1.0
+    correlated = 1.0
     if trials.settings.consistent or choice.held:
         correlated = correlation_of_errors(identifier, repeats=any(stage.repeats for stage in trials.stages))
-    width, prior = (None, None) if covariance is not None else _regularised(trial, choice, correlated)
+    width, prior = _regularised(trial, choice, correlated)
     found = trial.fit if prior is None else identifier.fit(prior)
-    found = found if covariance is None else replace(found, covariance=covariance)
     result = identifier.estimate(sources, tuple(d.method for d in derived), found)
     units = trials.robot.units
     notes = [note for recording, _ in trials.recordings for note in recording.notes]
     notes += [note for d, source in zip(derived, sources, strict=True) for note in d.notes(source, units)]
     notes += [] if width is None else [described_width(width, "parts of the recordings left out in turn")]
     notes += trials.notes(choice)
+    notes += poor_fits(identifier.equations, derived[0].longest, result.Psi_base, trials.stages[0].torque_noise)
     result = result.with_(notes=tuple(dict.fromkeys([*result.notes, *notes])))
     if trials.settings.consistent:
         trials.report("physical consistency", 1.0)
@@ -201,17 +193,6 @@ def _regularised(trial: BatchTrial, choice: BatchChoice, correlated: float) -> t
     return width if chosen else None, prior(width, description_error(plain, equations, DOUBT))
 
 
-def _covariance(trial: BatchTrial) -> Array | None:
-    """Return the covariance where derivatives come from series; None where the blocks hold all of it."""
-    derived = trial.derived
-    series = [(motion, *pair) for d in derived if d.series for motion, pair in zip(d.motions, d.series, strict=True)]
-    if not series:
-        return None
-    fit, equations = trial.fit, trial.identifier.equations
-    known = fit.white_covariance if all(d.series for d in derived) else fit.covariance
-    return known + sum(series_covariance(equations, fit, *each) for each in series)
-
-
 def _held_out(recordings: Sequence[Recording], fitted: Samples, robot: Robot, model: str) -> dict[str, DerivativeStage]:
     """Return the derivative stage of each recording that no fit sees, by its source.
 
@@ -223,7 +204,7 @@ def _held_out(recordings: Sequence[Recording], fitted: Samples, robot: Robot, mo
         channels = identifier_of(robot, model)
         for each in (fitted, samples):
             channels.choose_equations(each)
-        stages[recording.source] = DerivativeStage(samples, "smoother", source=recording.source)
+        stages[recording.source] = DerivativeStage(samples, source=recording.source)
         stages[recording.source]()
     return stages
 

@@ -43,17 +43,13 @@ class NuisanceLaw:
 
     Parameters
     ----------
-    instance
-        The effect at its joint, as the description states it, if it does.
     ordinary
         Standard deviation of its prior, in the unit of its parameters; None where it is free.
-    stated
-        Whether the description states it.
     """
 
-    instance: EffectInstance
+    instance: EffectInstance  # The effect at its joint, as the description states it, if it does
     ordinary: float | None = None
-    stated: bool = False
+    stated: bool = False  # Whether the description states it
 
     @property
     def place(self) -> tuple[str, str | None]:
@@ -71,19 +67,7 @@ def nuisance_effects(robot: Robot, catalogue: Catalogue | None = None) -> dict[s
 def possible_imperfections(
     recordings: Sequence[Samples], robot: Robot, asked: Sequence[EffectInstance], catalogue: Catalogue | None = None
 ) -> tuple[NuisanceLaw, ...]:
-    """Return the zeros of all recorded torques and the tilt of the base, but for those asked for, each ordinary.
-
-    Parameters
-    ----------
-    recordings
-        Their samples.
-    robot
-        The description.
-    asked
-        Laws that were asked for.
-    catalogue
-        Where ids are looked up; the default one when None.
-    """
+    """Return the zeros of all recorded torques and the tilt of the base, but for those asked for, each ordinary."""
     places = {(instance.effect.id, instance.joint) for instance in asked}
     stated = {(each.effect.id, each.joint): each for each in robot_effects(robot, catalogue)}
     found: list[NuisanceLaw] = []
@@ -130,15 +114,6 @@ def judged_imperfections(
     """Return what is identified: what differs from none is free, the rest is held to its ordinary size or left out.
 
     What the description states is never left out.
-
-    Parameters
-    ----------
-    possible
-        Whose columns are among those of the equations.
-    fit, equations
-        The estimate without a prior.
-    held
-        Whether a prior holds the rest.
     """
     place = {name: k for k, name in enumerate(equations.base.names)}
     sizes, known = {}, set()

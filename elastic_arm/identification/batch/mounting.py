@@ -104,15 +104,6 @@ def other_mounting(robot: Robot, model: str, motions: Sequence[Motion]) -> Mount
     Torques are linear in gravity, whatever its direction: three columns, beside dry friction and a zero of each joint.
     The joints that carry most decide. Only where another direction explains them far better, by more than chance, and
     better than channels of the wrong sign would, the arm is called mounted otherwise.
-
-    Parameters
-    ----------
-    robot
-        The description.
-    model
-        Variant of the model.
-    motions
-        Of the recordings.
     """
     described, turning = np.asarray(robot.gravity, dtype=float), [not joint.prismatic for joint in robot.joints]
     size = float(np.linalg.norm(described))
@@ -172,15 +163,6 @@ def _chance(before: float, left: float, motion: Motion, laws: tuple[int, ...]) -
     """Return the probability that gravity of no other direction leaves so much less, by the F test.
 
     Errors last as long as the motion does: a joint's samples are worth two independent ones a swing.
-
-    Parameters
-    ----------
-    before, left
-        Sums of squares that the described direction leaves, and a free one.
-    motion
-        Whose torques they are of.
-    laws
-        Number of joints, and of the other coefficients.
     """
     statistics = MotionStatistics()
     statistics.add(motion)

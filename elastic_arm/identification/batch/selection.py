@@ -66,18 +66,12 @@ class BatchChoice:
     ----------
     sign_speed
         rad/s, of all joints or (n,), see :func:`.law_columns.law_columns`.
-    imperfections
-        What is identified though nobody asked for it.
-    averaged
-        Whether the rows of an arm that is taken for rigid are averaged.
-    sticking
-        Whether rows that hold the friction of a joint that sticks count.
     """
 
     sign_speed: float | tuple[float, ...] = DEFAULT_SIGN_SPEED
-    imperfections: tuple[NuisanceLaw, ...] = ()
-    averaged: bool = True
-    sticking: bool = True
+    imperfections: tuple[NuisanceLaw, ...] = ()  # What is identified though nobody asked for it
+    averaged: bool = True  # Whether the rows of an arm that is taken for rigid are averaged
+    sticking: bool = True  # Whether rows that hold the friction of a joint that sticks count
 
     @property
     def key(self) -> tuple[object, ...]:
@@ -115,27 +109,13 @@ class BatchTrial:
 
 @dataclass
 class Trials:
-    """Estimators for one question with different choices; what depends on no choice is worked out once.
+    """Estimators for one question with different choices; what depends on no choice is worked out once."""
 
-    Parameters
-    ----------
-    recordings
-        With their samples.
-    robot
-        The nominal arm.
-    settings
-        How it is identified; laws that the description states are among the effects.
-    report
-        Called with what is being done, and the share that is done.
-    beside
-        Whether imperfections are identified that nobody asked for.
-    """
-
-    recordings: Sequence[tuple[Recording, Samples]]
-    robot: Robot
-    settings: IdentificationSettings
-    report: ProgressCallback
-    beside: bool = False
+    recordings: Sequence[tuple[Recording, Samples]]  # With their samples
+    robot: Robot  # The nominal arm
+    settings: IdentificationSettings  # How it is identified; laws that the description states are among the effects
+    report: ProgressCallback  # Called with what is being done, and the share that is done
+    beside: bool = False  # Whether imperfections are identified that nobody asked for
     _known: dict[tuple[object, ...], BatchTrial] = field(default_factory=dict)
 
     @functools.cached_property
@@ -144,8 +124,7 @@ class Trials:
         found = []
         for recording, samples in self.recordings:
             self.report(f"motion of {recording.source}", 0.0)
-            method, period = self.settings.derivatives, self.settings.period
-            found.append(DerivativeStage(samples, method, period=period, source=recording.source))
+            found.append(DerivativeStage(samples, source=recording.source))
         return found
 
     def __call__(self, choice: BatchChoice, *, ends: bool = False) -> BatchTrial:
@@ -154,8 +133,7 @@ class Trials:
             return self._known[choice.key]
         columns = self._columns(choice)
         arm, joints = build_model(self.robot, self.settings.model), self.robot.joint_names
-        weighted, averaged = self.settings.weighted, choice.averaged
-        identifier = Identifier(arm, columns, joints=joints, weighted=weighted, encoder_columns=True, averaged=averaged)
+        identifier = Identifier(arm, columns, joints=joints, encoder_columns=True, averaged=choice.averaged)
         derived: list[Derived] = []
         unasked = {place_of(each.instance, self.robot) for each in choice.imperfections}
         asked = sum(column.name.rpartition(".")[0] not in unasked for column in columns)
@@ -188,8 +166,8 @@ class Trials:
             return choice
         trial = self(choice)
         equations = trial.identifier.equations
-        held = equations.rigid and not any(derived.series for derived in trial.derived)
-        return replace(choice, imperfections=judged_imperfections(possible, trial.fit, equations, held=held))
+        kept = judged_imperfections(possible, trial.fit, equations, held=equations.rigid)
+        return replace(choice, imperfections=kept)
 
     def _possible(self) -> tuple[NuisanceLaw, ...]:
         """Return the imperfections that the channels tell from everything else."""
@@ -273,11 +251,7 @@ def turning_speed(errors: Array) -> float:
     deviation s by the scatter from block to block, it is as good with a relative likelihood of exp(-(d/s)²/2). No law
     is exact: a share of :data:`ALIKE` of the errors counts in s, as blocks of one motion resemble each other more than
     another motion does. Before the recordings, speeds are spread by a factor of :data:`SPREAD` about the usual one.
-
-    Parameters
-    ----------
-    errors
-        (speeds, blocks) squared errors of a joint, at :data:`.law_columns.SIGN_SPEEDS`.
+    `errors` (speeds, blocks) are squared, of one joint.
     """
     more = errors - errors[np.argmin(errors.sum(axis=1))]
     doubt = np.std(more, axis=1, ddof=1) * np.sqrt(more.shape[1]) if more.shape[1] > 1 else np.full(len(more), np.inf)
@@ -290,17 +264,7 @@ def turning_speed(errors: Array) -> float:
 def with_trace(
     laws: Sequence[EffectInstance], robot: Robot, model: str, samples: Samples
 ) -> tuple[tuple[EffectInstance, ...], list[str]]:
-    """Return laws without those that only the torques of joints without one would show, and these by their names.
-
-    Parameters
-    ----------
-    laws
-        Asked for or stated, at any joint.
-    robot, model
-        The arm, and the variant of its equations, mod1, mod2 or mod3.
-    samples
-        Of a recording.
-    """
+    """Return laws without those that only the torques of joints without one would show, and these by their names."""
     bare = samples.without_torque(robot.joint_names)
     if not any(law.joint in bare for law in laws):
         return tuple(laws), []

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from elastic_arm.effects import Catalogue, EffectInstance
-from elastic_arm.identification.batch.derivatives import Method
 
 
 @dataclass(frozen=True)
@@ -20,11 +19,6 @@ class IdentificationSettings:
     effects
         Laws identified beside the model's own parameters (:func:`elastic_arm.effects.text.parse_laws`), and beside
         those that the description states.
-    derivatives, period
-        Method "smoother" or "fourier", and the motion's period, s, where that is known; see
-        :class:`.derivatives.DerivativeStage`.
-    weighted
-        Weigh each equation by its noise; else ordinary least squares.
     consistent
         Also find all parameters, physically consistent and close to the nominal where the data determine nothing.
     catalogue
@@ -33,9 +27,6 @@ class IdentificationSettings:
 
     model: str = "mod3"
     effects: Sequence[EffectInstance] = ()
-    derivatives: Method = "smoother"
-    period: float | None = None
-    weighted: bool = True
     consistent: bool = True
     catalogue: Catalogue | None = None
 

@@ -23,19 +23,12 @@ def turning_speeds(recordings: Sequence[Recording], robot: Robot) -> Array | Non
     """Return the speed (n,) within which each joint's dry friction turns over, rad/s; None where nothing shows it.
 
     Base parameters, friction and zeros of the torques are fitted beside it.
-
-    Parameters
-    ----------
-    recordings
-        With equal channels.
-    robot
-        The nominal arm.
     """
     chosen = [without_outliers(recording.select(robot.joint_names)) for recording in recordings]
     recorded = [(recording, recording.samples()) for recording in chosen]
     side = "" if all(samples.tau_m is not None for _, samples in recorded) else ":side=link"
     laws = parse_laws([f"{law}{side}" for law in PLAIN], robot)
-    settings = IdentificationSettings(model="mod1", effects=laws, derivatives="smoother")
+    settings = IdentificationSettings(model="mod1", effects=laws)
     trials = Trials(recorded, robot, settings, report=lambda what, share: None, beside=True)
     try:
         speeds = trials.selected().sign_speed

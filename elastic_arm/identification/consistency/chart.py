@@ -33,14 +33,8 @@ class Chart:
 
     Parameters
     ----------
-    pseudo
-        Slices of x that hold the ten entries of a normalised pseudo-inertia.
     positive
         Indices of x that must be positive, each with its weight in the divergence.
-    free
-        Indices of x that may have either sign.
-    bounds
-        Of `free`, indices with the least value that each may have.
     held
         Indices of x that are parameters of laws over what is ordinary of them; errors of sensors are free.
     """
@@ -48,10 +42,10 @@ class Chart:
     G: Array
     x0: Array
     Psi0: Array
-    pseudo: tuple[slice, ...]
+    pseudo: tuple[slice, ...]  # Slices of x that hold the ten entries of a normalised pseudo-inertia
     positive: tuple[tuple[int, float], ...]
-    free: tuple[int, ...]
-    bounds: tuple[tuple[int, float], ...] = ()
+    free: tuple[int, ...]  # Indices of x that may have either sign
+    bounds: tuple[tuple[int, float], ...] = ()  # Of `free`, indices with the least value that each may have
     held: tuple[int, ...] = ()
 
     def variances(self) -> Array:
@@ -115,19 +109,7 @@ class _Coordinates:
         self.positive += [(first, 1.0), (first + 1, 2.0), (first + 2, 1.0)]
 
     def add_number(self, k: int, nominal: float, law: Column | None, *, physical: bool) -> None:
-        """Add parameter k: relative to its nominal value or to what is ordinary of it, if either is stated.
-
-        Parameters
-        ----------
-        k
-            Its index.
-        nominal
-            Its nominal value.
-        law
-            The law beyond the model whose it is.
-        physical
-            Whether it is a number of the drive, which no arm has below zero.
-        """
+        """Add parameter k: relative to its nominal value or to what is ordinary of it, if either is stated."""
         place, relative = len(self.x0), physical and nominal > 0
         # Where masses have to be positive, the zeros of sensors have more to take up than is ordinary.
         ordinary = None if law is None or law.sensor else law.ordinary
@@ -158,13 +140,6 @@ class _Coordinates:
 
 def folded(robot: Robot, equations: BaseRegression, body: Body) -> Array:
     """Return what the nominal body has beyond the link itself: the folded spline of mod1, else nothing.
-
-    Parameters
-    ----------
-    robot, equations
-        The arm as it is described, and the model that its parameters are of.
-    body
-        Of a link.
 
     Returns
     -------

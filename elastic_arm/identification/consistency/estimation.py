@@ -51,33 +51,18 @@ class Consistent:
 
     Parameters
     ----------
-    Psi
-        (P,) all parameters, laws beyond the model last.
-    trust
-        Relative error of the nominal that was taken for granted.
     misfit
         Rise of the weighted residual over the unconstrained fit, in units of its noise: root of the mean square.
-    exact
-        Whether the solver met its tolerance.
     """
 
-    Psi: Array
-    trust: float
+    Psi: Array  # (P,) all parameters, laws beyond the model last
+    trust: float  # Relative error of the nominal that was taken for granted
     misfit: float
-    exact: bool = True
+    exact: bool = True  # Whether the solver met its tolerance
 
 
 def consistent(fit: Fit, equations: BaseRegression, correlated: float = 1.0, trust: float | None = None) -> Consistent:
     """Find the physically consistent parameters that fit best, close to the nominal where the data determine nothing.
-
-    Parameters
-    ----------
-    fit, equations
-        The unconstrained fit of the base parameters, and whose model and laws these are.
-    correlated
-        How many times larger the variances are than those of white errors, beyond what the fit's blocks show.
-    trust
-        Relative standard deviation of the nominal; the most probable one when None.
 
     Raises
     ------
@@ -125,20 +110,7 @@ def with_consistency(
     correlated: float = 1.0,
     described: Collection[str] = (),
 ) -> Identification:
-    """Add all parameters, physically consistent, and the arm that has them; where there are such.
-
-    Parameters
-    ----------
-    result, identifier
-        The identification so far, and the estimator that it came from.
-    robot, effects
-        The nominal arm, and laws beyond the model.
-    trust, correlated
-        See :func:`consistent`.
-    described
-        Joints whose laws beyond the model are put back to what the description has, and their motor inertia where the
-        arm has no transmissions.
-    """
+    """Add all parameters, physically consistent, and the arm that has them; where there are such."""
     equations = identifier.equations
     try:
         found = consistent(identifier.fit(), equations, correlated, trust)

@@ -25,13 +25,7 @@ LIGHT = 0.02
 
 
 def odd_masses(described: Robot, identified: Robot) -> list[str]:
-    """Return in words which links of the identified arm have masses far from the described ones.
-
-    Parameters
-    ----------
-    described, identified
-        The nominal arm, and the one that has the identified parameters.
-    """
+    """Return in words which links of the identified arm have masses far from the described ones."""
     links = [
         (old.link_name, old.link.mass, new.link.mass)
         for old, new in zip(described.joints, identified.joints, strict=True)
@@ -52,19 +46,7 @@ def odd_masses(described: Robot, identified: Robot) -> list[str]:
 def identified_robot(
     robot: Robot, equations: BaseRegression, Psi: Array, effects: Sequence[EffectInstance] = ()
 ) -> Robot:
-    """Return the arm with these parameters, laws beyond the model among its effects.
-
-    Parameters
-    ----------
-    robot
-        The nominal arm.
-    equations
-        Whose parameters `Psi` are.
-    Psi
-        (P,) parameters of the model, then those of the laws.
-    effects
-        The laws beyond the model.
-    """
+    """Return the arm with these parameters, laws beyond the model among its effects."""
     value = dict(zip(equations.names, Psi.tolist(), strict=True))
     for joint in robot.joints:
         changes: dict[str, object] = {"link": inertia_from(_link_alone(robot, equations, joint.name, value))}

@@ -1,0 +1,90 @@
+"""What a fit leaves far above the noise of the sensors, and whether an elastic joint is behind it.
+
+    residual = tau - Phi Psi,    H = a / (tau - tau(a = 0))
+
+Where a joint is rigid, the torque that is left when friction, gravity and other joints have theirs accelerates one
+inertia, and H is the same at all frequencies. A joint between two inertias has a resonance: H has a peak there, with
+both of its half-power points inside the band in which the motion has energy, and half of the acceleration follows the
+torque there. Friction that the equations lack answers likewise, and goes first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import csd, welch
+
+from elastic_arm.estimation.motion import Motion
+from elastic_arm.identification.base_regression import BaseRegression
+from elastic_arm.identification.verdict import POORLY, SURE
+
+Array = NDArray[np.float64]
+
+# Segments of a spectrum, in all; each overlaps the next by half.
+SEGMENTS = 8
+# Of the largest density of the torque: what is below is no motion; 20 dB.
+ENERGY = 1e-2
+# Larger ratios of a residual to its sensor's noise are no longer counted: filtered torques hold no noise to compare.
+COUNTED = 1000
+DRY = "coulomb_friction"
+
+
+def poor_fits(equations: BaseRegression, motion: Motion, Psi_base: Array, noise: Mapping[str, Array]) -> list[str]:
+    """Return in words which joints' torques the fit leaves unexplained, by `noise`, channel -> (n,) Nm."""
+    measured, predicted = equations.measured(motion), equations.predict(motion, Psi_base)
+    found, out = [], equations.left_out(motion)
+    for side in equations.sides:
+        channel = equations.equations.equation(side).torque
+        if channel is None or channel not in noise:
+            continue
+        for j, joint in enumerate(equations.joints):
+            kept = ~out[side][:, j]
+            torque = measured[side][kept, j]
+            left, size = torque - predicted[side][kept, j], noise[channel][j]
+            if not torque.any() or np.std(left) <= max(POORLY * np.std(torque), SURE * size):
+                continue
+            unit = equations.model.robot.units.at(joint, "Nm")
+            ratio = float(np.std(left) / max(size, 1e-300))
+            times = f"{ratio:.3g}" if ratio < COUNTED else f"more than {COUNTED:g}"
+            said = (
+                f"{joint}: the fit leaves {np.std(left):.3g} of {np.std(torque):.3g} {unit} (rms), {times} times the "
+            )
+            said += "noise of its sensor"
+            if f"{DRY}:{joint}.torque" not in equations.names:
+                found.append(f"{said}: identify its friction, too (--with {DRY})")
+                continue
+            # What exceeds the torque itself is no answer to it.
+            possible = not equations.elastic and np.std(left) <= np.std(torque)
+            line = resonance(equations, motion, Psi_base, side, j) if possible else None
+            said += "" if line is None else f", with a resonance near {line:.2g} Hz: the joint may be elastic"
+            found.append(f"{said}; the model lacks something there")
+    return found
+
+
+def resonance(equations: BaseRegression, motion: Motion, Psi_base: Array, side: str, joint: int) -> float | None:
+    """Return the frequency, Hz, at which a joint answers its torque most, None where no peak stands out."""
+    still, acceleration = {}, None
+    for name in ("ddq", "ddtheta"):
+        values = getattr(motion, name)
+        if values is not None:
+            acceleration = values[:, joint]
+            still[name] = values.copy()
+            still[name][:, joint] = 0.0
+    if acceleration is None or len(motion) <= SEGMENTS:
+        return None
+    inertial = equations.measured(motion)[side][:, joint]
+    inertial = inertial - equations.predict(replace(motion, **still), Psi_base)[side][:, joint]
+    given = {"fs": 1.0 / float(np.median(np.diff(motion.t))), "nperseg": 2 * len(motion) // (SEGMENTS + 1)}
+    f, density = welch(inertial, **given)
+    answer = np.abs(csd(inertial, acceleration, **given)[1])
+    coherence = answer**2 / np.maximum(density * welch(acceleration, **given)[1], 1e-300)
+    band = np.flatnonzero(density >= ENERGY * density.max())
+    band = np.arange(max(band[0], 1), band[-1] + 1)
+    H = answer[band] / np.maximum(density[band], 1e-300)
+    peak = int(np.argmax(H)) if len(H) else 0
+    if not len(H) or coherence[band[peak]] < 0.5 or max(H[0], H[-1]) > H[peak] / np.sqrt(2.0):
+        return None
+    return float(f[band[peak]])

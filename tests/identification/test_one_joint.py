@@ -1,0 +1,109 @@
+"""One joint whose truth is known: stated friction, an elastic joint taken for rigid, motion in one direction."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+from elastic_arm.identification import Estimate, Identification, IdentificationSettings, identify, parse_laws
+from elastic_arm.recording import Recording, Side
+from elastic_arm.robot import Robot, parse_urdf
+
+RATE = 250.0
+T = np.arange(round(20 * RATE)) / RATE
+URDF = """<robot name="one"><link name="base"/><joint name="j" type="revolute"><parent link="base"/><child link="l"/>
+<axis xyz="0 {y} {z}"/><limit lower="-7" upper="7" effort="100" velocity="9"/>{dynamics}</joint><link name="l">
+<inertial><origin xyz="0 0 {c}"/><mass value="2"/><inertia ixx="{I}" iyy="{I}" izz="{I}" ixy="0" ixz="0" iyz="0"/>
+</inertial></link></robot>"""
+LAWS = ("viscous_friction", "coulomb_friction")
+VISCOUS, DRY, INERTIA, MOMENT = 0.2, 0.3, 0.065, 0.3
+
+
+def pendulum(friction: float) -> Robot:
+    """Return the true pendulum, with so many times its friction."""
+    dynamics = f'<dynamics damping="{VISCOUS * friction}" friction="{DRY * friction}"/>' if friction else ""
+    return parse_urdf(URDF.format(y=1, z=0, c=MOMENT / 2, I=INERTIA - MOMENT**2 / 2, dynamics=dynamics))
+
+
+def recorded(q: np.ndarray, torque: np.ndarray, seed: int) -> Recording:
+    rng = np.random.default_rng(seed)
+    q, torque = q + 2e-5 * rng.standard_normal(len(T)), torque + 0.02 * rng.standard_normal(len(T))
+    side = Side(np.rint(T * 1e9).astype(np.int64), q[:, None], None, torque[:, None])
+    return Recording(("j",), motor=side, source=f"run_{seed}")
+
+
+def swung(seed: int, *, gravity: float = 1.0, steady: float = 0.0, zero: float = 0.0) -> Recording:
+    """Return the pendulum in motion, at a steady speed besides; its torques lack some gravity, or have a zero."""
+    q, dq, ddq = steady * T, np.full(len(T), steady), np.zeros(len(T))
+    for f, phase in zip((0.13, 0.31, 0.53), np.random.default_rng(seed).uniform(0, 2 * np.pi, 3), strict=True):
+        w, size = 2 * np.pi * f, 0.3 / (2 * np.pi * f)
+        q, dq, ddq = (
+            q + size * np.sin(w * T + phase),
+            dq + size * w * np.cos(w * T + phase),
+            ddq - size * w**2 * np.sin(w * T + phase),
+        )
+    torque = INERTIA * ddq - gravity * 9.81 * MOMENT * np.sin(q) + VISCOUS * dq + DRY * np.tanh(dq / 5e-3) + zero
+    return recorded(q, torque, seed)
+
+
+def found(robot: Robot, fit: Recording, *held_out: Recording, laws: tuple[str, ...] = LAWS) -> Identification:
+    return identify(fit, robot, IdentificationSettings(effects=parse_laws(laws, robot)), validate=held_out)
+
+
+def of_law(result: Identification, law: str) -> Estimate:
+    return next(e for e in result.estimates if e.name.startswith(law))
+
+
+def test_friction_that_is_asked_for_has_the_stated_value_as_nominal() -> None:
+    """Ten times the friction is stated: it is the nominal, the description errs by its excess, and the fit is right."""
+    result = found(pendulum(10.0), swung(1), swung(2))
+    for law, true in (("viscous", VISCOUS), ("coulomb", DRY)):
+        assert of_law(result, law).nominal == pytest.approx(10 * true)
+        assert of_law(result, law).value == pytest.approx(true, rel=0.05)
+    arms = result.validation["run_2"]
+    dq = np.gradient(swung(2).motor.position[:, 0], T)
+    excess = np.sqrt(np.mean((9 * (VISCOUS * dq + DRY * np.sign(dq))) ** 2))
+    assert arms["nominal"]["whole"]["j"] == pytest.approx(excess, rel=0.1)
+    assert not any("worse than" in note for note in result.notes)
+
+
+def test_a_right_description_with_friction_is_better_than_a_fit_of_wrong_torques() -> None:
+    """Torques without gravity predict worse than the description, whose friction is stated and asked for."""
+    result = found(pendulum(1.0), swung(1, gravity=0.0), swung(2))
+    assert any("worse than" in note for note in result.notes)
+    assert result.validation["run_2"]["nominal"]["whole"]["j"] < 0.05
+
+
+def test_an_elastic_joint_described_as_rigid_is_named_with_its_frequency() -> None:
+    """A resonance of 6 Hz: joint, ratio to the noise and frequency are said; of a rigid joint nothing is."""
+    motor, link, damping, rng = 0.4, 1.3, 3.0, np.random.default_rng(4)
+    stiffness = (2 * np.pi * 6.0) ** 2 / (1 / motor + 1 / link)
+    rigid, elastic, torque = np.zeros((3, len(T)))
+    for f in np.arange(0.5, 9.0, 0.05):
+        s, phase = 2j * np.pi * f, np.exp(1j * rng.uniform(0, 2 * np.pi))
+        spring = stiffness + damping * s
+        moved = (link * s**2 + spring) / ((motor * s**2 + spring) * (link * s**2 + spring) - spring**2)
+        wave = phase * np.exp(s * T)
+        torque += wave.real
+        elastic += (moved * wave).real
+        rigid += (wave / ((motor + link) * s**2)).real
+    arm = parse_urdf(URDF.format(y=0, z=1, c=0, I=motor + link, dynamics=""))
+    (note,) = [note for note in found(arm, recorded(elastic, torque, 1)).notes if "the fit leaves" in note]
+    assert note.startswith("j: the fit leaves") and "may be elastic" in note
+    assert float(re.search(r"([\d.e+]+) times the noise", note)[1]) > 50
+    assert float(re.search(r"near ([\d.]+) Hz", note)[1]) == pytest.approx(6.0, rel=0.1)
+    assert not any("the fit leaves" in note for note in found(arm, recorded(rigid, torque, 2)).notes)
+
+
+@pytest.mark.parametrize("laws", [("coulomb_friction",), ("motor_torque_offset",)])
+@pytest.mark.parametrize("steady", [1.5, -1.5])
+def test_motion_in_one_direction_tells_no_zero_from_dry_friction(laws: tuple[str, ...], steady: float) -> None:
+    """Neither is called well determined, and the reason is said; a motion that reverses has neither."""
+    one_way = found(pendulum(1.0), swung(1, steady=steady, zero=0.5), laws=laws)
+    assert any("j turned in one direction only" in note for note in one_way.notes)
+    assert {e.verdict for e in one_way.estimates if "coulomb" in e.name or "offset" in e.name} <= {"poorly", "not"}
+    both = found(pendulum(1.0), swung(1, zero=0.5), laws=LAWS)
+    assert not any("one direction" in note for note in both.notes)
+    assert of_law(both, "coulomb").verdict == of_law(both, "motor_torque_offset").verdict == "well"
