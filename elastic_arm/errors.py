@@ -123,11 +123,13 @@ def require_libraries(what: str, *names: str, remedy: str = "") -> None:
     missing = [name.split(":")[0] for name in names if find_spec(name.split(":")[-1]) is None]
     if missing:
         raise MissingExtraError(
-            f"{what} {' and '.join(missing)}, not installed here", remedy or f"Run: pip install {' '.join(missing)}"
+            f"{what} {', '.join(missing)}: not installed here", remedy or f"Run: pip install {' '.join(missing)}"
         )
 
 
 def require_ros(what: str) -> None:
     """Refuse where ROS 2 or packages of it are missing; `what` is subject and verb of the error."""
     remedy = "Run `make setup` and `. tools/env.sh`, or source the set-up of your ROS 2 workspace"
-    require_libraries(f"{what} ROS 2, and of it", *_ROS, remedy=remedy)
+    if find_spec("rclpy") is None:
+        raise MissingExtraError(f"{what} ROS 2, which is not installed here", remedy)
+    require_libraries(f"{what} packages of ROS 2:", *_ROS, remedy=remedy)

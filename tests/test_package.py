@@ -193,15 +193,23 @@ def test_the_citation_is_of_this_version() -> None:
     assert citation["version"] == elastic_arm.__version__
 
 
-def test_a_node_without_ros_names_all_that_is_missing_in_one_line() -> None:
-    """`simulator` where ROS 2 is not installed is one line with the remedy, and no traceback."""
+WITHOUT = {
+    "rclpy=None": "needs ROS 2, which",
+    "control_msgs=None, elastic_arm_msgs=None": "control_msgs, elastic_arm_msgs:",
+}
+
+
+@pytest.mark.parametrize("missing", WITHOUT)
+def test_a_node_without_ros_is_one_line(missing: str) -> None:
+    """`simulator` where ROS 2, or packages of it, are not installed names all that is missing, and what to do."""
+    pytest.importorskip("rclpy")
     script = (
         "import sys",
-        "sys.modules.update(rclpy=None, elastic_arm_msgs=None)",
+        f"sys.modules.update({missing})",
         "from elastic_arm.nodes.entry import simulator",
         "simulator()",
     )
     done = subprocess.run([sys.executable, "-c", "\n".join(script)], cwd=ROOT, capture_output=True, text=True)
     (line,) = done.stderr.strip().splitlines()
     assert (done.returncode, line.split(":")[0]) == (2, "error")
-    assert "rclpy and " in line and "elastic_arm_msgs" in line and "make setup" in line
+    assert WITHOUT[missing] in line and "make setup" in line
