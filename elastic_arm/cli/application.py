@@ -24,14 +24,7 @@ from elastic_arm.errors import ElasticArmError, OutputError
 class Subcommand(NamedTuple):
     """Where a subcommand is defined, and its line in the help of the application.
 
-    Parameters
-    ----------
-    module, attribute
-        A function, or a `typer.Typer` with subcommands of its own.
-    summary
-        The first sentence of its docstring, known before its module is imported.
-    kind
-        Class of the command.
+    `attribute` is a function or a `typer.Typer`; `summary` its first sentence, known before its module is imported.
     """
 
     module: str

@@ -1,4 +1,4 @@
-"""MuJoCo, which is an optional extra, and models compiled by it."""
+"""MuJoCo, and models compiled by it."""
 
 from __future__ import annotations
 
