@@ -1,11 +1,11 @@
-"""All examples of real robots in one run, and the tables of docs/real_robots.md.
+"""All examples of real robots in one run, and the tables of docs/results/real_robots.md.
 
-    python examples/gallery.py DATA --out gallery [--only kuka_kr300 …] [--markdown docs/real_robots.md]
+    python examples/gallery.py DATA --out gallery [--only kuka_kr300 …] [--markdown docs/results/real_robots.md]
 
 DATA has a folder for each robot, named as in `examples/`. Every example's `run.sh` is run in a folder of its own below
 `--out`, or taken as it is there if it ran to its end; the tables are made of the `identification.json` and
 `diagnosis.json` that are there afterwards, and of the processor time of each command in `times.tsv`. With `--markdown`,
-a picture of each robot's residuals goes to `pictures/real_ROBOT.png` beside the page. Rows and pictures of robots that
+a picture of each robot's residuals goes to `docs/pictures/real_ROBOT.png`. Rows and pictures of robots that
 have no results below `--out` stay as they are, so that the robots can be run one after another.
 """
 
@@ -253,7 +253,7 @@ def main() -> None:
         print(table(folders))
         return
     for folder in filter(_ended, folders):
-        picture(folder, asked.markdown.parent / "pictures" / f"real_{folder.name}.png")
+        picture(folder, HERE.parent / "docs" / "pictures" / f"real_{folder.name}.png")
     before, rest = asked.markdown.read_text(encoding="utf-8").split(BEGIN)
     old, after = rest.split(END)
     asked.markdown.write_text(f"{before}{BEGIN}\n{table(folders, old)}\n{END}{after}", encoding="utf-8")

@@ -19,7 +19,7 @@ from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.model import Fit, LinearModel, Screen
 from elastic_arm.evidence.nonlinear import components, moved, tangent_term
 from elastic_arm.evidence.pool import effect_terms, law_terms, linear_prior, number_terms
-from elastic_arm.evidence.priors import ELSEWHERE, NEAR, ROUNDS, STATED, TRUST
+from elastic_arm.evidence.priors import ELSEWHERE, NEAR, ROUNDS, STATED, TRUST, WORTH
 from elastic_arm.evidence.problem import Problem
 from elastic_arm.evidence.search import Search
 from elastic_arm.evidence.term import Key, Term
@@ -42,6 +42,8 @@ class Explanation:
         All sets met.
     best
         The most probable one.
+    own
+        Score of the set beside which it was linearised.
     trust
         Probability of each trust in the description.
     log
@@ -51,6 +53,7 @@ class Explanation:
     linear: Linearisation
     search: Search
     best: Fit
+    own: float
     trust: Mapping[str, float]
     log: tuple[str, ...] = ()
 
@@ -90,7 +93,7 @@ def _better(one: Explanation, other: Explanation) -> Explanation:
 
 
 def _elsewhere(found: Explanation, tried: Set[frozenset[Key]]) -> Fit | None:
-    """Return the likeliest set that has a number more than an ordinary deviation elsewhere than the most probable one."""
+    """Return the likeliest set with a number more than an ordinary deviation from where the best one has it."""
     moving = _moving(found.linear.problem)
     sets = (
         fit
@@ -103,17 +106,29 @@ def _elsewhere(found: Explanation, tried: Set[frozenset[Key]]) -> Fit | None:
 
 
 def _descended(linear: Linearisation, before: Fit | None, trust: str, refit: bool) -> Explanation:
-    """Return the most probable set beside which the linearisation stays."""
-    log, whole = [], False
+    """Return the most probable set beside which the linearisation stays.
+
+    A set that is found at the linearisation of another one counts once it is as probable at its own: there, what acts
+    in the predicted torques is what it holds.
+    """
+    log: list[str] = []
+    whole, refused, kept = False, set[frozenset[Key]](), None
     for n in range(ROUNDS):
-        linear = _settled(linear, before, trust)
-        found = _explained(linear, before, trust, refit, whole=whole)
+        here = _settled(linear, before, trust)
+        found = _explained(here, before, trust, refit, whole=whole, refused=refused)
         log += [f"{n}: {line}" for line in found.log]
+        if kept is not None and before is not None and before.keys != kept[2] and found.own < kept[0] - WORTH:
+            refused.add(before.keys)
+            _, (linear, before, trust), _ = kept
+            log.append(f"{n}: not as probable at its own linearisation")
+            continue
+        kept = found.own, (here, before, trust), frozenset() if before is None else before.keys
         same = before is not None and before.keys == found.best.keys and not _far(found.best)
         if same and whole:
             break
         # Laws without a form and the moves that take long come where the set stays: elsewhere they follow its error.
-        before, trust, whole = found.best, found.best.model.name, whole or same or n == ROUNDS - 2
+        linear, before, trust = here, found.best, found.best.model.name
+        whole = whole or same or n == ROUNDS - 2
     return replace(found, best=max(found.search.met.values(), key=lambda fit: fit.score), log=tuple(log))
 
 
@@ -181,16 +196,19 @@ def _screens(linear: Linearisation, model: LinearModel, *, laws: bool) -> list[S
     return [linear.cache["screen"], *([linear.cache["laws"]] if laws else [])]
 
 
-def _explained(linear: Linearisation, before: Fit | None, trust: str, refit: bool, *, whole: bool) -> Explanation:
+def _explained(
+    linear: Linearisation, before: Fit | None, trust: str, refit: bool, *, whole: bool, refused: Set[frozenset[Key]]
+) -> Explanation:
     """Return the most probable set at a linearisation, from the one found at another."""
     trusts = {name: one for name, one in TRUST.items() if not (refit and name == "as measured")}
     model, log = linear_model(linear, trust), []
     screens = _screens(linear, model, laws=whole)
-    terms: Sequence[Term] = [] if before is None else _again(before, linear)
+    first = [] if before is None else _again(before, linear)
+    terms: Sequence[Term] = first
     # The trust in the description that is most probable beside the set, and the set beside it, until both stay.
     tried: dict[str, Search] = {}
     while trust not in tried:
-        search = Search(linear, model.trusting(trust), screens)
+        search = Search(linear, model.trusting(trust), screens, refused)
         tried[trust], best = search, search.run(terms, whole=whole)
         log += [f"{trust}: {line}" for line in search.log]
         terms = best.optional
@@ -202,7 +220,8 @@ def _explained(linear: Linearisation, before: Fit | None, trust: str, refit: boo
     best = search.run(terms, whole=whole)
     total = np.logaddexp.reduce(list(scores.values()))
     log.append(f"{trust}, {best.score:.1f}: {', '.join(f'{k[0]} {k[1]}' for k in best.keys) or 'nothing'}")
-    return Explanation(linear, search, best, {k: float(np.exp(v - total)) for k, v in scores.items()}, tuple(log))
+    shares = {k: float(np.exp(v - total)) for k, v in scores.items()}
+    return Explanation(linear, search, best, search.model.fit(first).score, shares, tuple(log))
 
 
 def pool_of(linear: Linearisation) -> list[Term]:

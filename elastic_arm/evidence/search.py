@@ -6,7 +6,7 @@ the score of the whole set decides. All sets met are kept: probabilities are sum
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence, Set
 from dataclasses import dataclass, field
 from itertools import combinations
 
@@ -32,11 +32,14 @@ class Search:
     ----------
     linear, model, screens
         The data, and all that may be added.
+    refused
+        Sets that are not as probable at their own linearisation.
     """
 
     linear: Linearisation
     model: LinearModel
     screens: Sequence[Screen]
+    refused: Set[frozenset[Key]] = frozenset()
     met: dict[frozenset[Key], Fit] = field(default_factory=dict)
     _refined: dict[tuple[Key, frozenset[Key]], Term] = field(default_factory=dict)
     log: list[str] = field(default_factory=list)
@@ -66,7 +69,7 @@ class Search:
         for moves in (*simple, self._two_for_one, self._one_for_two) if self._whole else simple:
             best = fit
             for one in moves(fit):
-                if one.score > best.score:
+                if one.score > best.score and one.keys not in self.refused:
                     best = one
                     if moves is not self._added and best.score > fit.score + WORTH:
                         break
@@ -109,7 +112,7 @@ class Search:
 
     def _keep(self, fit: Fit) -> Fit:
         known = self.met.get(fit.keys)
-        if known is None or fit.score > known.score:
+        if fit.keys not in self.refused and (known is None or fit.score > known.score):
             self.met[fit.keys] = fit
         return fit
 

@@ -119,7 +119,7 @@ def test_no_recording_is_overwritten(tmp_path: Path, bag: Path, motion: Path) ->
     """`simulate` and `bag import` refuse a bag that exists; there is no force."""
     assert "no recording is overwritten" in refusal("simulate", "--trajectory", motion, "--out", bag)
     np.savez(tmp_path / "a.npz", t=np.arange(3.0))
-    (tmp_path / "map.yaml").write_text("joints: [a]\ntimes: {key: t}\n")
+    (tmp_path / "map.yaml").write_text("joints: [a]\ntimes: {key: t}\nlink: {position: {key: t}}\n")
     said = refusal("bag", "import", tmp_path / "a.npz", "--map", tmp_path / "map.yaml", "--out", bag)
     assert "no recording is overwritten" in said
 
@@ -297,7 +297,7 @@ def test_effects_that_no_arm_has_are_refused(tmp_path: Path, motion: Path, effec
 def test_missing_channel_maps_and_arrays_are_said_without_numbers_of_the_system(tmp_path: Path, bag: Path) -> None:
     """No such file is no such file, for maps and arrays too."""
     assert "no such file" in refusal("bag", "info", bag, "--channels", tmp_path / "none.yaml")
-    (tmp_path / "map.yaml").write_text("joints: [a]\ntimes: {rate: 100}\n")
+    (tmp_path / "map.yaml").write_text("joints: [a]\ntimes: {rate: 100}\nlink: {position: {key: t}}\n")
     said = refusal("bag", "import", tmp_path / "none.npz", "--map", tmp_path / "map.yaml", "--out", tmp_path / "i")
     assert "No such file" in said
 

@@ -103,7 +103,7 @@ def test_a_damaged_manifest_of_a_challenge_is_refused(tmp_path: Path, command: s
     manifest = tmp_path / "challenge.json"
     os.mkfifo(manifest) if content is None else manifest.write_text(content)
     result = (
-        run("challenge", command, tmp_path, "--workers", 0)
+        run("challenge", command, tmp_path, "--workers", 1)
         if command != "score"
         else run("challenge", command, tmp_path)
     )

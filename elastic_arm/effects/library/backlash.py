@@ -4,14 +4,13 @@ import casadi as ca
 
 from elastic_arm.effects.law import Confusion, Contribution, Effect, Numbers, SymbolicMotion, searched
 
-
-SHARP = 20.0  # a load of so much less than the play is worth decides on which end of it a drive lies; numerical
+SHARP = 20.0  # a load of so much less than the play is worth decides at which end of it a drive lies; numerical
 
 
 def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
     """-K times the part of the deflection that the play takes up.
 
-    Where the load is known, its sign tells the end of the play. What encoders read of it has their noise, which the
+    Where the load is known, its sign gives the end of the play. What encoders read of it has their noise, which the
     residual holds, too (errors in variables).
     """
     gap, d = p["half_gap"], motion.deflection[i]
