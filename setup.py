@@ -46,7 +46,8 @@ setup(
     name=NAME,
     version=VERSION,
     description="Elastic-joint robot arms: emulate, record, identify, and say where and why model and robot differ.",
-    long_description=Path("README.md").read_text(encoding="utf-8"),
+    # colcon runs a link to this file in a folder of its own.
+    long_description=Path(__file__).resolve().with_name("README.md").read_text(encoding="utf-8"),
     long_description_content_type="text/markdown",
     license="Apache-2.0",
     maintainer="elastic_arm maintainers",
