@@ -124,6 +124,7 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
         given=seen[1],
         candidates=tuple(_candidates(question, equations, still, layout, numbers, observed[0][0], seen)),
         largest=largest,
+        far=frozenset(effect.id for effect in question.candidates),
         held_back=held_back,
     )
     notes = list(dict.fromkeys(note for part in observed for o in part for note in o.notes))

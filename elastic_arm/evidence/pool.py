@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Sequence, Set
 from dataclasses import replace
 from itertools import product
 
@@ -142,7 +142,7 @@ def _spread(parameter: Parameter, most: float, count: int) -> list[float]:
     return [float(v) for v in (np.geomspace if parameter.logarithmic else np.linspace)(low, high, count)]
 
 
-def number_terms(parameters: Sequence[Number], N: Array) -> list[Term]:
+def number_terms(parameters: Sequence[Number], N: Array, far: Set[str]) -> list[Term]:
     """Return the terms of numbers of the arm and its sensors that are far off, by their ordinary columns.
 
     Parameters
@@ -151,12 +151,14 @@ def number_terms(parameters: Sequence[Number], N: Array) -> list[Term]:
         The numbers.
     N
         (rows, k) whitened columns for one standard deviation each.
+    far
+        Effects as which they may be reported.
     """
     found: list[Term] = []
     together: dict[Key, list[int]] = {}
     unit = np.eye(len(parameters))
     for k, parameter in enumerate(parameters):
-        if parameter.cause is None or not parameter.cause.effect.searched:
+        if parameter.cause is None or parameter.cause.effect.id not in far:
             continue
         key = parameter.cause.key
         found.append(_number(parameter, N, key, unit[:, [k]]))

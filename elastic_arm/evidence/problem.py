@@ -48,6 +48,8 @@ class Problem:
         Effects that may be there, at their places.
     largest
         (n,) torques of the joints, Nm.
+    far
+        Effects as which numbers that are far off are reported.
     held_back
         Whether the recordings that judge are the last parts of those that are fitted.
     """
@@ -63,6 +65,7 @@ class Problem:
     given: tuple[EffectInstance, ...]
     candidates: tuple[Feature, ...]
     largest: Array
+    far: frozenset[str]
     held_back: bool = False
 
     @property

@@ -229,7 +229,7 @@ def pool_of(linear: Linearisation) -> list[Term]:
     problem = linear.problem
     kinds = (
         effect_terms(linear, linear.placed(problem.candidates)),
-        number_terms(problem.numbers, linear.numbers),
+        number_terms(problem.numbers, linear.numbers, problem.far),
         known_terms(linear)[1],
     )
     return [t for terms in kinds for t in _chosen_among(terms)]
