@@ -40,7 +40,7 @@ JUDGED := runs/judge.csv
 judge: $(DONE)/packages $(DONE)/tests ## answer the 150 fixed arms, one row an arm in JUDGED=runs/judge.csv
 	@$(RUN) python -m benchmarks.judge --out $(JUDGED)
 
-paper: $(DONE)/packages $(DONE)/tests ## reproduce the paper in one report, runs/paper/report.html
+paper: $(DONE)/packages ## reproduce the paper in one report, runs/paper/report.html
 	@$(RUN) elastic-arm paper --out runs/paper --force
 
 setup: $(DONE)/packages $(DONE)/tests ## set up only
@@ -55,7 +55,7 @@ unit: $(DONE)/packages $(DONE)/tests
 	@$(RUN) tools/unit.sh
 
 clean: ## remove all that the set-up made
-	rm -rf .venv .venv-oldest build install log *.egg-info
+	rm -rf .venv .venv-oldest build install log dist *.egg-info
 
 # A step is done again when what it was made from changes.
 $(DONE)/environment: requirements.txt requirements-ros.txt constraints.txt

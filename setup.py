@@ -12,26 +12,32 @@ VERSION = next(
 NODES = ("simulator", "trajectory_generator", "identifier", "gap_monitor", "recorder", "replayer")
 
 
-# What the library needs at run time, from the oldest versions that it is tested with (`make oldest`) or known to need.
-# The pins of requirements.txt belong to the project's own environment.
+# What the library and all of its commands need at run time, from the oldest versions that it is tested with (`make
+# oldest`) or known to need. The pins of requirements.txt belong to the project's own environment.
 LIBRARIES = (
     "casadi>=3.7",
     "clarabel>=0.9",
     "cvxpy>=1.6",
+    "h5py>=3.10",
     "jinja2>=3.1.2",
     "lxml>=5.2",
     "lz4>=4.0.2",
     "matplotlib>=3.6",
     "mcap>=1.2",
+    "mujoco>=4.0",
     "numpy>=1.26",
+    "pin>=2.7",
     "platformdirs>=4.2",
-    "PyNomadBBO>=4.5",
+    "pyarrow>=17",
     "pydantic>=2.6",
+    "PyNomadBBO>=4.5",
     "pyyaml>=6.0.1",
     "rich>=13.8",
     "rosbags>=0.11",
     "scipy>=1.11",
+    "sympy>=1.12",
     "typer>=0.29",
+    "xacro>=2.0",
     "zstandard>=0.22",
 )
 
@@ -40,6 +46,9 @@ setup(
     name=NAME,
     version=VERSION,
     description="Elastic-joint robot arms: emulate, record, identify, and say where and why model and robot differ.",
+    # colcon runs a link to this file in a folder of its own.
+    long_description=Path(__file__).resolve().with_name("README.md").read_text(encoding="utf-8"),
+    long_description_content_type="text/markdown",
     license="Apache-2.0",
     maintainer="elastic_arm maintainers",
     maintainer_email="maintainers@users.noreply.h-seed-cf1e5b97.example",
@@ -51,10 +60,8 @@ setup(
     install_requires=list(LIBRARIES),
     extras_require={
         "test": ["pytest", "pytest-xdist", "hypothesis"],
-        "learning": ["h5py", "pyarrow"],
-        "mujoco": ["mujoco"],
-        "paper": ["mujoco", "sympy"],
-        "challenge": ["dask", "distributed", "pin"],
+        # One installation has it all; these names stay for whoever asks by them.
+        **{name: [] for name in ("all", "challenge", "learning", "mujoco", "paper")},
     },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),

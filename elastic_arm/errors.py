@@ -6,6 +6,13 @@ what is wrong and what to do about it, and carries the values that were wrong as
 
 from __future__ import annotations
 
+from importlib.util import find_spec
+
+# Packages of ROS 2 that nodes import.
+_ROS = (
+    *("rclpy", "builtin_interfaces", "control_msgs", "diagnostic_msgs", "elastic_arm_msgs", "rcl_interfaces"),
+    *("rosbag2_interfaces", "rosgraph_msgs", "sensor_msgs", "std_msgs", "std_srvs", "trajectory_msgs"),
+)
 _LONGEST = 1000  # characters of a problem, a remedy or a finding
 
 
@@ -108,3 +115,23 @@ class GraphError(ElasticArmError, RuntimeError):
 
 class MissingExtraError(ElasticArmError, ImportError):
     """An optional library that this command needs is not installed."""
+
+
+def require_libraries(what: str, *names: str, remedy: str = "") -> None:
+    """Refuse where libraries are missing, and name all of them at once; `what` is subject and verb of the error.
+
+    Names are those of imports, or of the distribution and its import where these differ: ``"pin:pinocchio"``.
+    """
+    missing = [name.split(":")[0] for name in names if find_spec(name.split(":")[-1]) is None]
+    if missing:
+        raise MissingExtraError(
+            f"{what} {', '.join(missing)}: not installed here", remedy or f"Run: pip install {' '.join(missing)}"
+        )
+
+
+def require_ros(what: str) -> None:
+    """Refuse where ROS 2 or packages of it are missing; `what` is subject and verb of the error."""
+    remedy = "Run `make setup` and `. tools/env.sh`, or source the set-up of your ROS 2 workspace"
+    if find_spec("rclpy") is None:
+        raise MissingExtraError(f"{what} ROS 2, which is not installed here", remedy)
+    require_libraries(f"{what} packages of ROS 2:", *_ROS, remedy=remedy)

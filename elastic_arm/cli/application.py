@@ -24,14 +24,7 @@ from elastic_arm.errors import ElasticArmError, OutputError
 class Subcommand(NamedTuple):
     """Where a subcommand is defined, and its line in the help of the application.
 
-    Parameters
-    ----------
-    module, attribute
-        A function, or a `typer.Typer` with subcommands of its own.
-    summary
-        The first sentence of its docstring, known before its module is imported.
-    kind
-        Class of the command.
+    `attribute` is a function or a `typer.Typer`; `summary` its first sentence, known before its module is imported.
     """
 
     module: str
@@ -90,6 +83,26 @@ SUBCOMMANDS = {
 }
 
 
+# What the command says without arguments.
+WAYS_IN = """\
+Robot arms with elastic joints: where a model and a real arm differ, and why. Four ways in:
+
+  simulate  an arm with an effect that its model lacks, recorded as a bag
+      elastic-arm simulate --effect coulomb_friction:joint_2:torque=13.9 --out run_1
+
+  identify  parameters of an arm from recordings, with their uncertainty
+      elastic-arm identify run_1 --with coulomb_friction --out identified
+
+  diagnose  which effect the model lacks, and how far the gap shrinks with it
+      elastic-arm diagnose run_1 --out diagnosis
+      of your own arm, from a table:  elastic-arm bag import run.csv --guess --robot arm.urdf --out import.yaml
+
+  live      the same in a running ROS 2 graph
+      elastic-arm demo
+
+`--help` lists all commands, and behind a command its options."""
+
+
 def load(name: str) -> Any:
     """Import a subcommand and return it as a command of typer's."""
     found = SUBCOMMANDS[name]
@@ -146,7 +159,7 @@ app = typer.Typer(
     name="elastic-arm",
     cls=Application,
     help="Emulate an elastic-joint arm, identify it, and find where and why a model and a real arm differ.",
-    no_args_is_help=True,
+    invoke_without_command=True,
     rich_markup_mode="rich",
     pretty_exceptions_enable=False,
 )
@@ -168,6 +181,10 @@ def _version(value: bool) -> None:
 
 @app.callback()
 def _options(
+    ctx: typer.Context,
     version: bool = typer.Option(False, "--version", callback=_version, is_eager=True, help="Print the version."),
 ) -> None:
     """Options of the application itself."""
+    if ctx.invoked_subcommand is None:
+        typer.echo(WAYS_IN)
+        raise typer.Exit(2)

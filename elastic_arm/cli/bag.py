@@ -16,8 +16,7 @@ from rich.table import Table
 from elastic_arm.cli.console import out, print_json, reports_errors
 from elastic_arm.cli.options import AtOption, ChainOption, Namespace, load_arm
 from elastic_arm.cli.outputs import Force, claim_bag, claim_folder
-from elastic_arm.cli.processes import require_ros
-from elastic_arm.errors import RecordingError
+from elastic_arm.errors import RecordingError, require_ros
 from elastic_arm.output_files import write_result
 from elastic_arm.recording import read_recording
 from elastic_arm.recording.foreign.array_export import KINDS, export_arrays, export_paths
@@ -181,7 +180,7 @@ def replay(
 
     Example: elastic-arm bag replay bags/excitation --rate 2
     """
-    require_ros()
+    require_ros("`bag replay` starts a node, which needs")
     try:
         str(bag).encode()
     except UnicodeEncodeError:

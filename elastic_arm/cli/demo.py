@@ -23,7 +23,7 @@ from elastic_arm.cli.describe import base_of
 from elastic_arm.cli.processes import Nodes
 from elastic_arm.cli.withheld import diagnose_withheld
 from elastic_arm.dynamics import build_model
-from elastic_arm.errors import GraphError, OutputError
+from elastic_arm.errors import GraphError, OutputError, require_ros
 from elastic_arm.excitation import ExcitationResult, FourierTrajectory, MotionLimits, Shape, Workspace, optimise
 from elastic_arm.identification import Identification, chi_square, compare, identify, std_ratio
 from elastic_arm.recording import Recording, read_recording
@@ -61,6 +61,7 @@ def demo(
     The simulated arm differs from its description by up to 15 % in every inertial and elastic number, so that there
     is something to find. Its true numbers are read only by the comparison at the end.
     """
+    require_ros("the demo shows a live graph, which needs")
     _make_room(folder)
     nominal = load_robot(None)
     true_arm = varied(nominal, np.random.default_rng(seed))

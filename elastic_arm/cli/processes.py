@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import os
 import queue
 import signal
@@ -17,27 +16,12 @@ from typing import Any
 
 import yaml
 
-from elastic_arm.errors import GraphError, MissingExtraError
+from elastic_arm.errors import GraphError, require_ros
 
 # How long a node may take to put things in order after it was asked to stop, seconds; and where the user does not wait
 # for what it leaves behind.
 PATIENCE = 30.0
 ABANDONED = 5.0
-
-
-def require_ros() -> None:
-    """Refuse to start nodes where there is no ROS.
-
-    Raises
-    ------
-    MissingExtraError
-        If rclpy is not installed.
-    """
-    if importlib.util.find_spec("rclpy") is None:
-        raise MissingExtraError(
-            "ROS 2 is not installed here, and this command starts ROS nodes",
-            "Run `make setup`, which installs it, or source your ROS 2 set-up first.",
-        )
 
 
 class Nodes:
@@ -52,7 +36,7 @@ class Nodes:
     """
 
     def __init__(self, folder: Path, domain: int) -> None:
-        require_ros()
+        require_ros("this command starts nodes, which need")
         self._folder = folder
         self._environment = {**os.environ, "ROS_DOMAIN_ID": str(domain)}
         self._environment.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")

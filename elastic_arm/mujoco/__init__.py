@@ -1,7 +1,4 @@
-"""MuJoCo as the place where models are used: corrected files out, laws through its callbacks, recordings replayed.
-
-Needs the extra `mujoco`.
-"""
+"""MuJoCo as the place where models are used: corrected files out, laws through its callbacks, recordings replayed."""
 
 from elastic_arm.mujoco.callbacks import Attachment, attach
 from elastic_arm.mujoco.mjcf_export import Exported, export_mjcf

@@ -11,8 +11,15 @@ import os
 import signal
 import sys
 
+from elastic_arm.errors import MissingExtraError, require_ros
+
 
 def _start(node: str) -> None:
+    try:
+        require_ros(f"{node} is a node, which needs")
+    except MissingExtraError as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(2)
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: os._exit(0))
     importlib.import_module(f"elastic_arm.nodes.{node}").main()

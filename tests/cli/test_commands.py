@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -188,13 +189,18 @@ def test_help_and_version_end_with_0(arguments: str) -> None:
     assert result.stdout.strip()
 
 
-@pytest.mark.parametrize("arguments", ["", "bag"])
-def test_nothing_asked_shows_the_help(arguments: str) -> None:
-    """Without a command the help is shown, with no error line besides."""
-    result = run(*arguments.split())
-    assert result.exit_code == 2
-    assert "Usage: " in result.stdout
-    assert result.stderr == ""
+def test_without_arguments_four_ways_in_are_shown() -> None:
+    """`elastic-arm` alone shows commands for a start, each with options that it has; a group shows its help."""
+    result = run()
+    assert (result.exit_code, result.stderr) == (2, "")
+    shown = re.findall(r"elastic-arm (\w.*)", result.stdout)
+    assert [line.split()[0] for line in shown] == ["simulate", "identify", "diagnose", "bag", "demo"]
+    for line in shown:
+        words = line.split()
+        told = run(*words[: 2 if words[0] == "bag" else 1], "--help")
+        assert told.exit_code == 0
+        assert all(word in told.stdout for word in words if word.startswith("--"))
+    assert "Usage: " in run("bag").stdout
 
 
 def test_the_answer_no_keeps_its_exit_status(bag: Path) -> None:

@@ -127,7 +127,7 @@ def test_results_are_there_whatever_the_folder_is_called(tmp_path: Path, motion:
 def test_a_bag_is_replayed_whatever_it_is_called(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
     """The node gets the name of the bag as a text, also where YAML takes it for a number or a mapping."""
     called: list[list[str]] = []
-    monkeypatch.setattr(bag_commands, "require_ros", lambda: None)
+    monkeypatch.setattr(bag_commands, "require_ros", lambda what: None)
     monkeypatch.setattr(os, "execv", lambda _, arguments: called.append(arguments))
     assert run("bag", "replay", name).exit_code == 0
     (given,) = [word.removeprefix("bag:=") for word in called[0] if word.startswith("bag:=")]

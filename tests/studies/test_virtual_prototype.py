@@ -151,7 +151,7 @@ def test_an_arm_without_transmissions_is_refused_by_joint(robot: Robot) -> None:
 
 
 def test_a_missing_engine_is_named_with_the_remedy(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Without MuJoCo the error says which extra to install."""
+    """Without MuJoCo the error says what to install."""
     monkeypatch.setitem(sys.modules, "mujoco", None)
-    with pytest.raises(MissingExtraError, match=r"MuJoCo.*pip install 'elastic_arm\[paper\]'"):
+    with pytest.raises(MissingExtraError, match="virtual prototype.*pip install mujoco"):
         Prototype(robot)

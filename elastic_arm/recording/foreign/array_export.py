@@ -11,8 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from elastic_arm.errors import MissingExtraError, RecordingError
+from elastic_arm.errors import RecordingError, require_libraries
 from elastic_arm.output_files import write_result, yaml_text
+from elastic_arm.recording.foreign.compiled_readers import LIBRARIES
 from elastic_arm.recording.recording import Recording
 
 KINDS = (".csv", ".npz", ".parquet", ".h5")
@@ -36,13 +37,9 @@ def export_arrays(recording: Recording, path: Path, joined: bool = False) -> lis
     kind = path.suffix.lower()
     if kind not in KINDS:
         raise RecordingError(f"{path} is none of {', '.join(KINDS)}", "Give the file one of these endings.")
-    try:
-        return _joined(recording, path) if joined else _sides(recording, path)
-    except ImportError as error:
-        raise MissingExtraError(
-            f"{kind} files need {error.name}, which is not installed",
-            "Install it with: pip install 'elastic_arm[learning]', or write .npz",
-        ) from error
+    if kind in LIBRARIES:
+        require_libraries(f"{kind} files need", LIBRARIES[kind])
+    return _joined(recording, path) if joined else _sides(recording, path)
 
 
 def _sides(recording: Recording, path: Path) -> list[str]:

@@ -9,7 +9,6 @@ standard error, as problem and remedy.
 from __future__ import annotations
 
 import importlib
-import importlib.util
 import io
 import os
 import resource
@@ -22,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from elastic_arm.errors import ElasticArmError, MissingExtraError, RecordingError
+from elastic_arm.errors import ElasticArmError, RecordingError, require_libraries
 
 # Processor time: to start, and for each byte of the file (packed files of 10 MB take a second).
 START_SECONDS = 20
@@ -41,10 +40,8 @@ def load_compiled(paths: Sequence[Path], most: int) -> list[dict[str, np.ndarray
     Fields of a MATLAB struct are called `struct.field`, HDF5's datasets by their paths with dots. A Parquet column of
     lists of equally many numbers, such as LeRobot's `observation.state`, is one array. Pictures and texts are left out.
     """
-    for library in {LIBRARIES[path.suffix.lower()] for path in paths}:
-        if importlib.util.find_spec(library) is None:
-            missing = f"{paths[0]} needs {library}, which is not installed"
-            raise MissingExtraError(missing, "Install it with: pip install 'elastic_arm[learning]'")
+    kinds = sorted({path.suffix.lower() for path in paths})
+    require_libraries(f"{' and '.join(kinds)} files need", *dict.fromkeys(LIBRARIES[kind] for kind in kinds))
     seconds = START_SECONDS + sum(path.stat().st_size for path in paths) // BYTES_A_SECOND
     # As here, and without the folder that the user stands in, which may hold modules of any name.
     command = [sys.executable, "-P", "-m", MODULE, str(most), str(seconds), *(str(path.absolute()) for path in paths)]

@@ -1,4 +1,4 @@
-"""MuJoCo, which is an optional extra, and models compiled by it."""
+"""MuJoCo, and models compiled by it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from elastic_arm.errors import MissingExtraError, RobotError
+from elastic_arm.errors import RobotError, require_libraries
 from elastic_arm.input_files import read_bytes
 
 # Of compiling a model: beside what MuJoCo takes itself, of processor time, and of the clock for each second of that, as
@@ -34,28 +34,11 @@ _FILE = re.compile(rb"\b(file\w{0,10})\s*=\s*[\"']([^\"'<>]*)")
 _LEAVES = (".stl", ".obj", ".msh", ".ply", ".dae", ".png", ".hdr", ".ktx", ".skn", ".bin")
 
 
-def engine(what: str = "MJCF files need", extra: str = "mujoco") -> ModuleType:
-    """Return MuJoCo.
+def engine(what: str = "MJCF files need") -> ModuleType:
+    """Return MuJoCo, or refuse where it is missing; `what` is subject and verb of the error."""
+    require_libraries(what, "mujoco")
+    import mujoco
 
-    Parameters
-    ----------
-    what
-        Subject and verb of the error: what needs it.
-    extra
-        The optional extra that installs it.
-
-    Raises
-    ------
-    MissingExtraError
-        When it is not installed.
-    """
-    try:
-        import mujoco
-    except ImportError as error:
-        raise MissingExtraError(
-            f"{what} the physics engine MuJoCo, which is not installed",
-            f"Install it with: pip install 'elastic_arm[{extra}]'",
-        ) from error
     # Its own habit is to append warnings to a file MUJOCO_LOG.TXT wherever the user works.
     mujoco.set_mju_user_warning(lambda words: None)
     return mujoco

@@ -15,7 +15,7 @@ from rich.table import Table
 from elastic_arm.cli.console import out, print_json, progress_bar, reports_errors
 from elastic_arm.cli.options import RobotFile
 from elastic_arm.cli.outputs import Force, claim_folder
-from elastic_arm.errors import MissingExtraError
+from elastic_arm.errors import require_libraries
 from elastic_arm.robot import load_robot
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ def paper(
         elastic-arm paper --quick --json
     """
     claim_folder(folder, RESULTS, force=force)
-    _require_extras()
+    require_libraries("the virtual prototype and its symbolic coupling S need", "mujoco", "sympy")
     from dataclasses import asdict
 
     from elastic_arm.studies.paper.claims import judge
@@ -79,15 +79,3 @@ def _print_claims(claims: list[Claim]) -> None:
     for claim in claims:
         table.add_row(claim.section, escape(claim.claim), f"[{COLOURS[claim.verdict]}]{claim.verdict}[/]")
     out.print(table)
-
-
-def _require_extras() -> None:
-    """Refuse early where an optional library is missing."""
-    for library, purpose in (("mujoco", "the virtual prototype"), ("sympy", "the symbolic coupling S")):
-        try:
-            __import__(library)
-        except ImportError as error:
-            raise MissingExtraError(
-                f"{library}, which {purpose} needs, is not installed",
-                "Install it with: pip install 'elastic_arm[paper]'",
-            ) from error

@@ -11,19 +11,15 @@ from typing import Any
 
 import numpy as np
 
-from elastic_arm.errors import MissingExtraError, RobotError
+from elastic_arm.errors import RobotError, require_libraries
 from elastic_arm.robot import Component, Robot
 
 
 def pinocchio() -> Any:
     """Return the Pinocchio module."""
-    try:
-        import pinocchio as pin
-    except ImportError as error:
-        raise MissingExtraError(
-            "the challenge simulates its hidden arms with Pinocchio, which is not installed",
-            "Install it: pip install 'elastic-arm[challenge]'",
-        ) from error
+    require_libraries("the challenge simulates its hidden arms with Pinocchio and needs", "pin:pinocchio")
+    import pinocchio as pin
+
     return pin
 
 

@@ -23,7 +23,7 @@ BUSHING = ("x", "y", "z", "about_y", "about_x", "about_z")
 
 def engine() -> ModuleType:
     """Return MuJoCo, which only the virtual prototype needs."""
-    return mujoco_engine("the virtual prototype needs", "paper")
+    return mujoco_engine("the virtual prototype needs")
 
 
 @dataclass(frozen=True)
