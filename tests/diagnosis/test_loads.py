@@ -27,15 +27,6 @@ def diagnosed(*further: Fault) -> Diagnosis:
     return diagnose([fitted], Question(ROBOT, given=FRICTION, refit=True), [judged])
 
 
-def test_a_pull_on_a_link_is_no_zero_of_both_torque_sensors() -> None:
-    """It is unknown, with its place and size."""
-    # A spring that is long enough pulls the same at all angles.
-    found = diagnosed(Fault("joint_spring", 2, {"stiffness": 1e-3, "rest": PULL / 1e-3}))
-    assert found.verdict == "unknown"
-    assert (found.unexplained[0].joint, found.unexplained[0].side) == ("joint_3", "link")
-    assert found.unexplained[0].rmse == pytest.approx(PULL, rel=0.2)
-
-
 def test_the_zero_of_one_torque_sensor_is_its_cause() -> None:
     found = diagnosed(Fault("joint_torque_offset", 2, {"offset": PULL}))
     assert [(cause.effect, cause.joint) for cause in found.causes] == [("joint_torque_offset", "joint_3")]

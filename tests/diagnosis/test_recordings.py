@@ -66,12 +66,11 @@ def test_an_arm_as_described_has_no_cause() -> None:
     ("text", "effect", "joint", "sizes"),
     [
         (FRICTION, "coulomb_friction", "joint_2", {"torque": 6.0}),
-        ("backlash:joint_1:half_gap=2e-5", "backlash", "joint_1", {"half_gap": 2e-5}),
         ("payload:mass=2,position=0.05/0.1/0", "payload", "joint_3", {"mass": 2.0, "position": (0.05, 0.1, 0.0)}),
         ("stiffness_mismatch:joint_2:stiffness=0.7", "stiffness_mismatch", "joint_2", {"stiffness": 0.7}),
         ("joint_torque_gain:joint_1:gain=1.15", "joint_torque_gain", "joint_1", {"gain": 1.15}),
     ],
-    ids=["dry friction", "play", "load", "soft drive", "torque sensor"],
+    ids=["dry friction", "load", "soft drive", "torque sensor"],
 )
 def test_one_effect_is_the_one_cause(
     text: str, effect: str, joint: str | None, sizes: dict[str, float | Sequence[float]]

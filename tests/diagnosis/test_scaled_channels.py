@@ -77,13 +77,3 @@ def test_a_wrong_zero_of_an_encoder_is_wound_by_the_stiffness_that_is_there() ->
     offset = cause.parameters["offset"]
     assert (cause.effect, cause.joint) == ("encoder_offset", "joint_1")
     assert abs(offset.value - 8e-5) < 3.0 * offset.std and offset.std < 2e-6
-
-
-@pytest.mark.slow
-def test_a_zero_that_wanders_has_the_mean_rate_of_its_ends() -> None:
-    """How it wanders beside a line is estimated with it: a straight line alone leaves the rate 30 % too small."""
-    drift = Fault("torque_drift", 0, {"rate": 0.08}, choices={"channel": "joint_torque"})
-    (cause,) = refitted(47, drift).causes
-    rate = cause.parameters["rate"]
-    assert (cause.effect, cause.joint) == ("torque_drift", "joint_1")
-    assert abs(rate.value - 0.08) < 3.0 * rate.std and rate.std < 0.008

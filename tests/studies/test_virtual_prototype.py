@@ -153,5 +153,5 @@ def test_an_arm_without_transmissions_is_refused_by_joint(robot: Robot) -> None:
 def test_a_missing_engine_is_named_with_the_remedy(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     """Without MuJoCo the error says what to install."""
     monkeypatch.setitem(sys.modules, "mujoco", None)
-    with pytest.raises(MissingExtraError, match="virtual prototype.*pip install mujoco"):
+    with pytest.raises(MissingExtraError, match=r"virtual prototype.*pip install mujoco"):
         Prototype(robot)
