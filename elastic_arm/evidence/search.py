@@ -7,7 +7,7 @@ the score of the whole set decides. All sets met are kept: probabilities are sum
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence, Set
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 
 import numpy as np
@@ -42,6 +42,7 @@ class Search:
     refused: Set[frozenset[Key]] = frozenset()
     met: dict[frozenset[Key], Fit] = field(default_factory=dict)
     _refined: dict[tuple[Key, frozenset[Key]], Term] = field(default_factory=dict)
+    _found: dict[Key, Term] = field(default_factory=dict)
     log: list[str] = field(default_factory=list)
     _whole: bool = True
 
@@ -106,7 +107,13 @@ class Search:
             return self._keep(self.model.fit([*terms, more], near))
         key = (more.key, frozenset(t.ident for t in terms))
         if key not in self._refined:
-            self._refined[key], fit = refined(self.linear, self.model, more, terms, near)
+            start, known = more, self._found.get(more.key)
+            if known is not None and known.feature is more.feature and len(more.theta) == 1:
+                # Near where it was most probable beside another set.
+                columns = self.linear.columns(more.feature, known.theta)
+                start = replace(more, columns=columns, theta=known.theta, grid=0.0, ident=(*more.ident, known.theta))
+            self._refined[key], fit = refined(self.linear, self.model, start, terms, near)
+            self._found[more.key] = self._refined[key]
             return self._keep(fit)
         return self._keep(self.model.fit([*terms, self._refined[key]], near))
 

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import csd, welch
 
+from elastic_arm.effects.library.friction import DRY
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.verdict import POORLY, SURE
@@ -29,7 +30,6 @@ SEGMENTS = 8
 ENERGY = 1e-2
 # Larger ratios of a residual to its sensor's noise are no longer counted: filtered torques hold no noise to compare.
 COUNTED = 1000
-DRY = "coulomb_friction"
 
 
 def poor_fits(equations: BaseRegression, motion: Motion, Psi_base: Array, noise: Mapping[str, Array]) -> list[str]:
