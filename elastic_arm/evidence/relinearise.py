@@ -142,7 +142,7 @@ def _settled(linear: Linearisation, before: Fit | None, trust: str) -> Linearisa
             return linear
         model = linear_model(linear, trust)
         fit = model.fit([] if before is None else _again(before, linear))
-        if best is not None and fit.score < best[1].score - 1.0:
+        if best is not None and fit.score < best[1].score - WORTH:
             linear = _moved(best[0], best[1], share=0.3)  # too far
             best = None
             continue
@@ -241,7 +241,14 @@ def _chosen_among(terms: Sequence[Term]) -> list[Term]:
 
 
 def known_terms(linear: Linearisation) -> tuple[list[Term], list[Term]]:
-    """Return the terms of known effects, and those by which stated ones may be far off."""
+    """Return the terms of known effects, and those by which stated ones may be far off; made once."""
+    if "known" not in linear.cache:
+        linear.cache["known"] = _known_terms(linear)
+    always, off = linear.cache["known"]
+    return always, off
+
+
+def _known_terms(linear: Linearisation) -> tuple[list[Term], list[Term]]:
     problem, always, off = linear.problem, [], []
     for i, (feature, instance) in enumerate(problem.known):
         (feature,) = linear.placed([feature])
@@ -295,7 +302,7 @@ def _acting(fit: Fit) -> tuple[ActingEffect, ...]:
 
 def _again(fit: Fit, linear: Linearisation) -> list[Term]:
     """Return the terms of a fit at another linearisation."""
-    stated = {t.key: t for t in known_terms(linear)[1]} if any(t.kind == "stated" for t in fit.optional) else {}
+    stated = {t.key: t for t in known_terms(linear)[1]}
     found = []
     for t in sorted(fit.optional, key=lambda t: t.kind == CHANGE):  # the sizes that change first
         if t.kind == "number":
