@@ -64,12 +64,13 @@ def nuisance_columns(
     result = [columns.copy(order="K") for columns in inertial]
     for k, feature in features.items():
         parameter = parameters[k]
-        shown = data.plain(feature)
+        shown = data.scaled(feature) if parameter.is_torque_gain else data.plain(feature)
         for out, columns in zip(result, shown, strict=True):
             out[:, :, k] = columns[:, :, 0] * parameter.prior_std
         if feature.read_torque != "tau_J" or not parameter.is_torque_gain:
             continue
-        for effect in (e for e in data.acting if e.feature.effect.twist and e.feature.joint == parameter.joint):
+        twists = (e for e in data.acting if e.known and e.feature.effect.twist)
+        for effect in (e for e in twists if e.feature.joint == parameter.joint):
             for out, part in zip(result, data.parts, strict=True):
                 out[:, :, k] -= _transmitted(model, data, part, effect) * parameter.prior_std
     others = [k for k, p in enumerate(parameters) if p.feature is None and not p.is_inertial]

@@ -37,11 +37,14 @@ class ActingEffect:
         What, and its searched parameters.
     coefficients
         (count,) of its columns.
+    known
+        Whether it acts in every set of terms that is compared.
     """
 
     feature: Feature
     searched: tuple[float, ...]
     coefficients: Array
+    known: bool = True
 
     def torques(self, signals: Signals) -> tuple[Array, Array, Array, Array]:
         """Return what it adds to joint torque, motor torque, that of the spring, and beside the read deflection, Nm."""
@@ -60,6 +63,10 @@ class KnownTorques:
         The quiet motion.
     signals
         Of that motion, with these torques in the place of the measured ones where laws take the predicted ones.
+    certain
+        The same with the torques of the model and of known effects alone: what a gain scales. It scales the size of
+        any other effect, too, which has a column of its own: in the column of the gain, it would act in sets of terms
+        that leave it out.
     load, drive
         (N, n) Nm, tau_J and tau_m.
     laws
@@ -68,6 +75,7 @@ class KnownTorques:
 
     motion: CompletedMotion
     signals: Signals
+    certain: Signals
     load: Array
     drive: Array
     laws: Array
@@ -98,17 +106,21 @@ def known_torques(
     """
     load, drive = predicted_torques(model, motion)
     spring, laws = load, np.zeros_like(load)
-    signals = signals_of(replace(motion, tau_J=load, tau_m=drive) if predicted else motion)
+    certain = signals = signals_of(replace(motion, tau_J=load, tau_m=drive) if predicted else motion)
     if acting:
+        always = (load, drive)
         for effect in acting:
             link, motor, wound, own = effect.torques(signals)
             load, drive, laws = load + link, drive + motor, laws + own
+            if effect.known:
+                always = (always[0] + link, always[1] + motor)
             # A law that follows the load takes its part of what the drive carries by itself.
             spring = spring + (link if effect.feature.follows_load else wound)
         signals = signals_of(replace(motion, tau_J=load, tau_m=drive))
+        certain = signals_of(replace(motion, tau_J=always[0], tau_m=always[1]))
     if predicted and model.robot.elastic:
         signals = signals.wound_by(wound_under(spring, signals.t, model))
-    return KnownTorques(motion, signals, load, drive, laws)
+    return KnownTorques(motion, signals, certain, load, drive, laws)
 
 
 def wound_under(torque: Array, t: Array, model: Model) -> Array:

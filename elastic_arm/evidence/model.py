@@ -19,6 +19,7 @@ from elastic_arm.evidence.term import Ident, Key, Term
 Array = NDArray[np.float64]
 
 WIDEST = max(one.factor for one in TRUST.values())
+LOOKED_AT = 30  # terms of which first-order gains are made well; numerical
 UNTOLD = 1e-3  # of a prior's precision: what data tell no more of, they tell nothing of; numerical
 
 
@@ -51,6 +52,15 @@ class Fit:
             found[t.ident] = slice(at, at + t.count)
             at += t.count
         return found
+
+    @cached_property
+    def spread(self) -> tuple[Array, Array]:
+        """Products of its columns (B, p, p), and of what is left with them (B, p)."""
+        products, p = self.model.grams.of(self.terms), len(self.found.x)
+        H = np.zeros((len(products.yy), p, p))
+        rows, columns = np.tril_indices(p)
+        H[:, rows, columns] = H[:, columns, rows] = products.half
+        return H, products.b - H @ self.found.x
 
     @property
     def optional(self) -> tuple[Term, ...]:
@@ -153,41 +163,49 @@ class Screen:
         return self._with[term.ident]
 
     def gains(self, fit: Fit) -> Array:
-        """Return what each term would gain beside a fit (T,) nats, its prior odds paid, and pick sizes of laws."""
-        w, x, S = 1.0 / fit.found.v, fit.found.x, fit.found.S
-        at = fit.model.basis[0].shape[1]
-        rows = [np.tensordot(w, self.with_base[:, 1:], 1)]
-        # Products of what is left with each column, band by band.
-        left = self.with_base[:, 0] - np.einsum("bkp,k->bp", self.with_base[:, 1:], x[:at], optimize=True)
-        for t in fit.terms:
-            with_term, first = self._with_term(t), int(t.offset is not None)
-            if first:
-                left = left - with_term[:, 0]
-            rows.append(np.tensordot(w, with_term[:, first:], 1))
-            left = left - np.einsum("bkp,k->bp", with_term[:, first:], x[at : at + t.count])
-            at += t.count
-        C, b = np.vstack(rows), w @ left
+        """Return what each term would gain beside a fit (T,) nats, its prior odds paid, and pick sizes of laws.
+
+        What the noise gains that it makes smaller is counted of the terms that could gain most.
+        """
+        w, S = 1.0 / fit.found.v, fit.found.S
+        beside = self._beside(fit)
+        C = np.tensordot(w, beside, 1)
+        b = w @ left if (left := self._left(fit, beside)).size else np.zeros(0)
         SC = S @ C
-        found = np.full(len(self.terms), -np.inf)
+        found, self.mean = np.full(len(self.terms), -np.inf), [np.zeros(0)] * len(self.terms)
         self.chosen: dict[int, float] = {}
         if len(self.single):
             columns = self.at[self.single]
             G = w @ self.squares - np.einsum("ij,ij->j", C[:, columns], SC[:, columns])
             found[self.single] = self._single(fit.model, np.maximum(G, 0.0), b[columns])
-            beta = np.array([self.terms[k].offset is not None for k in self.single]) * 1.0
-            beta = np.where(beta > 0.0, beta, self.mean)
-            less = 2.0 * left[:, columns] * beta - self.squares * beta**2
-            found[self.single] += self._quieter(fit, less)
         for t in np.setdiff1d(np.arange(len(self.terms)), self.single):
             own = slice(self.at[t], self.at[t + 1])
             G = np.tensordot(w, self.own[t], 1) - C[:, own].T @ SC[:, own]
             found[t] = self._several(fit.model, int(t), G, b[own])
-            term = self.terms[t]
-            first, beta = int(term.offset is not None), self.mean
-            whole = np.concatenate([np.ones(first), beta])
-            less = 2.0 * left[:, own] @ whole - np.einsum("bij,i,j->b", self.own[t], whole, whole)
+        rough = found.copy()
+        if len(self.single):
+            beta = np.array([self.mean[k][0] for k in self.single])
+            rough[self.single] += self._quieter(fit, 2.0 * left[:, columns] * beta - self.squares * beta**2)
+        H, own_left = fit.spread
+        for t in {int(t) for order in (found, rough) for t in np.argsort(-order)[:LOOKED_AT]}:
+            own, beta = slice(self.at[t], self.at[t + 1]), self.mean[t]
+            # What is there already moves with it.
+            back, X = -SC[:, own] @ beta, beside[:, :, own] @ beta
+            less = 2.0 * (own_left @ back + left[:, own] @ beta)
+            less -= (H @ back) @ back + 2.0 * X @ back + np.einsum("bij,i,j->b", self.own[t], beta, beta)
             found[t] += float(self._quieter(fit, less[:, None])[0])
         return found
+
+    def _beside(self, fit: Fit) -> Array:
+        """Return the products (B, p, columns) of a fit's columns with those of the terms."""
+        rows = [self.with_base[:, 1:]]
+        rows += [self._with_term(t)[:, int(t.offset is not None) :] for t in fit.terms]
+        return np.concatenate(rows, axis=1)
+
+    def _left(self, fit: Fit, beside: Array) -> Array:
+        """Return the products (B, columns) of what a fit leaves with the columns of the terms."""
+        offsets = sum((self._with_term(t)[:, 0] for t in fit.terms if t.offset is not None), np.zeros(1))
+        return self.with_base[:, 0] - offsets - np.einsum("bpc,p->bc", beside, fit.found.x, optimize=True)
 
     @staticmethod
     def _quieter(fit: Fit, less: Array) -> Array:
@@ -219,8 +237,9 @@ class Screen:
             gained.append(gain)
             means.append(mean)
         best = np.argmax(gained, axis=0)
-        self.mean = np.take_along_axis(np.array(means), best[None], axis=0)[0]
-        for k, scale, free in zip(self.single, SCALES[best], ~fixed, strict=True):
+        mean = np.where(fixed, 1.0, np.take_along_axis(np.array(means), best[None], axis=0)[0])
+        for k, scale, free, one in zip(self.single, SCALES[best], ~fixed, mean, strict=True):
+            self.mean[k] = np.array([one])
             if free:
                 self.chosen[int(k)] = float(scale)
         return np.where(fixed, b - 0.5 * G, np.max(gained, axis=0) - np.log(len(SCALES))) - price
@@ -232,7 +251,7 @@ class Screen:
             e, z = np.maximum(e, 0.0), U.T @ b
             each = np.array([0.5 * np.sum(z**2 / (e + a**-2.0) - np.log1p(e * a * a)) for a in SIZES])
             self.chosen[t] = float(SIZES[int(np.argmax(each))])
-            self.mean = U @ (z / (e + self.chosen[t] ** -2.0))
+            self.mean[t] = U @ (z / (e + self.chosen[t] ** -2.0))
             return float(logsumexp(each) - np.log(len(SIZES))) - term.price - model.doubt(term)
         gained = []
         for scale in SCALES:
@@ -242,7 +261,7 @@ class Screen:
             gained.append(float(0.5 * (b * D) @ np.linalg.solve(Gs, b * D) - 0.5 * np.linalg.slogdet(Gs)[1]))
         self.chosen[t] = float(SCALES[int(np.argmax(gained))])
         P = (self.chosen[t] * term.std) ** -2.0
-        self.mean = np.linalg.solve(G + np.diag(P), b)
+        self.mean[t] = np.linalg.solve(G + np.diag(P), b)
         return max(gained) - float(np.log(len(SCALES))) - term.price - model.doubt(term)
 
     def term(self, t: int) -> Term:

@@ -289,15 +289,14 @@ def theta_of(term: Term, fit: Fit) -> tuple[float, ...]:
 
 def _acting(fit: Fit) -> tuple[ActingEffect, ...]:
     """Return the effects of a fit that act in the torques."""
-    found: dict[object, ActingEffect] = {}
-    for t in fit.terms:
-        if t.kind not in ("effect", "stated") or isinstance(t.feature.effect, SensorEffect):
-            continue
-        beta = np.ones(1) if t.offset is not None else fit.beta(t)[: t.linear]
-        if t.key in found:
-            beta = beta + found[t.key].coefficients
-        found[t.key] = ActingEffect(t.feature, theta_of(t, fit), beta)
-    return tuple(found.values())
+    acting = [
+        t for t in fit.terms if t.kind in ("effect", "stated") and not isinstance(t.feature.effect, SensorEffect)
+    ]
+    sizes = [np.ones(1) if t.offset is not None else fit.beta(t)[: t.linear] for t in acting]
+    return tuple(
+        ActingEffect(t.feature, theta_of(t, fit), size, known=t in fit.model.always)
+        for t, size in zip(acting, sizes, strict=True)
+    )
 
 
 def _again(fit: Fit, linear: Linearisation) -> list[Term]:
