@@ -124,6 +124,19 @@ class Fit:
         std = np.sqrt(np.diag(S))
         return float(np.max(np.abs(S[a, b]) / np.outer(std[a], std[b]), initial=0.0))
 
+    def gain_of_scale(self, term: Term, scale: float) -> float:
+        """Return what a term would gain, nats, if its size had a prior of another scale, at the same noise."""
+        own = slice(self.slices[term.ident].start, self.slices[term.ident].start + term.linear)
+        P = term.std[: term.linear] ** -2.0
+        more = P * ((term.scale / scale) ** 2 - 1.0)
+        A = np.eye(term.linear) + self.found.S[own, own] * more
+        x = self.found.x[own]
+        return float(
+            term.linear * np.log(term.scale / scale)
+            - 0.5 * np.linalg.slogdet(A)[1]
+            - 0.5 * (more * x) @ np.linalg.solve(A, x)
+        )
+
     def covariance(self, term: Term) -> Array:
         """Return their covariance (k, k)."""
         rows = self._rows(term)

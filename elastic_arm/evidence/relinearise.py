@@ -27,6 +27,7 @@ from elastic_arm.evidence.term import Key, Term
 Array = NDArray[np.float64]
 
 STEPS = 6  # of Gauss and Newton beside a set
+STARTS = "as measured", "as built"
 EXACT = 0.1  # factor of the trust below which the numbers of a description lie where it has them; numerical
 
 
@@ -69,11 +70,11 @@ def explain(problem: Problem, *, refit: bool) -> Explanation:
         Whether the description cannot be as measured.
     """
     described = Linearisation(problem, np.zeros(len(problem.numbers)), ())
-    found = None if refit else _descended(described, None, "as measured", refit)
-    if found is None or found.best.model.name != "as measured":
-        # Off everywhere: where its numbers lie alone, there is less to mistake for an effect.
-        alone = _descended(described, None, "as built", refit)
-        found = alone if found is None else _better(alone, found)
+    # Where the description is exact, all that is left is an effect. Where it is off everywhere, there is less to
+    # mistake for one where its numbers lie alone.
+    starts = [_started(described, trust, refit) for trust in STARTS if not (refit and trust == STARTS[0])]
+    first = max(starts, key=lambda found: found.best.score)
+    found = _descended(first.linear, first.best, first.best.model.name, refit)
     tried: set[frozenset[Key]] = set()
     for _ in range(ELSEWHERE):
         # Exchanged at this linearisation, a set whose numbers lie elsewhere is judged by columns that are not its own.
@@ -82,7 +83,12 @@ def explain(problem: Problem, *, refit: bool) -> Explanation:
             break
         tried.add(other.keys)
         found = _better(found, _descended(found.linear, other, other.model.name, refit))
-    return found
+    return replace(found, log=(*(line for one in starts for line in one.log), *found.log))
+
+
+def _started(described: Linearisation, trust: str, refit: bool) -> Explanation:
+    """Return the most probable set at first, from the numbers alone."""
+    return _explained(_settled(described, None, trust), None, trust, refit, whole=False, refused=set())
 
 
 def _better(one: Explanation, other: Explanation) -> Explanation:
@@ -105,31 +111,34 @@ def _elsewhere(found: Explanation, tried: Set[frozenset[Key]]) -> Fit | None:
     return max(sets, key=lambda fit: fit.score, default=None)
 
 
-def _descended(linear: Linearisation, before: Fit | None, trust: str, refit: bool) -> Explanation:
+def _descended(linear: Linearisation, before: Fit, trust: str, refit: bool) -> Explanation:
     """Return the most probable set beside which the linearisation stays.
 
-    A set that is found at the linearisation of another one counts once it is as probable at its own: there, what acts
-    in the predicted torques is what it holds.
+    A set that is found at the linearisation of another one counts once it is as probable at its own.
     """
     log: list[str] = []
-    whole, refused, kept = False, set[frozenset[Key]](), None
+    whole, refused = False, set[frozenset[Key]]()
+    kept: tuple[Explanation, Fit] | None = None
     for n in range(ROUNDS):
         here = _settled(linear, before, trust)
         found = _explained(here, before, trust, refit, whole=whole, refused=refused)
         log += [f"{n}: {line}" for line in found.log]
-        if kept is not None and before is not None and before.keys != kept[2] and found.own < kept[0] - WORTH:
+        if kept is not None and before.keys != kept[1].keys and found.own < kept[0].own - WORTH:
             refused.add(before.keys)
-            _, (linear, before, trust), _ = kept
             log.append(f"{n}: not as probable at its own linearisation")
+            found, before = kept
+            linear, trust = found.linear, before.model.name
             continue
-        kept = found.own, (here, before, trust), frozenset() if before is None else before.keys
-        same = before is not None and before.keys == found.best.keys and not _far(found.best)
+        kept = found, before
+        same = before.keys == found.best.keys and not _far(found.best)
         if same and whole:
             break
         # Laws without a form and the moves that take long come where the set stays: elsewhere they follow its error.
         linear, before, trust = here, found.best, found.best.model.name
         whole = whole or same or n == ROUNDS - 2
-    return replace(found, best=max(found.search.met.values(), key=lambda fit: fit.score), log=tuple(log))
+    met = {keys: fit for keys, fit in found.search.met.items() if keys not in refused}
+    found.search.met = met
+    return replace(found, best=max(met.values(), key=lambda fit: fit.score), log=tuple(log))
 
 
 def _settled(linear: Linearisation, before: Fit | None, trust: str) -> Linearisation:
@@ -225,7 +234,7 @@ def _explained(
 
 
 def pool_of(linear: Linearisation) -> list[Term]:
-    """Return the effects, numbers and stated effects that may be there, each kind with equal odds among its own."""
+    """Return the effects, numbers and stated effects that may be there."""
     problem = linear.problem
     kinds = (
         effect_terms(linear, linear.placed(problem.candidates)),
@@ -236,8 +245,11 @@ def pool_of(linear: Linearisation) -> list[Term]:
 
 
 def _chosen_among(terms: Sequence[Term]) -> list[Term]:
-    each = float(np.log(max(len({t.key for t in terms}), 1)))
-    return [t.with_odds(each) for t in terms]
+    """Return terms of which each effect is as likely, and each of its places."""
+    places: dict[str, set[Key]] = {}
+    for t in terms:
+        places.setdefault(t.key[0], set()).add(t.key)
+    return [t.with_odds(float(np.log(len(places)) + np.log(len(places[t.key[0]])))) for t in terms]
 
 
 def known_terms(linear: Linearisation) -> tuple[list[Term], list[Term]]:

@@ -1,6 +1,6 @@
 """The most probable sets of terms: moves over sets, each judged by the one score.
 
-Add, drop, exchange, two for one, one for two. What a further term would gain at the noise of the present fit proposes;
+Add, drop, exchange, two for one, one for two, a size on another scale. What a further term would gain at the noise of the present fit proposes;
 the score of the whole set decides. All sets met are kept: probabilities are sums over them.
 """
 
@@ -18,7 +18,7 @@ from elastic_arm.evidence.changes import CHANGE, possible_changes
 from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.model import Fit, LinearModel, Screen
 from elastic_arm.evidence.nonlinear import is_open, refined
-from elastic_arm.evidence.priors import MOST, RELATED, SHORT, TRIED, WORTH
+from elastic_arm.evidence.priors import MOST, RELATED, SCALES, SHORT, TRIED, WORTH
 from elastic_arm.evidence.term import Key, Term
 
 Array = NDArray[np.float64]
@@ -66,7 +66,7 @@ class Search:
 
     def _better(self, fit: Fit) -> Fit | None:
         """Return a better set one move away: more terms first, as they are cheap to find."""
-        simple = (self._added, self._dropped, self._exchanged)
+        simple = (self._added, self._rescaled, self._dropped, self._exchanged)
         for moves in (*simple, self._two_for_one, self._one_for_two) if self._whole else simple:
             best = fit
             for one in moves(fit):
@@ -102,6 +102,19 @@ class Search:
         return found
 
     def _with(self, terms: Sequence[Term], more: Term, near: Fit) -> Fit:
+        """Return the fit of a set with one more term, its numbers and its scale where they are most probable."""
+        return self._scaled(self._placed(terms, more, near), more.key)
+
+    def _scaled(self, fit: Fit, key: Key) -> Fit:
+        """Return a fit with the size of a term on the scale on which it is most probable beside the others."""
+        for t in (t for t in fit.optional if t.key == key and t.is_scaled):
+            gains = [fit.gain_of_scale(t, scale) for scale in SCALES]
+            if max(gains) > WORTH:
+                other = t.scaled(float(SCALES[int(np.argmax(gains))]))
+                return self._keep(self.model.fit([other if u is t else u for u in fit.optional], fit))
+        return fit
+
+    def _placed(self, terms: Sequence[Term], more: Term, near: Fit) -> Fit:
         """Return the fit of a set with one more term, its nonlinear numbers where they are most probable."""
         if not is_open(more):
             return self._keep(self.model.fit([*terms, more], near))
@@ -127,6 +140,11 @@ class Search:
         """Take sets that were met elsewhere."""
         for fit in fits:
             self._keep(fit)
+
+    def _rescaled(self, fit: Fit) -> Iterator[Fit]:
+        """Yield fits with a size on the scale on which it is most probable beside the others."""
+        for t in fit.optional:
+            yield self._scaled(fit, t.key)
 
     def _dropped(self, fit: Fit) -> Iterator[Fit]:
         for t in fit.optional:
