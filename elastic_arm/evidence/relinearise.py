@@ -21,7 +21,7 @@ from elastic_arm.evidence.nonlinear import components, moved, tangent_term
 from elastic_arm.evidence.pool import effect_terms, law_terms, linear_prior, number_terms
 from elastic_arm.evidence.priors import ELSEWHERE, NEAR, ROUNDS, STATED, TRUST, WORTH
 from elastic_arm.evidence.problem import Problem
-from elastic_arm.evidence.search import Search
+from elastic_arm.evidence.search import ADDED, ALL, SIMPLE, Search
 from elastic_arm.evidence.term import Key, Term
 
 Array = NDArray[np.float64]
@@ -43,8 +43,6 @@ class Explanation:
         All sets met.
     best
         The most probable one.
-    own
-        Score of the set beside which it was linearised.
     trust
         Probability of each trust in the description.
     log
@@ -54,7 +52,6 @@ class Explanation:
     linear: Linearisation
     search: Search
     best: Fit
-    own: float
     trust: Mapping[str, float]
     log: tuple[str, ...] = ()
 
@@ -74,7 +71,7 @@ def explain(problem: Problem, *, refit: bool) -> Explanation:
     # mistake for one where its numbers lie alone.
     starts = [_started(described, trust, refit) for trust in STARTS if not (refit and trust == STARTS[0])]
     first = max(starts, key=lambda found: found.best.score)
-    found = _descended(first.linear, first.best, first.best.model.name, refit)
+    found = _descended(first.linear, first.best, refit)
     tried: set[frozenset[Key]] = set()
     for _ in range(ELSEWHERE):
         # Exchanged at this linearisation, a set whose numbers lie elsewhere is judged by columns that are not its own.
@@ -82,13 +79,13 @@ def explain(problem: Problem, *, refit: bool) -> Explanation:
         if other is None:
             break
         tried.add(other.keys)
-        found = _better(found, _descended(found.linear, other, other.model.name, refit))
+        found = _better(found, _descended(found.linear, other, refit, found.best))
     return replace(found, log=(*(line for one in starts for line in one.log), *found.log))
 
 
 def _started(described: Linearisation, trust: str, refit: bool) -> Explanation:
     """Return the most probable set at first, from the numbers alone."""
-    return _explained(_settled(described, None, trust), None, trust, refit, whole=False, refused=set())
+    return _explained(_settled(described, None, trust), None, trust, refit, moves=ADDED)
 
 
 def _better(one: Explanation, other: Explanation) -> Explanation:
@@ -111,34 +108,25 @@ def _elsewhere(found: Explanation, tried: Set[frozenset[Key]]) -> Fit | None:
     return max(sets, key=lambda fit: fit.score, default=None)
 
 
-def _descended(linear: Linearisation, before: Fit, trust: str, refit: bool) -> Explanation:
-    """Return the most probable set beside which the linearisation stays.
+def _descended(linear: Linearisation, before: Fit, refit: bool, best: Fit | None = None) -> Explanation:
+    """Return the most probable set beside which the linearisation stays, from one to start from.
 
-    A set that is found at the linearisation of another one counts once it is as probable at its own.
+    Laws without a form and the moves that take long come where the set stays: elsewhere they follow its error. They do
+    not come where it stays less probable than the best one known.
     """
     log: list[str] = []
-    whole, refused = False, set[frozenset[Key]]()
-    kept: tuple[Explanation, Fit] | None = None
+    trust, moves = before.model.name, SIMPLE
     for n in range(ROUNDS):
-        here = _settled(linear, before, trust)
-        found = _explained(here, before, trust, refit, whole=whole, refused=refused)
+        linear = _settled(linear, before, trust)
+        found = _explained(linear, before, trust, refit, moves=moves)
         log += [f"{n}: {line}" for line in found.log]
-        if kept is not None and before.keys != kept[1].keys and found.own < kept[0].own - WORTH:
-            refused.add(before.keys)
-            log.append(f"{n}: not as probable at its own linearisation")
-            found, before = kept
-            linear, trust = found.linear, before.model.name
-            continue
-        kept = found, before
-        same = before.keys == found.best.keys and not _far(found.best)
-        if same and whole:
+        stays = before.keys == found.best.keys and not _far(found.best)
+        before, trust = found.best, found.best.model.name
+        if stays and (moves == ALL or (best is not None and before.score < best.score + WORTH)):
             break
-        # Laws without a form and the moves that take long come where the set stays: elsewhere they follow its error.
-        linear, before, trust = here, found.best, found.best.model.name
-        whole = whole or same or n == ROUNDS - 2
-    met = {keys: fit for keys, fit in found.search.met.items() if keys not in refused}
-    found.search.met = met
-    return replace(found, best=max(met.values(), key=lambda fit: fit.score), log=tuple(log))
+        if stays or n == ROUNDS - 2:
+            moves = ALL
+    return replace(found, best=max(found.search.met.values(), key=lambda fit: fit.score), log=tuple(log))
 
 
 def _settled(linear: Linearisation, before: Fit | None, trust: str) -> Linearisation:
@@ -191,6 +179,7 @@ def linear_model(linear: Linearisation, trust: str) -> LinearModel:
             np.array([p.is_number for p in linear.problem.numbers], dtype=bool),
             _moving(linear.problem),
             tuple(known_terms(linear)[0]),
+            linear.shares,
             trust,
         )
     return linear.cache["model"].trusting(trust)
@@ -206,19 +195,19 @@ def _screens(linear: Linearisation, model: LinearModel, *, laws: bool) -> list[S
 
 
 def _explained(
-    linear: Linearisation, before: Fit | None, trust: str, refit: bool, *, whole: bool, refused: Set[frozenset[Key]]
+    linear: Linearisation, before: Fit | None, trust: str, refit: bool, *, moves: int
 ) -> Explanation:
     """Return the most probable set at a linearisation, from the one found at another."""
     trusts = {name: one for name, one in TRUST.items() if not (refit and name == "as measured")}
     model, log = linear_model(linear, trust), []
-    screens = _screens(linear, model, laws=whole)
+    screens = _screens(linear, model, laws=moves == ALL)
     first = [] if before is None else _again(before, linear)
     terms: Sequence[Term] = first
     # The trust in the description that is most probable beside the set, and the set beside it, until both stay.
     tried: dict[str, Search] = {}
     while trust not in tried:
-        search = Search(linear, model.trusting(trust), screens, refused)
-        tried[trust], best = search, search.run(terms, whole=whole)
+        search = Search(linear, model.trusting(trust), screens)
+        tried[trust], best = search, search.run(terms, moves=moves)
         log += [f"{trust}: {line}" for line in search.log]
         terms = best.optional
         scores = {
@@ -226,11 +215,11 @@ def _explained(
         }
         trust = max(scores, key=lambda name: scores[name])
     search = tried[trust]
-    best = search.run(terms, whole=whole)
+    best = search.run(terms, moves=moves)
     total = np.logaddexp.reduce(list(scores.values()))
     log.append(f"{trust}, {best.score:.1f}: {', '.join(f'{k[0]} {k[1]}' for k in best.keys) or 'nothing'}")
     shares = {k: float(np.exp(v - total)) for k, v in scores.items()}
-    return Explanation(linear, search, best, search.model.fit(first).score, shares, tuple(log))
+    return Explanation(linear, search, best, shares, tuple(log))
 
 
 def pool_of(linear: Linearisation) -> list[Term]:

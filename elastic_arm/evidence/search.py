@@ -6,9 +6,10 @@ the score of the whole set decides. All sets met are kept: probabilities are sum
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence, Set
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,16 @@ from elastic_arm.evidence.term import Key, Term
 Array = NDArray[np.float64]
 
 
+ADDED, SIMPLE, ALL = 2, 4, 6  # kinds of moves: more of them take longer
+
+
+class Instead(NamedTuple):
+    """What may take the place of terms: not the sets' own keys, and which terms of each screen."""
+
+    keys: frozenset[Key]
+    among: list[set[int]]
+
+
 @dataclass
 class Search:
     """A search over sets of terms at one linearisation.
@@ -32,32 +43,28 @@ class Search:
     ----------
     linear, model, screens
         The data, and all that may be added.
-    refused
-        Sets that are not as probable at their own linearisation.
     """
 
     linear: Linearisation
     model: LinearModel
     screens: Sequence[Screen]
-    refused: Set[frozenset[Key]] = frozenset()
     met: dict[frozenset[Key], Fit] = field(default_factory=dict)
     _refined: dict[tuple[Key, frozenset[Key]], Term] = field(default_factory=dict)
     _found: dict[Key, Term] = field(default_factory=dict)
     log: list[str] = field(default_factory=list)
-    _whole: bool = True
+    _moves: int = ALL
 
-    def run(self, start: Sequence[Term] = (), *, whole: bool = True) -> Fit:
+    def run(self, start: Sequence[Term] = (), *, moves: int = ALL) -> Fit:
         """Return the most probable set, from a set to start from.
 
         Parameters
         ----------
         start
             The set.
-        whole
-            Whether laws without a form may be there and all moves are tried: elsewhere than at the last linearisation,
-            laws follow its error.
+        moves
+            :data:`ADDED` alone, :data:`SIMPLE` ones, or :data:`ALL`.
         """
-        self._whole, best = whole, self._keep(self.model.fit(start))
+        self._moves, best = moves, self._keep(self.model.fit(start))
         while (better := self._better(best)) is not None:
             came, went = better.keys - best.keys, best.keys - better.keys
             self.log.append(f"{better.score - best.score:+.1f}: {_words(came, went)}")
@@ -66,11 +73,11 @@ class Search:
 
     def _better(self, fit: Fit) -> Fit | None:
         """Return a better set one move away: more terms first, as they are cheap to find."""
-        simple = (self._added, self._rescaled, self._dropped, self._exchanged)
-        for moves in (*simple, self._two_for_one, self._one_for_two) if self._whole else simple:
+        each = self._added, self._rescaled, self._dropped, self._exchanged, self._two_for_one, self._one_for_two
+        for moves in each[: self._moves]:
             best = fit
             for one in moves(fit):
-                if one.score > best.score and one.keys not in self.refused:
+                if one.score > best.score:
                     best = one
                     if moves is not self._added and best.score > fit.score + WORTH:
                         break
@@ -83,15 +90,28 @@ class Search:
             for t in (*self.proposals(fit), *possible_changes(self.linear, fit)):
                 yield self._with(fit.optional, t, fit)
 
-    def proposals(
-        self, fit: Fit, count: int = TRIED, without: frozenset[Key] = frozenset(), needed: float = 0.0
-    ) -> list[Term]:
+    def proposals(self, fit: Fit, count: int = TRIED, instead: Instead | None = None, needed: float = 0.0) -> list[Term]:
         """Return the terms that would gain most beside a fit, one of each key.
 
         At the noise of the fit a term gains less than beside its own: as little as a share of what is needed is tried.
+
+        Parameters
+        ----------
+        fit
+            Beside which.
+        count
+            Of terms.
+        instead
+            Of which terms they take the place.
+        needed
+            Nats that a term has to gain.
         """
-        gained = [(gain, screen, t) for screen in self.screens for t, gain in enumerate(screen.gains(fit))]
-        have, found = fit.keys | without, list[Term]()
+        gained = [
+            (gain, screen, t)
+            for k, screen in enumerate(self.screens)
+            for t, gain in enumerate(screen.gains(fit, None if instead is None else instead.among[k]))
+        ]
+        have, found = fit.keys | (frozenset() if instead is None else instead.keys), list[Term]()
         for gain, screen, t in sorted(gained, key=lambda one: -one[0]):
             if len(found) == count or not gain >= SHORT * needed:
                 break
@@ -100,6 +120,11 @@ class Search:
                 found.append(screen.term(t))
                 have = have | {key}
         return found
+
+    def _instead(self, fit: Fit, *terms: Term) -> Instead:
+        """Return what could take the place of terms of a fit: what is related to each of them."""
+        related = [[screen.related(fit, t) for t in terms] for screen in self.screens]
+        return Instead(fit.keys, [set.intersection(*each) for each in related])
 
     def _with(self, terms: Sequence[Term], more: Term, near: Fit) -> Fit:
         """Return the fit of a set with one more term, its numbers and its scale where they are most probable."""
@@ -132,7 +157,7 @@ class Search:
 
     def _keep(self, fit: Fit) -> Fit:
         known = self.met.get(fit.keys)
-        if fit.keys not in self.refused and (known is None or fit.score > known.score):
+        if known is None or fit.score > known.score:
             self.met[fit.keys] = fit
         return fit
 
@@ -147,28 +172,32 @@ class Search:
             yield self._scaled(fit, t.key)
 
     def _dropped(self, fit: Fit) -> Iterator[Fit]:
-        for t in fit.optional:
-            yield self._keep(self.model.fit(_without(fit, t), fit))
+        return (less for _, less in self._left_out(fit))
 
     def _exchanged(self, fit: Fit) -> Iterator[Fit]:
-        for less in list(self._dropped(fit)):
-            for t in self.proposals(less, without=fit.keys, needed=fit.score - less.score):
-                yield self._with(less.optional, t, less)
+        for t, less in self._left_out(fit):
+            for u in self.proposals(less, instead=self._instead(fit, t), needed=fit.score - less.score):
+                yield self._with(less.optional, u, less)
 
     def _two_for_one(self, fit: Fit) -> Iterator[Fit]:
         for pair in combinations(fit.optional, 2):
             if fit.correlation(*pair) < RELATED:
                 continue
             less = self._keep(self.model.fit(_without(fit, *pair), fit))
-            for t in self.proposals(less, count=2, without=fit.keys, needed=fit.score - less.score):
+            for t in self.proposals(less, 2, self._instead(fit, *pair), fit.score - less.score):
                 yield self._with(less.optional, t, less)
 
     def _one_for_two(self, fit: Fit) -> Iterator[Fit]:
-        for less in list(self._dropped(fit)):
-            for t in self.proposals(less, count=2, without=fit.keys):
+        for gone, less in self._left_out(fit):
+            instead = self._instead(fit, gone)
+            for t in self.proposals(less, 2, instead):
                 one = self._with(less.optional, t, less)
-                for u in self.proposals(one, count=2, without=fit.keys, needed=fit.score - one.score):
+                for u in self.proposals(one, 2, instead, fit.score - one.score):
                     yield self._with(one.optional, u, one)
+
+    def _left_out(self, fit: Fit) -> list[tuple[Term, Fit]]:
+        """Return each term of a fit, and the fit without it."""
+        return [(t, self._keep(self.model.fit(_without(fit, t), fit))) for t in fit.optional]
 
     def probabilities(self) -> dict[frozenset[Key], float]:
         """Return the probability of each set met."""
