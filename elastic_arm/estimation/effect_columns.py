@@ -83,11 +83,6 @@ class Feature:
         return not self.linear
 
     @property
-    def scalable(self) -> bool:
-        """Whether a column of fixed coefficient may be scaled while its searched parameters are looked for."""
-        return bool(self.searched)
-
-    @property
     def count(self) -> int:
         """Number of columns."""
         return 2 if self.phase else (1 if self.fixed else sum(p.size for p in self.linear))
@@ -257,11 +252,6 @@ class Whole(Feature):
 @dataclass(frozen=True, eq=False)
 class OwnRegressor(Whole):
     """A whole effect by the regressor of its file: at each value of its parameters the size is known."""
-
-    @property
-    def scalable(self) -> bool:
-        """False: its size follows from its parameters."""
-        return False
 
     @cached_property
     def _regressor(self) -> Regressor:

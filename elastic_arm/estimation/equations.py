@@ -234,12 +234,6 @@ class EquationSet:
             transform[row, joint :: self.n] = equation.combination
         return transform
 
-    @cached_property
-    def torque_coefficients(self) -> dict[str, Array]:
-        """Coefficients (R, n) of each torque channel in the usable rows."""
-        each = zip(TORQUES, _TORQUE_COEFFICIENTS.T, strict=True)
-        return {name: self.transform @ np.kron(own[:, None], np.eye(self.n)) for name, own in each}
-
     def combine(self, columns: Array) -> Array:
         """Carry columns (N, 3 n, k) of the full rows over to the usable ones, (N, R, k)."""
         if np.array_equal(self.transform, np.eye(3 * self.n)):

@@ -18,7 +18,6 @@ from scipy.interpolate import CubicSpline
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.motion import Motion, with_filtered_deflection
 from elastic_arm.estimation.noise import HIGHEST_CUTOFF, ORDER, encoder_steps, estimate_noise
-from elastic_arm.estimation.noise_colour import Colour
 from elastic_arm.estimation.resampling import Clock, Grid, extended
 from elastic_arm.estimation.smoother import Smoother
 from elastic_arm.recording import Recording
@@ -86,8 +85,6 @@ class Observation:
         Where it came from, and what had to be assumed.
     steps
         "link", "motor" -> (n,) rad, steps of the encoders; zero where they are finer than their noise.
-    colour
-        Of the torque channels' noise beyond its white level, where it was found to have one.
     torque_band
         Hz, from which on torques were low-passed before they were recorded; infinite where none was.
     gains
@@ -105,7 +102,6 @@ class Observation:
     source: str = ""
     notes: tuple[str, ...] = ()
     steps: Mapping[str, Array] = field(default_factory=lambda: {"link": np.zeros(1), "motor": np.zeros(1)})
-    colour: Colour | None = None
     torque_band: float = np.inf
     gains: Mapping[str, Array] = field(default_factory=dict)
     turning: Array | None = None
@@ -153,8 +149,7 @@ class Observation:
 
         noise = {name: std / gain for name, gain in gains.items() if (std := getattr(self.noise, name)) is not None}
         pieces, quiet = (tuple(map(moved, motions)) for motions in (self.pieces, self.quiet))
-        colour = None if self.colour is None else self.colour.divided(gains)
-        return replace(self, pieces=pieces, quiet=quiet, noise=replace(self.noise, **noise), colour=colour, gains=gains)
+        return replace(self, pieces=pieces, quiet=quiet, noise=replace(self.noise, **noise), gains=gains)
 
     def _splines_of(self, motion: Motion, name: str) -> list[CubicSpline]:
         """Return a spline through each joint's samples of a channel; a calibration moves the same ones many times."""

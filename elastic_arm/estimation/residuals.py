@@ -168,14 +168,11 @@ class FreeTorques:
     ----------
     found
         All of them.
-    rows
-        Number of all rows.
     bases
         Those worked out, by what they depend on beside the band.
     """
 
     found: tuple[FreeTorque, ...] = ()
-    rows: int = 1
     bases: Mapping[FreeTimes, Array] = field(default_factory=dict, repr=False)
 
     @classmethod
@@ -221,7 +218,7 @@ class FreeTorques:
             if equation.combination[part] != 0
             for instants, basis in of_joints[joint]
         )
-        return cls(tuple(found), layout.rows * len(stretch.t), bases)
+        return cls(tuple(found), bases)
 
     def remove(self, values: Array, *, in_place: bool = False) -> Array:
         """Return residuals or columns (N', R, …) without them, perhaps in the same array."""
@@ -240,29 +237,6 @@ class FreeTorques:
         for free in self.found:
             by_row.setdefault(free.row, []).append(free)
         return by_row
-
-    @property
-    def share_left(self) -> float:
-        """Share of the rows' degrees of freedom that are left."""
-        return 1.0 - sum(free.basis.shape[1] for free in self.found) / self.rows
-
-
-def stuck_rows(stretch: Stretch, layout: EquationSet, around: float) -> NDArray[np.bool_]:
-    """Return the rows (N', R) that hold the friction of a joint that sticks.
-
-    Parameters
-    ----------
-    stretch
-        Of residuals.
-    layout
-        The usable equations.
-    around
-        Seconds before and after that belong to them.
-    """
-    t = stretch.quiet.t
-    own = sticking(t, stretch.quiet.dtheta, around)
-    at = np.clip(np.searchsorted(t, stretch.t), 0, len(t) - 1)
-    return np.stack([own[at, joint] & (equation.combination[MOTOR] != 0) for equation, joint in layout.entries], axis=1)
 
 
 def sticking(t: Array, velocity: Array, around: float = 0.0) -> NDArray[np.bool_]:

@@ -107,17 +107,6 @@ def contradicted_gravity(recording: Recording, robot: Robot) -> list[Finding]:
     return found
 
 
-def opposed_joints(recording: Recording, robot: Robot) -> tuple[str, ...]:
-    """Return the joints whose torque runs against gravity as described, and the arm is not mounted otherwise."""
-    opposed: set[str] = set()
-    for side, motion, fit in _fits(recording, robot):
-        arranged = _arranged(motion, side, robot)
-        opposed |= {names[0] for finding, names in arranged if finding.code == "gravity_sign"}
-        if not arranged and any(finding.code == "gravity_sign" for finding in _judged(fit, side, robot)):
-            opposed |= set(robot.joint_names)
-    return tuple(name for name in robot.joint_names if name in opposed)
-
-
 def _fits(recording: Recording, robot: Robot) -> Iterator[tuple[str, _SideMotion, GravityFit]]:
     """Yield the torques of each side, and beside the described gravity; none of a recording without motion."""
     samples = recording.select(robot.joint_names).samples()
