@@ -51,13 +51,6 @@ def cache_folder() -> Path:
 def replace_folder(folder: Path, problem: str) -> Path:
     """Return a private folder that :func:`cache_folder` gives in place of another one from now on.
 
-    Parameters
-    ----------
-    folder
-        What cannot serve as the cache.
-    problem
-        Why, in words that follow its name.
-
     Raises
     ------
     OSError

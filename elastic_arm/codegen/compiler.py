@@ -51,10 +51,7 @@ def build(source: str, *, flags: tuple[str, ...] = ("-ffp-contract=fast",)) -> c
 
     Safe among processes that build the same source at once: a library appears under its name only when complete.
 
-    Parameters
-    ----------
-    flags
-        Added to the usual ones (``-O2``, for this machine's processor).
+    flags: added to the usual ones (``-O2``, for this machine's processor).
 
     Raises
     ------
@@ -69,14 +66,7 @@ def build_once(
 ) -> ctypes.CDLL:
     """As :func:`build`, but print the source only when no library of this `identity` is in the cache.
 
-    Parameters
-    ----------
-    identity
-        What the source depends on; part of the library's name in the cache.
-    source
-        Prints the C code.
-    flags
-        Of the compiler.
+    identity: what the source depends on; part of the library's name in the cache.
 
     Raises
     ------

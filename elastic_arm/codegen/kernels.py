@@ -40,14 +40,8 @@ class Engine(Protocol):
     def run(self, arrays: Sequence[np.ndarray], outputs: Sequence[np.ndarray], *, fresh: bool) -> None:
         """Fill `outputs` from `arrays`; `fresh` ones come from :meth:`allocate`, others hold anything.
 
-        Parameters
-        ----------
-        arrays
-            (N, k) values of each argument; (k,) where it is shared by all samples.
-        outputs
-            (N, size) each, to be filled.
-        fresh
-            Whether the outputs come from :meth:`allocate`; others hold anything.
+        arrays: (N, k) values of each argument; (k,) where it is shared by all samples; outputs: (N, size) each,
+        to be filled; fresh: whether the outputs come from :meth:`allocate`; others hold anything.
         """
 
 
@@ -68,13 +62,8 @@ class Kernel:
     ) -> np.ndarray | tuple[np.ndarray, ...]:
         """Evaluate at all samples.
 
-        Parameters
-        ----------
-        *arrays
-            The inputs.
-        out
-            Arrays to write to, one an output, of the shapes returned: spares the system's clearing of new memory, which
-            for large arrays costs more than the evaluation.
+        out: arrays to write to, one an output, of the shapes returned: spares the system's clearing of new
+        memory, which for large arrays costs more than the evaluation.
 
         Raises
         ------
@@ -98,17 +87,9 @@ class Kernel:
 
         The matrix itself, the first output, is never stored.
 
-        Parameters
-        ----------
-        arrays
-            Inputs as :meth:`check` returns them.
-        y : (N, rows)
-            A further entry of each row, the last.
-        entries
-            Products in all: those of the lower triangle of each row's matrix, row after row.
-        rounded
-            Whether values may be rounded to 51 bits below the largest of their column, which is nearly twice as fast
-            where the processor multiplies integers. The products of what is rounded are exact.
+        entries: products in all: those of the lower triangle of each row's matrix, row after row; rounded:
+        whether values may be rounded to 51 bits below the largest of their column, which is nearly twice as
+        fast where the processor multiplies integers. The products of what is rounded are exact.
 
         Returns
         -------
@@ -157,12 +138,8 @@ class Kernel:
 def compile(function: casadi.Function, engine: str | None = None, shared: Sequence[str] = ()) -> Kernel:
     """Make a kernel of a CasADi SX function.
 
-    Parameters
-    ----------
-    engine
-        ``"c"``, ``"numpy"``, or None for the fastest that this machine has.
-    shared
-        Names of inputs that are the same for all samples.
+    engine: ``"c"``, ``"numpy"``, or None for the fastest that this machine has; shared: names of inputs that are
+    the same for all samples.
 
     Raises
     ------
@@ -175,14 +152,8 @@ def compile(function: casadi.Function, engine: str | None = None, shared: Sequen
 def make(program: Program, engine: str | None = None, shared: Sequence[str] = ()) -> Kernel:
     """Make a kernel of a program; see :func:`compile`.
 
-    Parameters
-    ----------
-    program
-        What is to be run.
-    engine
-        "c", "numpy", or None for the faster one that this machine has.
-    shared
-        Arguments that have one value for all samples.
+    engine: "c", "numpy", or None for the faster one that this machine has; shared: arguments that have one value
+    for all samples.
     """
     return Kernel(program, _choose(program, engine, shared), shared)
 

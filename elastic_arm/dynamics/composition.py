@@ -112,14 +112,7 @@ def compose(robot: Robot, name: str, *, bearings: bool = False) -> Bodies:
 
     A robot without transmissions is its links and armatures, whichever the name.
 
-    Parameters
-    ----------
-    robot
-        The arm.
-    name
-        mod1, mod2 or mod3.
-    bearings
-        Whether bearings tilt, which adds two coordinates a joint.
+    bearings: whether bearings tilt, which adds two coordinates a joint.
 
     Raises
     ------

@@ -52,10 +52,7 @@ def divide(a: Pair, b: Pair) -> Pair:
 def cholesky(gram: Pair) -> Array:
     """Return the triangular factor R with R'R = hi + lo, rounded to working precision.
 
-    Parameters
-    ----------
-    gram
-        hi, lo (..., k, k), positive semidefinite.
+    gram: hi, lo (..., k, k), positive semidefinite.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Columns of nuisance parameters: what one standard deviation of each prior changes in the residuals.
+"""Columns of uncertain numbers: what one standard deviation of each prior changes in the residuals.
 
 A measured torque enters an equation with the coefficient one: whatever scales a torque (a sensor's gain, a stiffness)
 has a column of torque that the model predicts. With the measured torque in its place, no torque sensor and a massless
@@ -33,7 +33,7 @@ BLOCK = 512  # samples of the regressor that are evaluated at once: what the cac
 MOST = 2.5e8  # bytes of columns at the recording's rate that are made at once
 
 
-def nuisance_columns(
+def number_columns(
     model: Model,
     nominal: Robot,
     data: WhitenedData,
@@ -44,22 +44,8 @@ def nuisance_columns(
 ) -> list[Array]:
     """Return columns (N', R, k) of each stretch, Nm for one standard deviation of each prior.
 
-    Parameters
-    ----------
-    model
-        At the present values of the arm's numbers.
-    nominal
-        The description, to which relative changes refer.
-    data
-        Whitened residuals of the model.
-    parameters
-        The nuisance parameters.
-    inertial
-        Of :func:`inertial_columns`, of each stretch.
-    features
-        Of :func:`features_at`.
-    recordings
-        Number of each of the data's recordings; those of zeros that are others in each act on its own alone.
+    nominal: the description, to which relative changes refer; recordings: number of each of the data's recordings;
+    those of zeros that are others in each act on its own alone.
     """
     result = [columns.copy(order="K") for columns in inertial]
     for k, feature in features.items():
@@ -102,16 +88,10 @@ def _transmitted(model: Model, data: WhitenedData, part: Part, effect: ActingEff
 
 
 def features_at(model: Model, parameters: Sequence[Number], acting: Sequence[ActingEffect] = ()) -> dict[int, Feature]:
-    """Return the effects that nuisance parameters are, by number of the parameter; each compiled once for all data.
+    """Return the effects that uncertain numbers are, by place in the list; each compiled once for all data.
 
-    Parameters
-    ----------
-    model
-        At the present values of the arm's numbers: a wrong zero of an encoder is wound by the stiffness where it is.
-    parameters
-        The nuisance parameters.
-    acting
-        Known effects: the friction that changes with temperature is among them.
+    model: at the present values of the arm's numbers: a wrong zero of an encoder is wound by the stiffness where it
+    is; acting: known effects: the friction that changes with temperature is among them.
     """
     equations = ArmEquations(model.robot, model.name)
     return {
@@ -126,16 +106,7 @@ def inertial_columns(model: Model, data: WhitenedData, parameters: Sequence[Numb
 
     They are linear in Psi and depend on the motion alone.
 
-    Parameters
-    ----------
-    model
-        Of the residuals.
-    data
-        Whitened residuals of the model.
-    parameters
-        The nuisance parameters.
-    directions
-        (P, k) of :func:`directions_of`.
+    directions: (P, k) of :func:`directions_of`.
     """
     chosen = [k for k, parameter in enumerate(parameters) if parameter.is_inertial]
     found = []
@@ -154,16 +125,8 @@ def inertial_columns(model: Model, data: WhitenedData, parameters: Sequence[Numb
 def calibrated_parameters(model: Model, nominal: Robot, values: Array, directions: Array) -> Array:
     """Return Psi (P,) with inertial numbers at these values, linear in them whether or not bodies are physical.
 
-    Parameters
-    ----------
-    model
-        Its stiffness and damping are kept.
-    nominal
-        The description, to which relative changes refer.
-    values
-        (k,) deviations from the description, in units of the priors' standard deviations.
-    directions
-        (P, k) of :func:`directions_of`.
+    nominal: the description, to which relative changes refer; values: (k,) deviations from the description, in
+    units of the priors' standard deviations; directions: (P, k) of :func:`directions_of`.
     """
     moved = build_model(nominal, model.name).Psi + directions @ values
     springs = _springs(model)
@@ -276,17 +239,7 @@ def _turnover(w: Array, t: Array, speeds: Sequence[float]) -> Array:
 
 
 def directions_of(nominal: Robot, model: str, parameters: Sequence[Number]) -> Array:
-    """Return the derivative (P, k) of Psi by the numbers of the arm, for one standard deviation of each prior.
-
-    Parameters
-    ----------
-    nominal
-        The description, where it is evaluated.
-    model
-        The variant of the model.
-    parameters
-        The nuisance parameters.
-    """
+    """Return the derivative (P, k) of Psi by the numbers of the arm, for one standard deviation of each prior."""
     base = build_model(nominal, model).Psi
     found = np.zeros((len(base), len(parameters)))
     for k, parameter in enumerate(parameters):

@@ -1,4 +1,4 @@
-"""The arm whose numbers are off by what the nuisance parameters say."""
+"""The arm whose numbers are off by deviations from its description."""
 
 from __future__ import annotations
 
@@ -21,14 +21,7 @@ LINK_SHARES = (1.0, 0.75, 0.5, 0.25)  # of the links' deviations, tried until th
 def calibrated_robot(robot: Robot, parameters: Sequence[Number], values: Array) -> Robot:
     """Return the arm with its numbers at these values.
 
-    Parameters
-    ----------
-    robot
-        The description.
-    parameters
-        The nuisance parameters.
-    values
-        (k,) deviations from the description, in units of the priors' standard deviations.
+    values: (k,) deviations from the description, in units of the priors' standard deviations.
 
     Raises
     ------
@@ -45,14 +38,7 @@ def calibrated_robot(robot: Robot, parameters: Sequence[Number], values: Array) 
 def nearest_robot(robot: Robot, parameters: Sequence[Number], values: Array) -> Robot:
     """Return the arm with its numbers at these values, its links only as far as they are physical bodies.
 
-    Parameters
-    ----------
-    robot
-        The description.
-    parameters
-        The nuisance parameters.
-    values
-        (k,) deviations from the description, in units of the priors' standard deviations.
+    values: (k,) deviations from the description, in units of the priors' standard deviations.
     """
     of_links = np.array([parameter.what.startswith("link_") for parameter in parameters])
     for share in LINK_SHARES:

@@ -22,18 +22,10 @@ COLUMNS = 8  # filtered at once: what the caches hold
 
 @dataclass(frozen=True)
 class Band:
-    """A low pass with its decimation.
+    """A low pass with its decimation."""
 
-    Parameters
-    ----------
-    cutoff
-        Upper edge, Hz.
-    rate
-        Samples per second before.
-    """
-
-    cutoff: float
-    rate: float
+    cutoff: float  # upper edge, Hz
+    rate: float  # samples per second before
     step: int = field(init=False)
     taps: Array = field(init=False, repr=False)
     _responses: dict[int, Array] = field(default_factory=dict, init=False, repr=False, compare=False)
@@ -134,18 +126,10 @@ class Band:
 
 @dataclass(frozen=True)
 class LowPass:
-    """A zero-phase low pass without decimation, for looking at a narrower band of what a :class:`Band` kept.
+    """A zero-phase low pass without decimation, for looking at a narrower band of what a :class:`Band` kept."""
 
-    Parameters
-    ----------
-    cutoff
-        Upper edge, Hz; beyond twice as much nothing is left.
-    rate
-        Samples per second.
-    """
-
-    cutoff: float
-    rate: float
+    cutoff: float  # upper edge, Hz; beyond twice as much nothing is left
+    rate: float  # samples per second
     taps: Array = field(init=False, repr=False)
 
     def __post_init__(self) -> None:

@@ -36,25 +36,16 @@ COLOUR = 20.0  # samples of a residual's misfit that count as one independent on
 
 @dataclass(frozen=True, eq=False)
 class Feature:
-    """One effect at one place in one choice, ready to be evaluated.
+    """One effect at one place in one choice, ready to be evaluated."""
 
-    Parameters
-    ----------
-    effect, joint, choices
-        What, where (None for the whole arm), and which of its choices.
-    equations
-        Of the model that lacks it.
-    friction
-        The friction that it scales, where it does: effects as their laws, and the values of all their parameters.
-    shared
-        What was compiled of this effect, also for the arm with other numbers.
-    """
-
+    # effect, joint, choices: what, where (None for the whole arm), and which of its choices
     effect: Effect
     joint: str | None
     choices: Mapping[str, Any]
-    equations: ArmEquations = field(repr=False)
+    equations: ArmEquations = field(repr=False)  # of the model that lacks it
+    # the friction that it scales, where it does: effects as their laws, and the values of all their parameters
     friction: tuple[tuple[Feature, tuple[float, ...]], ...] = field(default=(), repr=False)
+    # what was compiled of this effect, also for the arm with other numbers
     shared: dict[tuple[type, Any], CompiledColumns] = field(default_factory=dict, repr=False)
 
     @cached_property
@@ -166,28 +157,14 @@ class Feature:
     def columns(self, signals: Signals, searched: Sequence[float] = (), start: float = 0.0) -> Array:
         """Evaluate the columns (N, 3 n, count).
 
-        Parameters
-        ----------
-        signals
-            Of the motion.
-        searched
-            Values of the searched parameters.
-        start
-            Of all internal states, where the motion before the first sample is not known.
+        start: of all internal states, where the motion before the first sample is not known.
         """
         return self.entries(signals, searched, start).dense()
 
     def entries(self, signals: Signals, searched: Sequence[float] = (), start: float = 0.0) -> Entries:
         """Evaluate the entries of the columns that are not null.
 
-        Parameters
-        ----------
-        signals
-            Of the motion.
-        searched
-            Values of the searched parameters.
-        start
-            Of all internal states, where the motion before the first sample is not known.
+        start: of all internal states, where the motion before the first sample is not known.
         """
         if self.friction:
             torques = sum(feature.entries(signals, values).weighted(np.ones(1)) for feature, values in self.friction)
@@ -269,17 +246,7 @@ class OwnRegressor(Whole):
         return self._regressor.acts
 
     def entries(self, signals: Signals, searched: Sequence[float] = (), start: float = 0.0) -> Entries:
-        """Return what the effect adds to the residuals, as entries of one column.
-
-        Parameters
-        ----------
-        signals
-            Of the motion.
-        searched
-            Values of all parameters.
-        start
-            Not used: it has no internal states.
-        """
+        """Return what the effect adds to the residuals, as entries of one column."""
         robot = self.equations.robot
         joints = range(robot.n) if self.joint is None else [robot.joint_names.index(self.joint)]
         values = {**self.choices, **self.parameters((), searched), "joints": joints}
@@ -287,15 +254,7 @@ class OwnRegressor(Whole):
 
 
 def _changed_channels(effect: SensorEffect, joint: str | None, choices: Mapping[str, Any], n: int) -> set[str]:
-    """Return the channels whose sensors an effect changes.
-
-    Parameters
-    ----------
-    effect, joint, choices
-        What, where, and which of its choices.
-    n
-        Joints of the arm.
-    """
+    """Return the channels whose sensors an effect changes."""
     exact, parameters = Sensors.exact(), {p.name: _some_effect(p) for p in effect.parameters}
     changed = effect.change(exact, 0, n, EffectInstance(effect, joint, {**parameters, **choices}).parameters)
     return {channel for name, channel in SENSED.items() if getattr(changed, name) != getattr(exact, name)}
@@ -339,14 +298,8 @@ def starting_state(residual: Array, columns: Callable[[float], Array], size: flo
     Gauss-Newton steps, beside a constant in each residual. What is left counts as noise, of which few samples are
     independent; a start is expected near zero.
 
-    Parameters
-    ----------
-    residual
-        (N, R) Nm.
-    columns
-        Start -> columns (N, R, k) with all states beginning there.
-    size
-        Coefficient of the first column; None for the one that fits best.
+    residual: (N, R) Nm; columns: start -> columns (N, R, k) with all states beginning there; size: coefficient of
+    the first column; None for the one that fits best.
     """
     start, prior = 0.0, 0.0
     for width in WIDTHS:

@@ -47,18 +47,11 @@ _TORQUE_COEFFICIENTS = np.array([[1, 0], [1, 0], [-1, 1]])
 
 @dataclass(frozen=True)
 class Equation:
-    """One equation of a joint.
+    """One equation of a joint."""
 
-    Parameters
-    ----------
-    name
-        "link", "drive", "motor"; with the encoders of one side only "joint" (up to tau_J) and "whole" (up to tau_m).
-    combination
-        Coefficients of the residuals link, drive and motor in it.
-    """
-
+    # "link", "drive", "motor"; with the encoders of one side only "joint" (up to tau_J) and "whole" (up to tau_m)
     name: str
-    combination: tuple[int, int, int]
+    combination: tuple[int, int, int]  # coefficients of the residuals link, drive and motor in it
 
     @property
     def torque(self) -> str | None:
@@ -94,31 +87,17 @@ _ALIKE = {"joint": "drive", "whole": "motor"}
 
 @dataclass(frozen=True)
 class EquationSet:
-    """The usable equations, row by row: those of one name for all joints, then the next.
+    """The usable equations, row by row: those of one name for all joints, then the next."""
 
-    Parameters
-    ----------
-    n
-        Joints.
-    entries
-        Equation and joint index of each row.
-    """
-
-    n: int
-    entries: tuple[tuple[Equation, int], ...]
+    n: int  # joints
+    entries: tuple[tuple[Equation, int], ...]  # equation and joint index of each row
 
     @classmethod
     def direct(cls, recorded: Channels | Sequence[Channels], n: int, *, elastic: bool = True) -> EquationSet:
         """Return the residuals themselves as far as their channels were recorded.
 
-        Parameters
-        ----------
-        recorded
-            Names among q, theta, tau_J, tau_m: one set for all joints, or a sequence of n sets.
-        n
-            Joints.
-        elastic
-            Whether the joints have transmissions; without them both encoders read one angle, and nothing winds.
+        recorded: names among q, theta, tau_J, tau_m: one set for all joints, or a sequence of n sets; elastic:
+        whether the joints have transmissions; without them both encoders read one angle, and nothing winds.
 
         Raises
         ------
@@ -139,17 +118,10 @@ class EquationSet:
     ) -> EquationSet:
         """Return equations whose noises are independent.
 
-        Parameters
-        ----------
-        recorded
-            Names among q, theta, tau_J, tau_m: one set for all joints, or a sequence of n sets.
-        n
-            Joints.
-        elastic
-            Whether the joints have transmissions; without them both encoders read one angle.
-        summed
-            Whether, without joint torque sensors, the motor's row is the sum of both lines of (1), in which no spring
-            is left: torque then sets the scale of every mass, and the spring stands in the link's row alone.
+        recorded: names among q, theta, tau_J, tau_m: one set for all joints, or a sequence of n sets; elastic:
+        whether the joints have transmissions; without them both encoders read one angle; summed: whether,
+        without joint torque sensors, the motor's row is the sum of both lines of (1), in which no spring is
+        left: torque then sets the scale of every mass, and the spring stands in the link's row alone.
 
         Raises
         ------

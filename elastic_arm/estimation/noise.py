@@ -53,39 +53,23 @@ WHITE = (0.35, 0.49)
 
 @dataclass(frozen=True)
 class SideNoise:
-    """Noise of one side's encoders and the bandwidth of its motion.
+    """Noise of one side's encoders and the bandwidth of its motion."""
 
-    Parameters
-    ----------
-    cutoff
-        Where the motion's spectrum crosses the noise's, rad/s.
-    position_std
-        (n,) rad.
-    velocity_std
-        (n,) rad/s, or None where no velocity was recorded.
-    white_position, white_velocity
-        (n,) rad, rad/s: as much of the two as is white, up to the highest frequencies. What else stands in the two is
-        motion that the model of it cannot follow, no noise.
-    """
-
-    cutoff: float
-    position_std: Array
-    velocity_std: Array | None
+    cutoff: float  # where the motion's spectrum crosses the noise's, rad/s
+    position_std: Array  # (n,) rad
+    velocity_std: Array | None  # (n,) rad/s, or None where no velocity was recorded
+    # white_position, white_velocity: (n,) rad, rad/s: as much of the two as is white, up to the highest frequencies.
+    # What else stands in the two is motion that the model of it cannot follow, no noise.
     white_position: Array
     white_velocity: Array | None
 
 
 @dataclass(frozen=True, eq=False)
 class StateNoise:
-    """What the encoders' noise leaves in a smoothed motion.
+    """What the encoders' noise leaves in a smoothed motion."""
 
-    Parameters
-    ----------
-    link, motor
-        (n, 3, 3) covariance of position, velocity and acceleration of each joint, rad, rad/s, rad/s²; None for a side
-        that was not recorded.
-    """
-
+    # link, motor: (n, 3, 3) covariance of position, velocity and acceleration of each joint, rad, rad/s, rad/s²; None
+    # for a side that was not recorded
     link: Array | None
     motor: Array | None
 
@@ -93,12 +77,7 @@ class StateNoise:
 def estimate_noise(position: Array, velocity: Array | None, rate: float) -> SideNoise:
     """Estimate noise and bandwidth of one side of all joints.
 
-    Parameters
-    ----------
-    position, velocity
-        (N, n) rad, rad/s on a regular grid.
-    rate
-        Samples per second.
+    position, velocity: (N, n) rad, rad/s on a regular grid.
 
     Notes
     -----
@@ -224,12 +203,8 @@ def _liveliest(position: Array, longest: int) -> slice:
 def _concentrated(observed: Array, cutoff: float, ratio: float | None) -> tuple[Array, Array]:
     """Return -2 log likelihood, with the noise level concentrated out, and that level's square, per joint (n,).
 
-    Parameters
-    ----------
-    observed
-        (channels, n, N) position and, if recorded, velocity over the rate.
-    cutoff, ratio
-        Of the filter, rad per sample; noise of the velocity over that of the position.
+    observed: (channels, n, N) position and, if recorded, velocity over the rate; cutoff, ratio: of the filter, rad
+    per sample; noise of the velocity over that of the position.
     """
     gain, predict, s = _steady_state(cutoff, ratio)
     innovations = _innovations(observed, predict, gain, _observation(cutoff, ratio))[..., SETTLING:]
@@ -271,13 +246,7 @@ def _factorials(k: NDArray[np.int_]) -> Array:
 
 
 def _innovations(y: Array, transition: Array, gain: Array, c: Array) -> Array:
-    """Run the steady-state filter over all samples, in modal form: one first-order recursion a mode.
-
-    Parameters
-    ----------
-    y
-        (channels, n, N).
-    """
+    """Run the steady-state filter over all samples, in modal form: one first-order recursion a mode."""
     values, vectors = np.linalg.eig(transition - transition @ gain @ c)
     inverse = np.linalg.inv(vectors)
     channels, joints, samples = y.shape
@@ -300,12 +269,7 @@ def _innovations(y: Array, transition: Array, gain: Array, c: Array) -> Array:
 def encoder_steps(position: Array | None, noise: Array | None) -> Array:
     """Return the steps (n,) rad of one side's encoders; zero where they are finer than their noise.
 
-    Parameters
-    ----------
-    position
-        (N, n) rad, as recorded; None where the side was not.
-    noise
-        (n,) rad, standard deviation of a sample.
+    position: (N, n) rad, as recorded; None where the side was not; noise: (n,) rad, standard deviation of a sample.
     """
     if position is None or noise is None:
         return np.zeros(1)
@@ -322,10 +286,8 @@ def noise_filter(values: Array, rate: float, f: Array, noise: Array) -> Callable
     Each frequency is reduced to its share of signal, or to the largest share above it: what moves slowly, in a few
     lines, is not thinned out between them.
 
-    Parameters
-    ----------
-    values, rate, f, noise
-        As of :func:`wiener_filter`. Nothing is taken off a signal that outweighs its noise up to the highest `f`.
+    values, rate, f, noise: as of :func:`wiener_filter`. Nothing is taken off a signal that outweighs its noise up
+    to the highest `f`.
     """
     window = min(len(values), round(WIENER_SECONDS * rate))
     at, power = scipy.signal.welch(values, rate, nperseg=window)
@@ -358,16 +320,8 @@ def wiener_filter(values: Array, rate: float, f: Array, noise: Array) -> Callabl
     result is not biased by the noise (regression calibration; Carroll et al., Measurement Error in Nonlinear Models,
     2006, section 4).
 
-    Parameters
-    ----------
-    values
-        (N,) of any unit.
-    rate
-        Samples per second.
-    f
-        (F,) Hz, ascending; what lies above is taken off.
-    noise
-        (F,) in it, in units squared; 1 is white noise of one unit a sample.
+    values: (N,) of any unit; f: (F,) Hz, ascending; what lies above is taken off; noise: (F,) in it, in units
+    squared; 1 is white noise of one unit a sample.
     """
     half = min(len(values), round(WIENER_SECONDS * rate)) // 2
     at, power = scipy.signal.welch(values, rate, nperseg=2 * half, detrend=without_line)
@@ -383,14 +337,7 @@ def wiener_filter(values: Array, rate: float, f: Array, noise: Array) -> Callabl
 def reduced_to(values: Array, rate: float, f: Array, share: Array) -> Array:
     """Return a signal (N,) with each frequency reduced to a share of it, without lag.
 
-    Parameters
-    ----------
-    values
-        (N,) of any unit.
-    rate
-        Samples per second.
-    f, share
-        (F,) Hz, ascending, and the shares there; what lies above is taken off.
+    values: (N,) of any unit; f, share: (F,) Hz, ascending, and the shares there; what lies above is taken off.
     """
     half = min(len(values), round(WIENER_SECONDS * rate)) // 2
     at = np.fft.rfftfreq(2 * half, 1.0 / rate)

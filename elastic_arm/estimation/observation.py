@@ -43,67 +43,39 @@ UNBROKEN = 5.0  # sample intervals between two parts of a recording up to which 
 
 @dataclass(frozen=True)
 class ChannelNoise:
-    """White noise of the channels, standard deviations per sample, (n,) each; None where not recorded.
+    """White noise of the channels, standard deviations per sample, (n,) each; None where not recorded."""
 
-    Parameters
-    ----------
-    q, theta
-        rad.
-    dq, dtheta
-        rad/s.
-    tau_J, tau_m
-        Nm.
-    """
-
+    # q, theta: rad
     q: Array | None
+    # dq, dtheta: rad/s
     dq: Array | None
     theta: Array | None
     dtheta: Array | None
+    # tau_J, tau_m: Nm
     tau_J: Array | None
     tau_m: Array | None
 
 
 @dataclass(frozen=True)
 class Observation:
-    """The motion that one recording shows.
+    """The motion that one recording shows."""
 
-    Parameters
-    ----------
-    pieces
-        Smoothed motion of each stretch without holes; within `margin` of its ends only roughly right.
-    quiet
-        The same, smoothed as far as the encoders' noise requires: what columns are made of.
-    rate
-        Samples per second.
-    smoother
-        What all channels passed.
-    noise
-        Of the channels, before the smoother.
-    cutoff
-        Hz up to which accelerations are motion rather than noise.
-    source, notes
-        Where it came from, and what had to be assumed.
-    steps
-        "link", "motor" -> (n,) rad, steps of the encoders; zero where they are finer than their noise.
-    torque_band
-        Hz, from which on torques were low-passed before they were recorded; infinite where none was.
-    gains
-        "tau_J", "tau_m" -> (n,), by which torques were divided.
-    turning
-        (n,) rad/s within which dry friction turns over; as sharply as the velocity's noise lets it be seen when None.
-    """
-
+    # smoothed motion of each stretch without holes; within `margin` of its ends only roughly right
     pieces: tuple[Motion, ...]
-    quiet: tuple[Motion, ...]
-    rate: float
-    smoother: Smoother
-    noise: ChannelNoise
-    cutoff: float
+    quiet: tuple[Motion, ...]  # the same, smoothed as far as the encoders' noise requires: what columns are made of
+    rate: float  # samples per second
+    smoother: Smoother  # what all channels passed
+    noise: ChannelNoise  # of the channels, before the smoother
+    cutoff: float  # Hz up to which accelerations are motion rather than noise
+    # source, notes: where it came from, and what had to be assumed
     source: str = ""
     notes: tuple[str, ...] = ()
+    # "link", "motor" -> (n,) rad, steps of the encoders; zero where they are finer than their noise
     steps: Mapping[str, Array] = field(default_factory=lambda: {"link": np.zeros(1), "motor": np.zeros(1)})
+    # Hz, from which on torques were low-passed before they were recorded; infinite where none was
     torque_band: float = np.inf
-    gains: Mapping[str, Array] = field(default_factory=dict)
+    gains: Mapping[str, Array] = field(default_factory=dict)  # "tau_J", "tau_m" -> (n,), by which torques were divided
+    # (n,) rad/s within which dry friction turns over; as sharply as the velocity's noise lets it be seen when None
     turning: Array | None = None
     _splines: dict[tuple[int, str], list[CubicSpline]] = field(
         default_factory=dict, init=False, repr=False, compare=False
@@ -122,12 +94,8 @@ class Observation:
     def corrected(self, lags: Mapping[str, Array], gains: Mapping[str, Array]) -> Observation:
         """Return it with late channels moved back to the time at which they were true, and torques without gain.
 
-        Parameters
-        ----------
-        lags
-            Channel ("link_encoder", "joint_torque", "motor_torque") -> (n,) s.
-        gains
-            "tau_J", "tau_m" -> (n,), recorded / true.
+        lags: channel ("link_encoder", "joint_torque", "motor_torque") -> (n,) s; gains: "tau_J", "tau_m" ->
+        (n,), recorded / true.
         """
 
         def moved(motion: Motion) -> Motion:
@@ -183,12 +151,8 @@ class Observation:
     def torque_spectrum(self, channel: str, f: Array, n: int) -> Array:
         """Noise of a smoothed torque channel at f (F,): (F, n), 1 = white of 1 Nm a sample.
 
-        Parameters
-        ----------
-        channel
-            "tau_J" or "tau_m"; without noise where it was not recorded.
-        f, n
-            (F,) Hz, and number of joints.
+        channel: "tau_J" or "tau_m"; without noise where it was not recorded; f, n: (F,) Hz, and number of
+        joints.
         """
         std = {"tau_J": self.noise.tau_J, "tau_m": self.noise.tau_m}[channel]
         return self.gain(f)[:, None] ** 2 * (np.zeros(n) if std is None else std**2)
@@ -238,10 +202,7 @@ class Observation:
 def observe(recording: Recording, band: float | None = None) -> Observation:
     """Bring a recording on a grid, estimate the noise of its channels and smooth it.
 
-    Parameters
-    ----------
-    band
-        Hz up to which the residuals will be looked at; the widest sensible one when None.
+    band: Hz up to which the residuals will be looked at; the widest sensible one when None.
 
     Raises
     ------
@@ -303,16 +264,8 @@ def _with_low_pass(
 ) -> Array | None:
     """Return the noise (n,) of a torque channel: of what was low-passed, that of an ordinary sensor within its band.
 
-    Parameters
-    ----------
-    level
-        (n,) Nm a sample, from frequencies at which a torque that was low-passed holds nothing.
-    torque
-        (N, n) Nm.
-    spectrum
-        Of the channel, if it is long enough to have one.
-    rate
-        Samples per second.
+    level: (n,) Nm a sample, from frequencies at which a torque that was low-passed holds nothing; torque: (N, n)
+    Nm; spectrum: of the channel, if it is long enough to have one.
     """
     if level is None or torque is None or spectrum is None or not spectrum.low_passed.any():
         return level
@@ -332,12 +285,7 @@ def _of_recorded(level: Array | None, name: str, lacking: Lacking) -> Array | No
 def continued(first: Observation, rest: Observation, offset: float) -> tuple[Observation, Observation]:
     """Return the parts of a recording that was cut in two as what they are: one motion that goes on.
 
-    Parameters
-    ----------
-    first, rest
-        Up to the cut, and from there on.
-    offset
-        s from the first sample of `first` to that of `rest`.
+    offset: s from the first sample of `first` to that of `rest`.
     """
     end = offset + max(piece.span[1] for piece in rest.pieces if piece.span)
     unbroken = offset - first.quiet[-1].t[-1] + rest.quiet[0].t[0] < UNBROKEN / rest.rate

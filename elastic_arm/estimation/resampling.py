@@ -48,28 +48,18 @@ SHORTEST = 2 * POINTS
 
 @dataclass(frozen=True)
 class Grid:
-    """Channels on a regular time grid, without a hole.
+    """Channels on a regular time grid, without a hole."""
 
-    Parameters
-    ----------
-    t
-        (N,) s.
-    rate
-        Samples per second.
-    q, dq, tau_J, theta, dtheta, tau_m
-        (N, n) or None.
-    lacking
-        Channels with the index of a joint that lacks them, see :class:`elastic_arm.recording.Samples`.
-    """
-
-    t: Array
-    rate: float
+    t: Array  # (N,) s
+    rate: float  # samples per second
+    # q, dq, tau_J, theta, dtheta, tau_m: (N, n) or None
     q: Array | None = None
     dq: Array | None = None
     tau_J: Array | None = None
     theta: Array | None = None
     dtheta: Array | None = None
     tau_m: Array | None = None
+    # channels with the index of a joint that lacks them, see :class:`elastic_arm.recording.Samples`
     lacking: Lacking = frozenset()
 
     def __len__(self) -> int:
@@ -100,35 +90,17 @@ class Grid:
 
 @dataclass(frozen=True)
 class Clock:
-    """How stamps become a grid.
+    """How stamps become a grid."""
 
-    Parameters
-    ----------
-    rate
-        Samples per second.
-    mode
-        "regular": samples were taken regularly, whatever their stamps are; "stamps": at their stamps.
-    note
-        Why, in words; empty where stamps are regular.
-    missing
-        Intervals between two stamps from which a sample is missing between them.
-    """
-
-    rate: float
+    rate: float  # samples per second
+    # "regular": samples were taken regularly, whatever their stamps are; "stamps": at their stamps
     mode: Mode = "regular"
-    note: str = field(default="", compare=False)
-    missing: float = MISSING
+    note: str = field(default="", compare=False)  # why, in words; empty where stamps are regular
+    missing: float = MISSING  # intervals between two stamps from which a sample is missing between them
 
     @staticmethod
     def of(samples: Samples, source: str = "the recording") -> Clock:
         """Find the rate, and the mode by the evidence in the recording where `samples.clock` does not give it.
-
-        Parameters
-        ----------
-        samples
-            Of the recording.
-        source
-            Where it came from, for errors.
 
         Raises
         ------
@@ -172,11 +144,6 @@ class Placing:
 
     A point is made once the samples on both sides of it are there, from samples as they were recorded, on a grid that
     begins with the first sample of its piece.
-
-    Parameters
-    ----------
-    clock
-        Rate, and what stamps mean.
     """
 
     def __init__(self, clock: Clock) -> None:
@@ -258,14 +225,7 @@ class Placing:
 def interpolate(known: Array, values: Array, wanted: Array) -> Array:
     """Interpolate columns (N, n), known at increasing times, by the polynomial through the six nearest points.
 
-    Parameters
-    ----------
-    known
-        (N,) increasing times, s.
-    values
-        (N, n) at these times.
-    wanted
-        (M,) times, s.
+    known: (N,) increasing times, s; values: (N, n) at these times; wanted: (M,) times, s.
     """
     first = np.clip(np.searchsorted(known, wanted) - POINTS // 2, 0, len(known) - POINTS)
     index = first[:, None] + np.arange(POINTS)

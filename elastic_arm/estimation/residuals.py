@@ -67,43 +67,17 @@ def predicted_torques(model: Model, motion: CompletedMotion) -> tuple[Array, Arr
 
 @dataclass(frozen=True)
 class Stretch:
-    """Residuals of one stretch without holes, in the band, at the kept rate.
+    """Residuals of one stretch without holes, in the band, at the kept rate."""
 
-    Parameters
-    ----------
-    t
-        (N',) s.
-    values
-        (N', R) Nm.
-    motion
-        The completed motion at the recording's rate that they were made of.
-    quiet
-        The same motion, smoothed further, for the columns of effects.
-    kept
-        Which of the rows that the band gives for the motion they are.
-    """
-
-    t: Array
-    values: Array
-    motion: CompletedMotion
-    quiet: CompletedMotion
-    kept: slice
+    t: Array  # (N',) s
+    values: Array  # (N', R) Nm
+    motion: CompletedMotion  # the completed motion at the recording's rate that they were made of
+    quiet: CompletedMotion  # the same motion, smoothed further, for the columns of effects
+    kept: slice  # which of the rows that the band gives for the motion they are
 
 
 def residuals(model: Model, observation: Observation, equations: EquationSet, band: Band) -> list[Stretch]:
-    """Return the residuals of every stretch of a recording.
-
-    Parameters
-    ----------
-    model
-        The nominal model.
-    observation
-        The recording, smoothed.
-    equations
-        Usable equations, R rows.
-    band
-        In which the residuals are looked at.
-    """
+    """Return the residuals of every stretch of a recording."""
     stretches = []
     for piece, calm in zip(observation.pieces, observation.quiet, strict=True):
         motion, quiet = completed(piece, model), completed(calm, model)
@@ -117,43 +91,21 @@ def residuals(model: Model, observation: Observation, equations: EquationSet, ba
 
 @dataclass(frozen=True)
 class FreeTimes:
-    """When a torque that no law states acts, and in which rows that is seen.
+    """When a torque that no law states acts, and in which rows that is seen."""
 
-    Parameters
-    ----------
-    pieces
-        First sample of each time, and the one after its last.
-    end
-        Sample before which they and what the band's filter reaches end.
-    rows
-        First row, and the one after the last, of those that the band gives.
-    step
-        s between samples.
-    """
-
-    pieces: tuple[tuple[int, int], ...]
-    end: int
-    rows: tuple[int, int]
-    step: float
+    pieces: tuple[tuple[int, int], ...]  # first sample of each time, and the one after its last
+    end: int  # sample before which they and what the band's filter reaches end
+    rows: tuple[int, int]  # first row, and the one after the last, of those that the band gives
+    step: float  # s between samples
 
 
 @dataclass(frozen=True)
 class FreeTorque:
-    """What a torque that no law states can be in some rows of one residual.
+    """What a torque that no law states can be in some rows of one residual."""
 
-    Parameters
-    ----------
-    row
-        Number of the residual.
-    instants
-        Of the rows that the band's filter carries it to.
-    basis
-        Orthonormal (instants, m).
-    """
-
-    row: int
-    instants: slice
-    basis: Array
+    row: int  # number of the residual
+    instants: slice  # of the rows that the band's filter carries it to
+    basis: Array  # orthonormal (instants, m)
 
 
 @dataclass(frozen=True)
@@ -163,16 +115,10 @@ class FreeTorques:
     While a joint sticks, its dry friction takes any value. While an encoder hardly moves, it holds one code, and its
     error is no noise but one value, which turns up in the torques of spring and inertia. Their prior variance is
     infinite: they are projected out of residuals and columns alike.
-
-    Parameters
-    ----------
-    found
-        All of them.
-    bases
-        Those worked out, by what they depend on beside the band.
     """
 
-    found: tuple[FreeTorque, ...] = ()
+    found: tuple[FreeTorque, ...] = ()  # all of them
+    # those worked out, by what they depend on beside the band
     bases: Mapping[FreeTimes, Array] = field(default_factory=dict, repr=False)
 
     @classmethod
@@ -190,20 +136,9 @@ class FreeTorques:
 
         A joint that hardly moves in the whole stretch does not count.
 
-        Parameters
-        ----------
-        stretch
-            Of residuals.
-        band
-            Its filter carries what happens at some time over to rows around.
-        layout
-            The usable equations.
-        steps
-            "link", "motor" -> (n,) rad, steps of the encoders.
-        friction
-            Whether the friction of a joint that sticks is removed.
-        near
-            Those of the same stretch with other numbers of the arm, in the same band: most bases are the same.
+        band: its filter carries what happens at some time over to rows around; steps: "link", "motor" -> (n,)
+        rad, steps of the encoders; friction: whether the friction of a joint that sticks is removed; near:
+        those of the same stretch with other numbers of the arm, in the same band: most bases are the same.
         """
         t, dq, dtheta = stretch.quiet.t, stretch.quiet.dq, stretch.quiet.dtheta
         link, motor = _held(t, dq, band, steps["link"]), _held(t, dtheta, band, steps["motor"])
@@ -242,14 +177,8 @@ class FreeTorques:
 def sticking(t: Array, velocity: Array, around: float = 0.0) -> NDArray[np.bool_]:
     """Return where joints stick, (N, n).
 
-    Parameters
-    ----------
-    t
-        (N,) s, at one rate, that of the recording: of fewer instants a reversal seems to last longer.
-    velocity
-        (N, n) rad/s, of the motors where there are such.
-    around
-        Seconds before and after that count as well.
+    t: (N,) s, at one rate, that of the recording: of fewer instants a reversal seems to last longer; velocity: (N,
+    n) rad/s, of the motors where there are such.
     """
     if len(t) < 2:
         return np.zeros(velocity.shape, dtype=bool)
@@ -283,16 +212,7 @@ def _courses(
 ) -> list[tuple[slice, Array]]:
     """Return orthonormal bases (instants, m) of what a torque can be at certain times (N,), in the band.
 
-    Parameters
-    ----------
-    stretch, band
-        Of residuals, and where they are looked at.
-    when
-        (N,) the times.
-    bases
-        Of other times of this stretch; those found are added.
-    known
-        Of other motion.
+    when: (N,) the times; bases: of other times of this stretch; those found are added.
     """
     step = float(stretch.quiet.t[1] - stretch.quiet.t[0])
     if not when.any():

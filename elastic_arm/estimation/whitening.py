@@ -45,25 +45,14 @@ class NoiseModel:
     """Joint noise of all usable rows over frequency, from the noise of the channels.
 
     The noise of tau_J is common to the three equations (+, +, -), that of an encoder to those it enters.
-
-    Parameters
-    ----------
-    f
-        (F,) Hz, equally spaced from 0 to half the kept rate.
-    covariance
-        (F, R, R) complex, Nm²; white noise of 1 Nm a sample is the identity.
-    rate
-        Samples per second of the recording.
-    load
-        (F, n) of the load that the model predicts for the quiet motion, Nm², in units as `covariance`.
-    scales
-        (R,) by how many times more each row scatters than this noise, beside the others; None where all do alike.
     """
 
-    f: Array
-    covariance: NDArray[np.complex128]
-    rate: float
+    f: Array  # (F,) Hz, equally spaced from 0 to half the kept rate
+    covariance: NDArray[np.complex128]  # (F, R, R) complex, Nm²; white noise of 1 Nm a sample is the identity
+    rate: float  # samples per second of the recording
+    # (F, n) of the load that the model predicts for the quiet motion, Nm², in units as `covariance`
     load: Array | None = None
+    # (R,) by how many times more each row scatters than this noise, beside the others; None where all do alike
     scales: Array | None = None
     _whiteners: dict[bytes, NDArray[np.complex128]] = field(default_factory=dict, init=False, repr=False, compare=False)
     _gains: dict[int, CircularGains] = field(default_factory=dict, init=False, repr=False, compare=False)
@@ -97,16 +86,8 @@ def noise_models(
 ) -> list[NoiseModel]:
     """Propagate the channels' noise into the usable residuals, for several floors.
 
-    Parameters
-    ----------
-    model
-        Of the arm.
-    observation
-        Holds the noise of the channels.
-    equations, band
-        Usable equations, and where they are looked at.
-    floors
-        Shares of the torque noise that each equation gets besides, 0 for the noise itself.
+    equations, band: usable equations, and where they are looked at; floors: shares of the torque noise that each
+    equation gets besides, 0 for the noise itself.
     """
     n, f = equations.n, np.linspace(0.0, band.kept_rate / 2, NOISE_FREQUENCIES)
     speed2 = (2 * np.pi * f[:, None, None]) ** 2
@@ -183,24 +164,11 @@ class Part:
 class WhitenedData:
     """All stretches of one or several recordings.
 
-    Parameters
-    ----------
-    model
-        The nominal model.
-    observations
-        Of the recordings.
-    layout, band
-        Usable equations, and where they are looked at.
-    predicted
-        Whether the laws of effects take the torques that the model predicts instead of the measured ones.
-    sticking_removed
-        Whether what a joint's friction may be while it sticks is removed.
-    acting
-        Effects that are part of the predicted torques.
-    near
-        The same recordings beside other numbers of the arm.
-    scales
-        (R,) by how many times more each whitened row scatters than noise, beside the others; None where all do alike.
+    layout, band: usable equations, and where they are looked at; predicted: whether the laws of effects take the
+    torques that the model predicts instead of the measured ones; sticking_removed: whether what a joint's friction
+    may be while it sticks is removed; acting: effects that are part of the predicted torques; near: the same
+    recordings beside other numbers of the arm; scales: (R,) by how many times more each whitened row scatters than
+    noise, beside the others; None where all do alike.
     """
 
     def __init__(

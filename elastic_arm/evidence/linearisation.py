@@ -19,7 +19,7 @@ from elastic_arm.dynamics import Model, build_model
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.effects.parameters import Parameter
 from elastic_arm.equations.channels import gains, lags
-from elastic_arm.equations.number_columns import calibrated_parameters, features_at, inertial_columns, nuisance_columns
+from elastic_arm.equations.number_columns import calibrated_parameters, features_at, inertial_columns, number_columns
 from elastic_arm.equations.places import largest_value
 from elastic_arm.equations.robot_at import nearest_robot
 from elastic_arm.estimation.effect_columns import Feature
@@ -120,9 +120,7 @@ class Linearisation:
         """Columns (N', R, K) of the numbers of each stretch, Nm for one standard deviation."""
         p = self.problem
         features = features_at(self.model, p.numbers, self.acting)
-        return nuisance_columns(
-            self.model, p.robot, self.data, p.numbers, self.inertial, features, p.indices[self.which]
-        )
+        return number_columns(self.model, p.robot, self.data, p.numbers, self.inertial, features, p.indices[self.which])
 
     @cached_property
     def numbers(self) -> Array:
