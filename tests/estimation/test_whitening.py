@@ -16,11 +16,11 @@ from elastic_arm.estimation.observation import Observation, observe, widest_band
 from elastic_arm.estimation.residuals import residuals
 from elastic_arm.estimation.whitening import EDGE, FLOOR, WhitenedData, noise_models
 from elastic_arm.recording import Side
-from elastic_arm.robot.synthetic import random_arm
 from elastic_arm.sensors import Encoder, Sensors, TorqueSensor
 from elastic_arm.simulation import SimulationSettings, simulate
 from tests.helpers.gap_recordings import ROBOT, motions, record
 from tests.helpers.motions import trajectory
+from tests.helpers.random_arms import random_arm
 
 MODEL = build_model(ROBOT, "mod3")
 

@@ -11,10 +11,10 @@ from elastic_arm.identification import Identification, IdentificationSettings, i
 from elastic_arm.recording import Recording, Side
 from elastic_arm.recording.foreign.coupling import coupled
 from elastic_arm.robot import Robot
-from elastic_arm.robot.synthetic import random_arm
 from tests.helpers.effect_samples import contribution, random_motion
 from tests.helpers.full_tree import FullTree
 from tests.helpers.motions import trajectory
+from tests.helpers.random_arms import random_arm
 
 FRICTION = ("viscous_friction", "coulomb_friction")
 RATE = 500.0

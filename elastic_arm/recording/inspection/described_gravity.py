@@ -26,12 +26,11 @@ from scipy.stats import t as student
 from elastic_arm.dynamics import build_model
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.recording.inspection.plausibility import is_motion
-from elastic_arm.recording.inspection.report import Finding, warning
+from elastic_arm.recording.inspection.report import FEWEST, Finding, warning
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import Array, Samples
 from elastic_arm.robot import Robot
 
-FEWEST = 200  # samples; below, nothing is concluded
 SHORTEST = 1.0  # s; the ends that differentiation spoils take 0.2 s
 ENOUGH = 5000  # samples that are looked at; bounds the time
 TRIED = 500  # of them, with every other arrangement
@@ -101,9 +100,7 @@ def contradicted_gravity(recording: Recording, robot: Robot) -> list[Finding]:
     """
     found = []
     for side, motion, fit in _fits(recording, robot):
-        found += (
-            _size(fit, side) or [finding for finding, _ in _arranged(motion, side, robot)] or _judged(fit, side, robot)
-        )
+        found += _size(fit, side) or _arranged(motion, side, robot) or _judged(fit, side, robot)
     return found
 
 
@@ -177,10 +174,10 @@ def _independent(one: Array, other: Array) -> float:
     return len(one) / max(1.0, 1.0 + 2.0 * float(alike[0] @ alike[1]))
 
 
-def _arranged(motion: _SideMotion, side: str, robot: Robot) -> list[tuple[Finding, tuple[str, ...]]]:
+def _arranged(motion: _SideMotion, side: str, robot: Robot) -> list[Finding]:
     """Return which joints turn the other way, or have their channels exchanged, as the geometry shows it."""
-    steps: list[tuple[Finding, tuple[str, ...]]] = []
-    found: list[tuple[Finding, tuple[str, ...]]] = []
+    steps: list[Finding] = []
+    found: list[Finding] = []
     if len(motion.measured) < 2:
         return found
     every = max(1, len(motion.q) // TRIED)
@@ -200,13 +197,13 @@ def _arranged(motion: _SideMotion, side: str, robot: Robot) -> list[tuple[Findin
         for angles, ways in _arrangements(robot.joint_names, motion.measured):
             q, dq, ddq = (angles(rate) for rate in motion[:3])
             Y = regressor(q, dq, ddq)
-            for code, words, names, torques in ways:
+            for code, words, torques in ways:
                 squares, *_ = _squares(_SideMotion(q, dq, ddq, torques(motion.torque), motion.measured), Y)
                 # In the order of the torques as they were given.
                 order = np.argsort(np.abs(torques(np.arange(1.0, n + 1.0)))[motion.measured])
                 change = np.log(squares[order] / left)
-                tried.append((0.5 * float(free @ change), change, code, words, names, angles, torques))
-        odds, change, code, words, names, angles, torques = min(tried, key=lambda each: each[0])
+                tried.append((0.5 * float(free @ change), change, code, words, angles, torques))
+        odds, change, code, words, angles, torques = min(tried, key=lambda each: each[0])
         changed = np.abs(change) > CHANGED
         if -odds < CERTAIN or not changed.any():
             break
@@ -215,7 +212,7 @@ def _arranged(motion: _SideMotion, side: str, robot: Robot) -> list[tuple[Findin
         shown, given = (f"{100 * np.exp(each):.2g} %" for each in (after, before))
         message = f"{side} side: {words}: so {shown} of the torques' squares are left, as given {given}"
         remedy = "check names, order and signs of the columns in the map, of angle and torque"
-        steps.append((warning(code, message, remedy), names))
+        steps.append(warning(code, message, remedy))
         if after - before < np.log(BETTER) and after < np.log(EXPLAINED):
             # What is only better beside another one comes before it.
             found = [*steps]
@@ -225,7 +222,7 @@ def _arranged(motion: _SideMotion, side: str, robot: Robot) -> list[tuple[Findin
 
 
 _Change = Callable[[Array], Array]
-_Way = tuple[str, str, tuple[str, ...], _Change]
+_Way = tuple[str, str, _Change]
 
 
 def _arrangements(joints: Sequence[str], measured: Sequence[int]) -> Iterator[tuple[_Change, list[_Way]]]:
@@ -243,9 +240,9 @@ def _arrangements(joints: Sequence[str], measured: Sequence[int]) -> Iterator[tu
 
         both = f"{name} turns the other way than described, its angle and its torque have the other sign"
         angle = f"the angle of {name} has the other sign than described"
-        yield mirrored, [("mirrored", both, (name,), mirrored), ("mirrored", angle, (name,), same)]
+        yield mirrored, [("mirrored", both, mirrored), ("mirrored", angle, same)]
         if j in measured:
-            alone.append(("gravity_sign", f"the torque of {name} has the other sign than described", (name,), mirrored))
+            alone.append(("gravity_sign", f"the torque of {name} has the other sign than described", mirrored))
     orders = [(np.array([j, i]), np.array([i, j])) for i, j in combinations(measured, 2)]
     backwards = np.array(measured)[::-1]
     for new, old in [*orders, *([(backwards, np.array(measured))] if len(measured) > 3 else [])]:
@@ -255,14 +252,10 @@ def _arrangements(joints: Sequence[str], measured: Sequence[int]) -> Iterator[tu
         def exchanged(values: Array, order: Any = order) -> Array:
             return values[..., order]
 
-        names = tuple(joints[k] for k in old)
-        whose = (
-            f"of {' and '.join(names)} seem to be exchanged"
-            if len(names) == 2
-            else "are in the reversed order of joints"
-        )
-        yield exchanged, [("exchanged", f"all channels {whose}", names, exchanged)]
-        alone.append(("exchanged", f"efforts {whose}", names, exchanged))
+        names = " and ".join(joints[k] for k in old)
+        whose = f"of {names} seem to be exchanged" if len(old) == 2 else "are in the reversed order of joints"
+        yield exchanged, [("exchanged", f"all channels {whose}", exchanged)]
+        alone.append(("exchanged", f"efforts {whose}", exchanged))
     yield same, alone
 
 

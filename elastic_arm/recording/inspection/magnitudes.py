@@ -8,12 +8,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from elastic_arm.recording.inspection.report import Finding, warning
+from elastic_arm.recording.inspection.report import FEWEST, Finding, warning
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import Array, joints_with, listed, span_of
 from elastic_arm.robot import Joint, Robot
 
-_FEWEST = 200  # samples; below, nothing is concluded
 _BEYOND = 0.1  # of a joint's range: more than a zero, or a limit, that is set a little otherwise
 _TOO_FAST = 3.0  # times the limit of the velocity; controllers may pass that a little
 
@@ -22,8 +21,8 @@ def hardly_usable(recording: Recording) -> list[str]:
     """Return in words why a recording that is whole cannot be used: few samples, or joints without a position."""
     sides, words = recording.measured(), []
     count = min((len(side) for side in sides.values()), default=0)
-    if count < _FEWEST:
-        words.append(f"there are {count} samples only: nothing can be concluded of fewer than {_FEWEST}")
+    if count < FEWEST:
+        words.append(f"there are {count} samples only: nothing can be concluded of fewer than {FEWEST}")
     have = np.zeros(len(recording.joints), np.bool_)
     for side in sides.values():
         have |= False if side.position is None else joints_with(side.position)
@@ -37,9 +36,9 @@ def beyond_limits(recording: Recording, robot: Robot) -> list[Finding]:
     """Return which angles and speeds are far beyond the limits of the description."""
     findings = []
     for name, side in recording.select(robot.joint_names).measured().items():
-        if len(side) >= _FEWEST and side.position is not None:
+        if len(side) >= FEWEST and side.position is not None:
             findings += _positions(name, side.position, robot)
-        if len(side) >= _FEWEST and side.velocity is not None:
+        if len(side) >= FEWEST and side.velocity is not None:
             findings += _speeds(name, side.velocity, robot)
     return findings
 

@@ -74,7 +74,7 @@ class Outliers:
         return f"{count} of the {self.side} {self.channel} of {self.joint} up to {self.largest:.3g}, {self.why}"
 
 
-def usable(recording: Recording) -> Recording:
+def without_outliers(recording: Recording) -> Recording:
     """Return the recording as all that computes from it takes it; its notes state what was done."""
     whole, found = cleared(recording)
     if not found:
@@ -83,13 +83,10 @@ def usable(recording: Recording) -> Recording:
     return replace(whole, notes=(*recording.notes, *(f"{where}: {finding.message}." for finding in found)))
 
 
-without_outliers = usable
-
-
 def cleared(recording: Recording) -> tuple[Recording, list[Finding]]:
     """Return the recording as it can be used, and what was done to it; one of which nothing was is the same object."""
     found: list[Finding] = []
-    for step in (without_zeros, _without_outliers, _in_one_piece):
+    for step in (without_zeros, _without_far_samples, _in_one_piece):
         recording = step(recording, found)
     _require_possible(recording)
     return with_one_zero(recording, found), found
@@ -120,7 +117,7 @@ def without_zeros(recording: Recording, found: list[Finding]) -> Recording:
     return replace(recording, **kept) if kept else recording
 
 
-def _without_outliers(recording: Recording, found: list[Finding]) -> Recording:
+def _without_far_samples(recording: Recording, found: list[Finding]) -> Recording:
     good: dict[str, NDArray[np.bool_]] = {}
     for outliers in find_outliers(recording):
         side: Side = getattr(recording, outliers.side)

@@ -18,8 +18,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from elastic_arm.recording.inspection.report import Finding, warning
-from elastic_arm.recording.inspection.torque_spectrum import FEWEST, torque_spectrum
+from elastic_arm.recording.inspection.report import FEWEST, Finding, warning
+from elastic_arm.recording.inspection.torque_spectrum import torque_spectrum
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import Array, Samples, Side, joints_with, listed, span_of
 from elastic_arm.recording.timebase.clocks import evidence, numbered

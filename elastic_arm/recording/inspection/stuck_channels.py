@@ -7,14 +7,13 @@ from collections import defaultdict
 import numpy as np
 from numpy.typing import NDArray
 
-from elastic_arm.recording.inspection.report import Finding, warning
+from elastic_arm.recording.inspection.report import FEWEST, Finding, warning
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import Array, Side, joints_with, listed, span_of
 
 # An arm whose joints all travel less than this, rad, stands still.
 STILL = 1e-3
 NO_MOTION = "Record an excitation: `elastic-arm excite` makes one"
-FEWEST = 200  # samples; below, nothing is concluded
 _ENOUGH = 50_000  # samples of a channel that show how it is updated; bounds the time
 _TRAVEL = 0.05  # rad that a joint has moved for certain: beyond play, wind-up and the steps of encoders
 _NOTHING = {"effort": 1e-9}  # Nm within which a torque does not change: no sensor resolves it

@@ -8,10 +8,10 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from elastic_arm.recording.inspection.report import FEWEST
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import Array, joints_with
 
-FEWEST = 200  # samples; below, nothing is concluded
 # A torque of 16 bits, six standard deviations wide, rounds at -91 dB of its variance: no converter gives less noise.
 NOISELESS = -95.0
 FLAT = 10.0  # dB: white noise over the upper two thirds of the band

@@ -14,12 +14,11 @@ import numpy as np
 from scipy.signal import fftconvolve
 
 from elastic_arm.errors import RecordingError
-from elastic_arm.recording.inspection.report import Finding, warning
+from elastic_arm.recording.inspection.report import FEWEST, Finding, warning
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import Array, Samples, joints_with, listed, span_of
 from elastic_arm.robot import Robot
 
-_FEWEST = 200  # samples; below, nothing is concluded
 _ENOUGH = 5000  # samples that are looked at; bounds the time
 _CERTAIN = 5.0  # standard deviations
 _TOGETHER = 0.01  # of the squares of the motor's angle, that the link's does not explain
@@ -65,7 +64,7 @@ def _apart(recording: Recording) -> tuple[Array, Array]:
         # Sides that have no time in common are for others to refuse.
         return found[0], found[1]
     q, theta = samples.q, samples.theta
-    if q is None or theta is None or len(samples) < _FEWEST or (samples.tau_J is None and samples.tau_m is None):
+    if q is None or theta is None or len(samples) < FEWEST or (samples.tau_J is None and samples.tau_m is None):
         return found[0], found[1]
     speeds = np.gradient(theta, samples.t, axis=0)
     every = slice(None, None, max(1, len(samples) // _ENOUGH))
