@@ -19,12 +19,7 @@ _LONGEST = 1000  # characters of a problem, a remedy or a finding
 class ElasticArmError(Exception):
     """Base of all errors that a user can mend.
 
-    Parameters
-    ----------
-    problem
-        What is wrong, naming the file, field, topic, joint or time.
-    remedy
-        What to do about it.
+    problem: what is wrong, naming the file, field, topic, joint or time.
     """
 
     def __init__(self, problem: str, remedy: str = "") -> None:
@@ -50,14 +45,7 @@ def _sentence(text: str) -> str:
 def require_kind(value: object, kind: type, name: str, error: type[ElasticArmError], remedy: str) -> None:
     """Refuse an argument of another type where a user's program hands it in, not deep inside.
 
-    Parameters
-    ----------
-    value, kind
-        What was given, and the class that it has to be of.
-    name
-        Of the argument, as the error calls it.
-    error, remedy
-        What is raised, and what to do.
+    value, kind: what was given, and the class that it has to be of.
 
     Raises
     ------

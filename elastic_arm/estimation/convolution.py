@@ -105,15 +105,6 @@ class Harmonics:
         own = np.ascontiguousarray(spectra).view(float)
         return np.asarray(own - ((own @ self.ends) * (1.0 - self.left)) @ self.ends.T)
 
-    def signals(self, coordinates: Array) -> Array:
-        """Return the samples that count (..., N - 2 edge) of signals with these coordinates (..., 2 H)."""
-        acting = coordinates.any(axis=-1)
-        own = coordinates[acting]
-        own += ((own @ self.ends) * (1.0 / self.left - 1.0)) @ self.ends.T
-        out = np.zeros((*acting.shape, self.samples - 2 * self.edge))
-        out[acting] = irfft(own.view(complex) / self.scale, self.samples)[:, self.edge : self.samples - self.edge]
-        return out
-
 
 class CircularGains(NamedTuple):
     """Spectra of responses of one row to another, up to the edge of a band."""
