@@ -280,13 +280,3 @@ def test_identification_goes_on_without_them(recording: Recording, side: str, ch
     found = identify(spoiled(recording, side, channel, value), load_robot(), IdentificationSettings(consistent=False))
     assert any("outliers" in note for note in found.notes)
     np.testing.assert_array_less(np.abs(found.Psi_base - sound.Psi_base), 0.5 * sound.std)
-
-
-@pytest.mark.slow(10)
-def test_a_diagnosis_goes_on_without_them(recording: Recording) -> None:
-    """One absurd torque does not change the verdict."""
-    judge = read_recording(ROOT / "bags" / "validation")
-    sound = diagnose([recording], Question(load_robot()), [judge])
-    found = diagnose([spoiled(recording, "motor", "effort", 1e6)], Question(load_robot()), [judge])
-    assert found.verdict == sound.verdict
-    assert any("outliers" in note for note in found.notes)
