@@ -13,12 +13,11 @@ from collections.abc import Callable
 from importlib import resources
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.codegen.compiler import build
 from elastic_arm.errors import KernelError
 
-Array = NDArray[np.float64]
 Pair = tuple[Array, Array]
 
 # A pivot below this share of its column's square is nothing but the rounding of its products (2^-76).

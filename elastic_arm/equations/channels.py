@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.equations.numbers import Number
-
-Array = NDArray[np.float64]
 
 
 def lags(parameters: Sequence[Number], values: Array, joints: Sequence[str]) -> dict[str, Array]:

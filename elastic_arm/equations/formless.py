@@ -10,15 +10,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 from scipy.signal import lfilter
 
+from elastic_arm.arrays import Array
 from elastic_arm.estimation.regressors import Signals
 from elastic_arm.estimation.whitening import WhitenedData
 from elastic_arm.robot import Transmission
 
-Array = NDArray[np.float64]
 Argument = Callable[[Signals], Array]
 
 # Numbers of cubic splines over the root of a speed, the recording, an angle (of friction, of a torque) and a load: each

@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.equations.numbers import Number
@@ -25,8 +25,6 @@ from elastic_arm.estimation.regressors import Entries
 from elastic_arm.estimation.residuals import predicted_torques
 from elastic_arm.estimation.whitening import NoiseModel, Part, WhitenedData
 from elastic_arm.robot import Robot
-
-Array = NDArray[np.float64]
 
 STEP = 1e-4  # of a prior's standard deviation, for derivatives of Psi; numerical
 BLOCK = 512  # samples of the regressor that are evaluated at once: what the caches hold

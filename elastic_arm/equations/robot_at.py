@@ -6,14 +6,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.dynamics.bodies import TENSOR
 from elastic_arm.equations.numbers import Number
 from elastic_arm.errors import RobotError
 from elastic_arm.robot import Component, Inertia, Joint, Robot
-
-Array = NDArray[np.float64]
 
 LINK_SHARES = (1.0, 0.75, 0.5, 0.25)  # of the links' deviations, tried until the bodies are physical
 

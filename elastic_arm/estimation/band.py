@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
 from scipy.signal import firwin, kaiserord, oaconvolve, upfirdn
 
-Array = NDArray[np.float64]
+from elastic_arm.arrays import Array
 
 STOP_ATTENUATION = 70.0  # dB; what lies above the band would fold into it
 NARROW_ATTENUATION = 60.0  # dB; noise above the narrow band is stronger, but nothing folds into it

@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
 
+from elastic_arm.arrays import Array
 from elastic_arm.codegen.parallel import threads
-
-Array = NDArray[np.float64]
 
 # Blocks this many times as long as the response waste little on overlap and stay in the cache.
 BLOCK_OVER_RESPONSE = 6

@@ -12,8 +12,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.effects.catalogue import Catalogue
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.effects.model import Effect, EffectInstance, Scope, SensorEffect
@@ -23,8 +23,6 @@ from elastic_arm.errors import EffectError
 from elastic_arm.estimation.regressors import CompiledColumns, Entries, Signals, Term
 from elastic_arm.robot import Robot
 from elastic_arm.sensors import Sensors
-
-Array = NDArray[np.float64]
 
 USUAL_START = 0.5  # standard deviation of an internal state, which stays within -1 and 1, where a recording begins
 WIDTHS = (1.0, 0.1)  # of the starts between which a column is taken as linear

@@ -31,11 +31,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.dynamics import Model
 from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.motion import Motion
 
-Array = NDArray[np.float64]
 Channels = Collection[str]
 
 SIDES = ("link", "drive", "motor")
@@ -239,11 +239,7 @@ def _direct(recorded: frozenset[str], *, elastic: bool) -> dict[str, Equation]:
     both = elastic and {"q", "theta"} <= recorded
     if "tau_J" in recorded:
         # Beside a joint torque sensor the motor's acceleration follows from the link's, as does a rigid link's from it.
-        shown = {
-            "link": "q" in recorded or not elastic,
-            "drive": both,
-            "motor": "tau_m" in recorded,
-        }
+        shown = {"link": "q" in recorded or not elastic, "drive": both, "motor": "tau_m" in recorded}
         found = {side: _DIRECT[side] for side, usable in shown.items() if usable}
     elif both:
         found = {side: _WITHOUT_SENSOR[side] for side in ("link", *(("motor",) if "tau_m" in recorded else ()))}

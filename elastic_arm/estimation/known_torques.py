@@ -11,8 +11,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.dynamics import Model
 from elastic_arm.effects.library.torque_filters import CLEAR, low_pass_error
 from elastic_arm.estimation.effect_columns import Feature
@@ -21,8 +21,6 @@ from elastic_arm.estimation.noise import reduced_to, wiener_filter
 from elastic_arm.estimation.observation import Observation
 from elastic_arm.estimation.regressors import Signals
 from elastic_arm.estimation.residuals import predicted_torques
-
-Array = NDArray[np.float64]
 
 TINY = 1e-300  # numerical
 

@@ -9,12 +9,11 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.dynamics import Model
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.noise import StateNoise, noise_filter
 from elastic_arm.recording.sides import Lacking
-
-Array = NDArray[np.float64]
 
 STIFF = 12.0  # Hz, up to which the deflection behind a single encoder follows the load
 SENSED = 40.0  # Hz, up to which it follows a joint torque sensor: the widest band in which residuals are looked at

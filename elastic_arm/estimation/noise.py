@@ -17,10 +17,9 @@ import numpy as np
 import scipy  # its parts are loaded when they are used
 from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.errors import IdentificationError
 from elastic_arm.recording.inspection.torque_spectrum import without_line
-
-Array = NDArray[np.float64]
 
 ORDER = 4
 # Samples until the filter has settled, whose innovations do not count.

@@ -17,6 +17,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.codegen import kernels
 from elastic_arm.codegen.recursion import Recursion
 from elastic_arm.effects import SymbolicMotion
@@ -28,7 +29,6 @@ from elastic_arm.effects.regressor import Once
 from elastic_arm.estimation.motion import CompletedMotion, rates_of
 from elastic_arm.estimation.smoother import Smoother
 
-Array = NDArray[np.float64]
 INPUTS = (
     "x", "dx", "ddx", "tau_J", "tau_m", "dtau_J", "dtau_m",
     "progress", "elapsed", "friction_link", "friction_motor", "wound", "loaded", "sign_link", "sign_motor",

@@ -15,23 +15,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.errors import IdentificationError
 from elastic_arm.recording import Samples
 from elastic_arm.recording.inspection.quality import UNIT, wrong_rate
 from elastic_arm.recording.inspection.stuck_channels import STILL
 from elastic_arm.recording.sides import ClockMode as Mode
 from elastic_arm.recording.sides import Lacking
-from elastic_arm.recording.timebase.clocks import (
-    MISSING,
-    bunched,
-    evidence,
-    increments,
-    is_even,
-    numbered,
-    wanders,
-)
+from elastic_arm.recording.timebase.clocks import MISSING, bunched, evidence, increments, is_even, numbered, wanders
 
-Array = NDArray[np.float64]
 CHANNELS = ("q", "dq", "tau_J", "theta", "dtheta", "tau_m")
 _OF_ALL = ("notes", "clock", "lacking")  # what samples have once for all of them
 

@@ -14,13 +14,12 @@ from numpy.polynomial.legendre import legvander
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation, binary_opening, find_objects, label
 
+from elastic_arm.arrays import Array
 from elastic_arm.dynamics import Model
 from elastic_arm.estimation.band import Band
 from elastic_arm.estimation.equations import DRIVE, LINK, MOTOR, EquationSet
 from elastic_arm.estimation.motion import CompletedMotion, completed, drive_constants
 from elastic_arm.estimation.observation import Observation
-
-Array = NDArray[np.float64]
 
 SLOWEST = 5e-4  # rad/s: slower than this a joint counts as standing, whatever the noise
 SLOW = 0.005  # of a joint's highest speed, below which it sticks if it is as slow for as long as STICKING

@@ -18,14 +18,13 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.signal import oaconvolve
 
+from elastic_arm.arrays import Array
 from elastic_arm.codegen.parallel import share_out
 from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.convolution import convolve
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.estimation.noise import ORDER, SideNoise, StateNoise, estimate_noise
 from elastic_arm.estimation.resampling import Grid, extended
-
-Array = NDArray[np.float64]
 
 # Steps of a sample interval at which the sign of a velocity is taken before it is smoothed.
 FINER = 8

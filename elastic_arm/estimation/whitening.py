@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.integrate import trapezoid
 from scipy.linalg import block_diag
 
+from elastic_arm.arrays import Array
 from elastic_arm.dynamics import Model
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.band import Band, LowPass
@@ -27,8 +28,6 @@ from elastic_arm.estimation.motion import drive_constants, wound_by_load
 from elastic_arm.estimation.observation import Observation
 from elastic_arm.estimation.regressors import Entries, Signals
 from elastic_arm.estimation.residuals import SLOWEST, FreeTorques, Stretch, residuals
-
-Array = NDArray[np.float64]
 
 EDGE = 10  # rows at the ends of a stretch that the whitening, being circular, spoils
 WHOLE = 0.99  # response of the smoother at the edge of the band above which laws need not pass it

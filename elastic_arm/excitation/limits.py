@@ -6,15 +6,13 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.dynamics import Model
 from elastic_arm.excitation.fourier import FourierTrajectory, require
 from elastic_arm.excitation.workspace import Workspace
 from elastic_arm.formatting import JointUnits
 from elastic_arm.robot.description import Robot
-
-Array = NDArray[np.float64]
 
 # Where the description states none: a full turn, and what a heavy arm does without haste. Torque is not limited then.
 DEFAULTS: dict[str, float] = {

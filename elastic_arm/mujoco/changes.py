@@ -6,15 +6,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from elastic_arm.dynamics.bodies import inertial_parameters
 from elastic_arm.dynamics.composition import inertia_from
 from elastic_arm.errors import RobotError
 from elastic_arm.mujoco.stated_arm import StatedArm
 from elastic_arm.robot import Inertia, Robot
-
-Array = NDArray[np.float64]
 
 # Numbers closer than this, relative to their size, are the same: what is written has nine digits.
 SAME = 1e-9

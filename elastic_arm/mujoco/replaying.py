@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.estimation.observation import observe
@@ -22,8 +22,6 @@ from elastic_arm.formatting import JointUnits
 from elastic_arm.recording import Recording
 from elastic_arm.robot.mjcf import MjcfArm, engine
 from elastic_arm.robot.mjcf.drives import drives_of, torque_delays
-
-Array = NDArray[np.float64]
 
 WINDOW = 0.2  # s
 LONGEST_LAG = 0.05  # s; beyond, a lag is not looked for

@@ -25,14 +25,7 @@ from elastic_arm.recording.sides import Side, joints_with
 from elastic_arm.recording.storage.bag import Bag, BagFile, Block, open_bag
 from elastic_arm.recording.storage.messages import topics_of
 from elastic_arm.recording.timebase.joining import pair
-from elastic_arm.recording.topics import (
-    JOINT_STATES,
-    JOINT_TORQUES,
-    MOTOR_STATES,
-    REFERENCE,
-    ROBOT_DESCRIPTION,
-    TYPES,
-)
+from elastic_arm.recording.topics import JOINT_STATES, JOINT_TORQUES, MOTOR_STATES, REFERENCE, ROBOT_DESCRIPTION, TYPES
 
 _DIGITS = 18  # of the number of a joint
 _CONTRACT = (JOINT_STATES, MOTOR_STATES, JOINT_TORQUES, REFERENCE)
@@ -112,11 +105,7 @@ def read_recording(
 
 
 def open_content(
-    path: str | Path | Sequence[str | Path],
-    channels: ChannelMap | None,
-    namespace: str | None,
-    *,
-    strict: bool = True,
+    path: str | Path | Sequence[str | Path], channels: ChannelMap | None, namespace: str | None, *, strict: bool = True
 ) -> Content:
     """Decode what a recording is made of; with `strict` a damaged chunk raises, otherwise it is skipped and noted."""
     paths = [path] if isinstance(path, str | Path) else list(path)
@@ -245,11 +234,7 @@ def _contract_recording(
 
 
 def _place_torques(
-    link: Side | None,
-    motor: Side | None,
-    series: Mapping[str, Series],
-    joints: tuple[str, ...],
-    found: list[Finding],
+    link: Side | None, motor: Side | None, series: Mapping[str, Series], joints: tuple[str, ...], found: list[Finding]
 ) -> tuple[Side | None, Side | None]:
     """Decide what /joint_states.effort measured, and take torques that stand in /joint_torques alone."""
     torques = series.get(JOINT_TORQUES)

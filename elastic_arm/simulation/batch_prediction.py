@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from elastic_arm.arrays import Array
 from elastic_arm.codegen import kernels
 from elastic_arm.dynamics import build_model
 from elastic_arm.effects import EffectInstance
@@ -22,8 +23,6 @@ from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.simulation.assembly import System, assemble
 from elastic_arm.simulation.integrator import runge_kutta_step
 from elastic_arm.simulation.simulator import sign_speed
-
-Array = NDArray[np.float64]
 
 LONGEST_STEP = 1e-3  # s
 SHARPEST = 1.0  # fastest eigenvalue times the step; Runge-Kutta is stable up to 2.8

@@ -12,15 +12,14 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.codegen.function_cache import stored
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.errors import SimulationError
 from elastic_arm.robot import Robot
 from elastic_arm.simulation.assembly import SOURCES
 
-Array = NDArray[np.float64]
 Feedforward = Callable[[Array, Array, Array], Array]
 
 BANDWIDTH = 3.0

@@ -162,11 +162,7 @@ def test_a_reader_that_goes_away_is_no_error() -> None:
 
 MAIN = "from elastic_arm.app import main; main()"
 BAG = str(Path(__file__).parents[2] / "bags" / "validation")
-SPEAKING = {
-    "describe": ("describe",),
-    "bag info --json": ("bag", "info", BAG, "--json"),
-    "help": ("--help",),
-}
+SPEAKING = {"describe": ("describe",), "bag info --json": ("bag", "info", BAG, "--json"), "help": ("--help",)}
 
 
 def in_a_process(arguments: Sequence[str], before: str = "", **options: Any) -> subprocess.CompletedProcess[str]:

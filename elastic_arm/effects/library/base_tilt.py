@@ -23,10 +23,7 @@ EFFECT = Effect(
     description="The arm's base does not stand level, so gravity pulls askew.",
     signature="A link residual that depends on the pose alone, on all joints at once, even on a vertical first axis.",
     law=law,
-    parameters=(
-        signed("x", "rad", 0.1, "a", default=0.0),
-        signed("y", "rad", 0.1, "b", default=0.0),
-    ),
+    parameters=(signed("x", "rad", 0.1, "a", default=0.0), signed("y", "rad", 0.1, "b", default=0.0)),
     magnitude=("x", "y"),
     scope=Scope.ARM,
     sides=("link",),

@@ -14,13 +14,11 @@ from typing import Any
 
 import numpy as np
 import scipy  # its parts are loaded when they are used
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.effects.regressor import MotionSignals
-
-Array = NDArray[np.float64]
 
 POSES = 40
 # Above, in Hz, the moments hold more of the encoders' noise, twice differentiated, than of motion; the same noise is in

@@ -36,10 +36,7 @@ _DRIFT = 20e-6  # two good crystals differ by less
 
 
 def check_bag(
-    path: str | Path,
-    channels: ChannelMap | None = None,
-    robot: Robot | None = None,
-    namespace: str | None = None,
+    path: str | Path, channels: ChannelMap | None = None, robot: Robot | None = None, namespace: str | None = None
 ) -> Report:
     """Look for everything that may be wrong with a bag: what readers refuse or mend, and what no arm measures."""
     report = Report(str(path))

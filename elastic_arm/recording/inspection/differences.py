@@ -6,13 +6,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from elastic_arm.arrays import Array
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording.recording import Recording
-
-Array = NDArray[np.float64]
 
 CHANNELS = ("q", "dq", "tau_J", "theta", "dtheta", "tau_m")  # of `Samples`
 SEARCH_RATE = 100.0  # Hz, at which the two are shifted over each other; steps then mend the time
