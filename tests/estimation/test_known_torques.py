@@ -33,7 +33,7 @@ def test_the_load_is_known_better_than_by_model_or_deflection_alone() -> None:
     at = np.linspace(0.0, 40.0, 400)
     noise = (INERTIA * (2 * np.pi * at) ** 2 * STD)[:, None] ** 2 * np.ones(model.n)
     signals: Any = None
-    known = KnownTorques(motion, signals, signals, true + inertial, zeros, zeros)
+    known = KnownTorques(motion, signals, true + inertial, zeros, zeros)
     found, clear = true_load(model, observation, known, at, noise)
 
     def left(load: np.ndarray) -> np.ndarray:
