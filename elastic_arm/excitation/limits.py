@@ -231,28 +231,6 @@ def rigid_torque(model: Model, q: Array, dq: Array, ddq: Array) -> Array:
     return rows[:, : model.n] + (rows[:, model.n : 2 * model.n] if model.robot.elastic else 0.0)
 
 
-def check_limits(limits: MotionLimits, model: Model, trajectory: FourierTrajectory) -> LimitUse:
-    """Return the use of the limits.
-
-    Parameters
-    ----------
-    limits
-        What must be kept.
-    model
-        Of the arm.
-    trajectory
-        The motion.
-
-    Raises
-    ------
-    ExcitationError
-        If the trajectory breaks one; it names which, where and how far.
-    """
-    use = limits.use(trajectory, model)
-    require(use.kept, f"the trajectory breaks a limit: {use.worst()}", "Make a gentler one, or raise the limit")
-    return use
-
-
 def _ratio(swing: Array, clearance: Array) -> Array:
     """Return swing over clearance; huge where there is no clearance."""
     return np.where(swing <= 0.0, 0.0, swing / np.maximum(clearance, 1e-9))

@@ -14,7 +14,7 @@ from elastic_arm.errors import RecordingError
 from elastic_arm.recording import limits
 from elastic_arm.recording.spans import by_value, place
 from elastic_arm.recording.storage.mcap_blocks import McapBlock
-from elastic_arm.recording.storage.mcap_records import MESSAGE_HEAD, RECORD_HEAD
+from elastic_arm.recording.storage.mcap_scan import MESSAGE_HEAD, RECORD_HEAD
 from elastic_arm.recording.storage.metadata import Topic
 from elastic_arm.recording.storage.unpacking import PACKED_FILES, unpack_file
 
