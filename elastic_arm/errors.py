@@ -47,10 +47,7 @@ def require_kind(value: object, kind: type, name: str, error: type[ElasticArmErr
 
     value, kind: what was given, and the class that it has to be of.
 
-    Raises
-    ------
-    ElasticArmError
-        As `error`, if the value is of another type.
+    Raises an ElasticArmError as `error`, if the value is of another type.
     """
     if not isinstance(value, kind):
         found = "None" if value is None else f"of type {type(value).__name__}"

@@ -28,10 +28,7 @@ _ARRAY = ctypes.c_void_p
 class CEngine:
     """Runs a program over arrays of samples.
 
-    Raises
-    ------
-    KernelError
-        If there is no compiler, or it fails.
+    Raises a KernelError if there is no compiler, or it fails.
     """
 
     name = "c"

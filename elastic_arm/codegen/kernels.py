@@ -65,10 +65,8 @@ class Kernel:
         out: arrays to write to, one an output, of the shapes returned: spares the system's clearing of new
         memory, which for large arrays costs more than the evaluation.
 
-        Raises
-        ------
-        ValueError
-            If an array's shape is not the input's, or the numbers of samples differ, or `out` does not fit.
+        Raises a ValueError if an array's shape is not the input's, or the numbers of samples differ, or `out`
+        does not fit.
         """
         ready, samples = self.check(arrays)
         if out is None:
@@ -91,11 +89,8 @@ class Kernel:
         whether values may be rounded to 51 bits below the largest of their column, which is nearly twice as
         fast where the processor multiplies integers. The products of what is rounded are exact.
 
-        Returns
-        -------
-        list of (hi, lo), or None
-            Each (entries, lanes), of parts of the samples; the sum over parts and lanes is hi + lo. None where the
-            engine has no such sum.
+        Returns hi and lo, (entries, lanes) each, of parts of the samples; the sum over parts and
+        lanes is hi + lo. None where the engine has no such sum.
         """
         if not isinstance(self.engine, CEngine):
             return None
@@ -113,10 +108,7 @@ class Kernel:
     def check(self, arrays: Sequence[np.ndarray]) -> tuple[list[np.ndarray], int]:
         """Return contiguous arrays of the inputs' shapes, and the number of samples.
 
-        Raises
-        ------
-        ValueError
-            If an array's shape is not the input's, or the numbers of samples differ.
+        Raises a ValueError if an array's shape is not the input's, or the numbers of samples differ.
         """
         if len(arrays) != len(self.program.inputs):
             names = ", ".join(name for name, _ in self.program.inputs)
@@ -141,10 +133,7 @@ def compile(function: casadi.Function, engine: str | None = None, shared: Sequen
     engine: ``"c"``, ``"numpy"``, or None for the fastest that this machine has; shared: names of inputs that are
     the same for all samples.
 
-    Raises
-    ------
-    KernelError
-        If there is no engine of that name, or "c" is asked for and cannot be had.
+    Raises a KernelError if there is no engine of that name, or "c" is asked for and cannot be had.
     """
     return make(from_casadi(function), engine, shared)
 

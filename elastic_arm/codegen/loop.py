@@ -24,10 +24,7 @@ def build_loop(
     source, with functions that are not static for the caller; sizes: integer constants of `loop`, defined before
     it.
 
-    Raises
-    ------
-    KernelError
-        If there is no compiler, or it refuses the source.
+    Raises a KernelError if there is no compiler, or it refuses the source.
     """
     program = step if isinstance(step, Program) else from_casadi(step)
     defines = [f"#define {constant} {size}" for constant, size in (sizes or {}).items()]

@@ -53,9 +53,8 @@ def cholesky(gram: Pair) -> Array:
 
     gram: hi, lo (..., k, k), positive semidefinite.
 
-    Returns
-    -------
-    (..., k, k) upper triangular; a column that is a combination of those before it has a zero pivot and a zero row.
+    Returns (..., k, k) upper triangular; a column that is a combination of those before it has a zero pivot and a
+    zero row.
     """
     hi, lo = (np.array(part, dtype=float, order="C") for part in gram)
     compiled = _compiled()

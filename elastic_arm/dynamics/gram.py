@@ -54,10 +54,7 @@ class Information:
     def add(self, *arrays: np.ndarray, y: np.ndarray) -> None:
         """Add samples.
 
-        Raises
-        ------
-        ValueError
-            If shapes or numbers of samples disagree.
+        Raises a ValueError if shapes or numbers of samples disagree.
         """
         ready, samples = self._kernel.check(arrays)
         measured = np.ascontiguousarray(y, dtype=float)

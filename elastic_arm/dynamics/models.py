@@ -173,10 +173,8 @@ class Model:
 
         x, dx, ddx: (N, dof) rad, rad/s and rad/s²; y: (N, dof) right side, Nm; the last column of the sums.
 
-        Returns
-        -------
-        hi, lo : (dof, P + 1, P + 1)
-            The sums are hi + lo, to some 77 bits of the columns' norms; `y` (N, dof) comes last.
+        Returns hi and lo, (dof, P + 1, P + 1) each: the sums are hi + lo, to some 77 bits of the columns' norms; `y`
+        (N, dof) comes last.
         """
         total = self.accumulator(columns)
         total.add(x, dx, ddx, y=y)

@@ -21,10 +21,7 @@ def calibrated_robot(robot: Robot, parameters: Sequence[Number], values: Array) 
 
     values: (k,) deviations from the description, in units of the priors' standard deviations.
 
-    Raises
-    ------
-    RobotError
-        If no physical body has such inertia.
+    Raises a RobotError if no physical body has such inertia.
     """
     deviations: dict[str, dict[str, float]] = {}
     for parameter, value in zip(parameters, values, strict=True):

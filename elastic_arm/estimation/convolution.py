@@ -38,9 +38,7 @@ def convolve(signals: Sequence[Array], responses: Array, every: int = 1) -> Arra
     signals: I arrays (N, m): columns with the same responses; responses: (O, I, K): the response of output o to
     signal i, its centre in the middle; every: one of so many samples is kept, the first one first.
 
-    Returns
-    -------
-    (O, M, m): M = N - K + 1 samples, or one of `every` of them.
+    Returns (O, M, m): M = N - K + 1 samples, or one of `every` of them.
     """
     outputs, _, taps = responses.shape
     samples, columns = signals[0].shape
@@ -118,9 +116,7 @@ def filtered_circularly(values: Array, gains: CircularGains) -> Array:
 
     values: (N, R, k), columns of R rows at N samples.
 
-    Returns
-    -------
-    (k, R, 2 H) coordinates of the harmonics.
+    Returns (k, R, 2 H) coordinates of the harmonics.
     """
     harmonics = gains.harmonics
     out = np.zeros((values.shape[2], values.shape[1], harmonics.size))

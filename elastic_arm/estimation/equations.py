@@ -99,10 +99,7 @@ class EquationSet:
         recorded: names among q, theta, tau_J, tau_m: one set for all joints, or a sequence of n sets; elastic:
         whether the joints have transmissions; without them both encoders read one angle, and nothing winds.
 
-        Raises
-        ------
-        IdentificationError
-            If the channels allow no equation.
+        Raises an IdentificationError if the channels allow no equation.
         """
         return cls._of([_direct(names, elastic=elastic) for names in _of_joints(recorded, n)], tuple(SIDES))
 
@@ -123,10 +120,7 @@ class EquationSet:
         without joint torque sensors, the motor's row is the sum of both lines of (1), in which no spring is
         left: torque then sets the scale of every mass, and the spring stands in the link's row alone.
 
-        Raises
-        ------
-        IdentificationError
-            If the channels allow no equation.
+        Raises an IdentificationError if the channels allow no equation.
         """
         found = [_independent(names, elastic=elastic, summed=summed) for names in _of_joints(recorded, n)]
         return cls._of(found, tuple(_INDEPENDENT))
@@ -216,10 +210,7 @@ class EquationSet:
 def _of_joints(recorded: Channels | Sequence[Channels], n: int) -> list[frozenset[str]]:
     """Return the channels of each joint.
 
-    Raises
-    ------
-    IdentificationError
-        If a joint has no position, or none has a torque.
+    Raises an IdentificationError if a joint has no position, or none has a torque.
     """
     per_joint = isinstance(recorded, Sequence) and not all(isinstance(entry, str) for entry in recorded)
     each: Sequence[Channels] = list(recorded) if per_joint else [recorded] * n  # type: ignore[list-item]

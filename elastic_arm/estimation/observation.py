@@ -203,10 +203,7 @@ def observe(recording: Recording, band: float | None = None) -> Observation:
 
     band: Hz up to which the residuals will be looked at; the widest sensible one when None.
 
-    Raises
-    ------
-    DiagnosisError
-        If the recording is too short, stands still, or holds no torque.
+    Raises a DiagnosisError if the recording is too short, stands still, or holds no torque.
     """
     samples = recording.samples()
     where = recording.source or "the recording"

@@ -94,10 +94,8 @@ class Clock:
     def of(samples: Samples, source: str = "the recording") -> Clock:
         """Find the rate, and the mode by the evidence in the recording where `samples.clock` does not give it.
 
-        Raises
-        ------
-        IdentificationError
-            If there are too few samples, time does not advance, or no arm is recorded at such a rate.
+        Raises an IdentificationError if there are too few samples, time does not advance, or no arm is recorded
+        at such a rate.
         """
         if len(samples) < 2 * POINTS:
             raise IdentificationError(f"{len(samples)} samples are too few", "Record some seconds of motion.")
@@ -300,10 +298,7 @@ def extended(grid: Grid, count: int) -> Grid:
     """Continue a stretch at both ends by its mirror image, through the point for angles, so that smoothing keeps its
     length: internal states need the motion from the first sample on. The rows made of it are dropped.
 
-    Raises
-    ------
-    IdentificationError
-        If the stretch is shorter than that.
+    Raises an IdentificationError if the stretch is shorter than that.
     """
     if len(grid) <= count:
         raise IdentificationError(

@@ -192,10 +192,7 @@ def instantaneous(torque: Array) -> Array:
 def design_smoother(grids: list[Grid], n: int) -> Smoother:
     """Design the smoother for a recording from the noise in its longest piece.
 
-    Raises
-    ------
-    IdentificationError
-        If there is none of a few dozen samples.
+    Raises an IdentificationError if there is none of a few dozen samples.
     """
     if not grids:
         raise IdentificationError("there are gaps after every few samples", "Record some seconds of motion.")
