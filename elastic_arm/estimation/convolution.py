@@ -22,7 +22,6 @@ BLOCK_OVER_RESPONSE = 6
 SHORTEST_BLOCK = 4096
 COLUMNS = 16  # filtered at once: what the caches hold
 FEW = 4  # rows in which a column acts, up to which sums of spectra are faster than products of matrices
-NEXT_TO_NOTHING = 1e-14  # of a direction's squares, if all of it is in samples that do not count; numerical
 # Threads pay from this many samples on.
 THREADS_FROM = 30_000
 MOST_THREADS = 2
@@ -89,7 +88,8 @@ class Harmonics:
         phase = 2 * np.pi / samples * np.outer(dropped, k)
         shown = np.stack([np.cos(phase) * scale, -np.sin(phase) * scale], axis=2).reshape(len(dropped), -1)
         _, size, ends = np.linalg.svd(shown, full_matrices=False)
-        left = np.sqrt(np.maximum(1.0 - size**2, NEXT_TO_NOTHING))
+        # 1e-14 of a direction's squares, if all of it is in samples that do not count; numerical
+        left = np.sqrt(np.maximum(1.0 - size**2, 1e-14))
         return Harmonics(samples, edge, scale, np.ascontiguousarray(ends.T), left)
 
     @property

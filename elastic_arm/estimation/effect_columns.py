@@ -24,12 +24,10 @@ from elastic_arm.estimation.regressors import CompiledColumns, Entries, Signals,
 from elastic_arm.robot import Robot
 from elastic_arm.sensors import Sensors
 
-USUAL_START = 0.5  # standard deviation of an internal state, which stays within -1 and 1, where a recording begins
 WIDTHS = (1.0, 0.1)  # of the starts between which a column is taken as linear
 # The channels of a recording that sensors make.
 SENSED = {"link_encoder": "q", "motor_encoder": "theta", "joint_torque": "tau_J", "motor_torque": "tau_m"}
 READINGS = ("1", "Nm", "Nm/s")  # units of what a torque sensor reads too much: of its gain, its zero, its drift
-COLOUR = 20.0  # samples of a residual's misfit that count as one independent one
 
 
 @dataclass(frozen=True, eq=False)
@@ -312,7 +310,9 @@ def starting_state(residual: Array, columns: Callable[[float], Array], size: flo
         power = float(np.sum(change**2))
         if power == 0.0:
             return start
-        prior = COLOUR * float(np.mean(left**2)) / USUAL_START**2
+        # 0.5 is the standard deviation of an internal state, which stays within -1 and 1, where a recording begins
+        # 20.0 samples of a residual's misfit that count as one independent one
+        prior = 20.0 * float(np.mean(left**2)) / 0.5**2
         step = (float(np.sum(change * left)) - prior * (low + high) / 2) / (power + prior)
         start = float(np.clip((low + high) / 2 + step, -1.0, 1.0))
     return start

@@ -15,7 +15,6 @@ from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.noise import StateNoise, noise_filter
 from elastic_arm.recording.sides import Lacking
 
-STIFF = 12.0  # Hz, up to which the deflection behind a single encoder follows the load
 SENSED = 40.0  # Hz, up to which it follows a joint torque sensor: the widest band in which residuals are looked at
 PADDING = 500  # samples
 _CHANNELS = ("q", "theta", "tau_J", "tau_m")
@@ -128,7 +127,8 @@ def completed(motion: Motion, model: Model) -> CompletedMotion:
     without = {name: np.array([name not in motion.recorded_at(j) for j in range(model.n)]) for name in _CHANNELS}
     if without["q"].any() and model.robot.elastic and q is not None and dq is not None and ddq is not None:
         load = model.inverse_dynamics(*(np.hstack([v, v]) for v in (q, dq, ddq)))[:, : model.n]
-        wound = _deflection(model, motion.t, load, STIFF)
+        # 12.0 Hz, up to which the deflection behind a single encoder follows the load
+        wound = _deflection(model, motion.t, load, 12.0)
         q, dq, ddq = (v - np.where(without["q"], w, 0.0) for v, w in zip((q, dq, ddq), wound, strict=True))
     theta, dtheta, ddtheta = (own if own is not None else other for own, other in zip(motor, link, strict=True))
     if q is None or dq is None or ddq is None or theta is None or dtheta is None or ddtheta is None:

@@ -41,10 +41,8 @@ QUIET = 1e-5
 SPECTRUM_SECONDS = 4.0
 KAISER_BETA = 26.0
 LEAST_STEP = 1e-3  # of an encoder's noise: two samples that differ by less hold one code
-NEIGHBOURS = 2.0  # Hz over which the spectrum of a signal is averaged beside that of its noise
 CHANCE = 0.01  # with which the averaged power of noise alone passes for signal at any frequency
 ROUGH = 1.5  # how much more power an encoder's steps have at some frequencies than white noise of their size
-HANN = 1.5  # bins that the window of a spectrum correlates: its equivalent noise bandwidth (Harris 1978)
 WIENER_SECONDS = 2.0  # of the windows for the spectrum of a signal to be filtered, and of its filter
 # Where no motion is, as shares of the sample rate.
 WHITE = (0.35, 0.49)
@@ -290,7 +288,8 @@ def noise_filter(values: Array, rate: float, f: Array, noise: Array) -> Callable
     """
     window = min(len(values), round(WIENER_SECONDS * rate))
     at, power = scipy.signal.welch(values, rate, nperseg=window)
-    known, bins = at <= f[-1], max(1, round(NEIGHBOURS / at[1]))
+    # 2.0 Hz over which the spectrum of a signal is averaged beside that of its noise
+    known, bins = at <= f[-1], max(1, round(2.0 / at[1]))
     mean = scipy.ndimage.uniform_filter1d(power, bins)[known]
     expected = np.interp(at[known], f, noise) * 2.0 / rate
     upper = slice(-max(1, len(mean) // 4), None)
@@ -298,7 +297,8 @@ def noise_filter(values: Array, rate: float, f: Array, noise: Array) -> Callable
     # What is a little more than the noise expected, up to the highest frequency, is noise, too.
     expected *= level if 1.0 < level < ROUGH else 1.0
     share = 1.0 - expected / np.maximum(mean, 1e-300)
-    averaged = max(1.0, (2 * len(values) // window - 1) * bins / HANN)
+    # 1.5 bins that the window of a spectrum correlates: its equivalent noise bandwidth (Harris 1978)
+    averaged = max(1.0, (2 * len(values) // window - 1) * bins / 1.5)
     least = 1.0 - 1.0 / float(scipy.stats.gamma.isf(CHANCE / len(mean), averaged, scale=1.0 / averaged))
     gain = np.maximum.accumulate(np.where(share > least, share, 0.0)[::-1])[::-1]
     if gain[-1] > 0.0:

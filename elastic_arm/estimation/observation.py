@@ -28,16 +28,10 @@ from elastic_arm.recording.sides import Lacking
 # What each channel that may be late consists of.
 CHANNELS = {"link_encoder": ("q", "dq", "ddq"), "joint_torque": ("tau_J",), "motor_torque": ("tau_m",)}
 
-HIGHEST_BAND = 40.0  # Hz; the drives' resonances and what rotors excite lie below
-BAND_SHARE = 0.2  # of the sample rate
-SMOOTHER_WIDTH = 2.2  # smoother's cutoff over the band: 0.2 % of a term is taken at the band's edge, from all alike
-ABOVE_MOTION = 0.2  # share of the sample rate above which torque channels hold noise alone
 SHORTEST = 2.0  # s
 NARROWEST_BAND = 1.0  # Hz; the motion of an arm is slower than that nowhere
 # Of a torque's rms, within its band: noise of a torque that was low-passed, where nothing shows it; convention.
 ORDINARY_NOISE = 0.005
-FREQUENCIES = 400  # at which the noise of the encoders is known
-UNBROKEN = 5.0  # sample intervals between two parts of a recording up to which its motion counts as going on
 
 
 @dataclass(frozen=True)
@@ -186,7 +180,7 @@ class Observation:
     @property
     def _quiet_frequencies(self) -> Array:
         """Hz (F,), as far as the quiet motion reaches."""
-        return np.linspace(0.0, self._quiet_cutoff, FREQUENCIES)
+        return np.linspace(0.0, self._quiet_cutoff, 400)  # at which the noise of the encoders is known
 
     def quiet_gain(self, f: Array) -> Array:
         """Response of the further smoothing of the quiet motion at f (F,) Hz."""
@@ -222,7 +216,8 @@ def observe(recording: Recording, band: float | None = None) -> Observation:
     band = band or widest_band(clock.rate)
     link = None if longest.q is None else estimate_noise(longest.q, longest.dq, longest.rate)
     motor = None if longest.theta is None else estimate_noise(longest.theta, longest.dtheta, longest.rate)
-    cutoff = min(2 * np.pi * SMOOTHER_WIDTH * band, HIGHEST_CUTOFF * clock.rate)
+    # 2.2 is the smoother's cutoff over the band: 0.2 % of a term is taken at the band's edge, from all alike
+    cutoff = min(2 * np.pi * 2.2 * band, HIGHEST_CUTOFF * clock.rate)
     designed = Smoother.from_noise(clock.rate, link, motor, recording.n)
     # The crossovers are those of the wide band: what is negligible in a narrow one is not in this one.
     wide_link, wide_motor = (None if side is None else replace(side, cutoff=cutoff) for side in (link, motor))
@@ -284,7 +279,8 @@ def continued(first: Observation, rest: Observation, offset: float) -> tuple[Obs
     offset: s from the first sample of `first` to that of `rest`.
     """
     end = offset + max(piece.span[1] for piece in rest.pieces if piece.span)
-    unbroken = offset - first.quiet[-1].t[-1] + rest.quiet[0].t[0] < UNBROKEN / rest.rate
+    # 5.0 sample intervals between two parts of a recording up to which its motion counts as going on
+    unbroken = offset - first.quiet[-1].t[-1] + rest.quiet[0].t[0] < 5.0 / rest.rate
 
     def placed(motion: Motion, begin: float, before: Motion | None = None) -> Motion:
         return replace(motion, span=(-begin, end - begin), before=before)
@@ -303,7 +299,8 @@ def continued(first: Observation, rest: Observation, offset: float) -> tuple[Obs
 
 def widest_band(rate: float) -> float:
     """Return the widest band (Hz) that a recording at `rate` allows."""
-    return min(HIGHEST_BAND, BAND_SHARE * rate)
+    # 0.2 of the sample rate
+    return min(40.0, 0.2 * rate)  # 40.0 Hz; the drives' resonances and what rotors excite lie below
 
 
 def torque_noise(grids: Sequence[Grid], channel: str) -> Array | None:
@@ -320,7 +317,7 @@ def torque_noise(grids: Sequence[Grid], channel: str) -> Array | None:
         # Fourth differences keep the motion's spectrum from leaking upward; their response is divided out.
         spectrum = np.abs(np.fft.rfft(np.diff(values, 4, axis=0) * taper, axis=0)) ** 2 / np.sum(taper**2)
         f = np.fft.rfftfreq(len(taper))
-        above = f > ABOVE_MOTION
+        above = f > 0.2  # of the sample rate; above, torque channels hold noise alone
         flat = spectrum[above] / np.abs(2 * np.sin(np.pi * f[above]))[:, None] ** 8
         levels.append(np.median(flat, axis=0) / np.log(2.0))
     weights = [len(grid) for grid in grids]

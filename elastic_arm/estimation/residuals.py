@@ -28,8 +28,6 @@ STICKING = 0.01  # s; a reversal without sticking is shorter but for acceleratio
 # Convention: where the law holds, few rows that are noise give up to 2.4; true sticking gave 6.
 FAILS = 4.0
 AROUND = 0.03  # s before and after, in which the smoothed motion is none of either
-MOST_STICKING = 0.9  # of a stretch; a joint that sticks longer is one that stands still
-RANK = 0.02  # of the strongest: courses of a torque that show less in the band are left in
 
 
 def raw_residuals(model: Model, motion: CompletedMotion) -> Array:
@@ -199,7 +197,8 @@ def _lasting(t: Array, slow: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return where joints are slow (N, n) for as long as STICKING, but for those that are nearly always."""
     length = np.ones(max(1, round(STICKING / (t[1] - t[0]))))
     lasting = np.stack([binary_opening(column, length) for column in slow.T], axis=1)
-    return np.asarray(lasting & (lasting.mean(axis=0) < MOST_STICKING))
+    # 0.9 of a stretch; a joint that sticks longer is one that stands still
+    return np.asarray(lasting & (lasting.mean(axis=0) < 0.9))
 
 
 def _courses(
@@ -238,7 +237,8 @@ def _basis(times: FreeTimes, band: Band) -> Array:
     free = [_polynomials(times.end - start, start, piece, times.step, band) for piece in pieces]
     shown = band.apply(np.concatenate(free, axis=1))[first - reached : last - reached]
     left, singular, _ = np.linalg.svd(shown, False)
-    return np.asarray(left[:, singular > RANK * singular[0]])
+    # 0.02 of the strongest: courses of a torque that show less in the band are left in
+    return np.asarray(left[:, singular > 0.02 * singular[0]])
 
 
 def _clusters(pieces: Sequence[tuple[slice]], band: Band) -> list[list[slice]]:

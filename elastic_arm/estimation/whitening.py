@@ -30,10 +30,7 @@ from elastic_arm.estimation.regressors import Entries, Signals
 from elastic_arm.estimation.residuals import SLOWEST, FreeTorques, Stretch, residuals
 
 EDGE = 10  # rows at the ends of a stretch that the whitening, being circular, spoils
-WHOLE = 0.99  # response of the smoother at the edge of the band above which laws need not pass it
-STANDING = 3.0  # standard deviations of velocity noise below which a joint counts as standing
 NOISE_FREQUENCIES = 400
-POSES = 12  # at which the inertia is looked up for the way of encoder noise into the residuals
 # Part of its noise that each equation is given on its own. Otherwise differences of equations would be exact where
 # shared noise cancels (a torque sensor's; an encoder's at a drive's resonance), and rounding would look like physics.
 FLOOR = 0.1
@@ -130,7 +127,8 @@ def _inertias(model: Model, observation: Observation) -> list[tuple[Array, Array
     motion = max(observation.pieces, key=len)
     position = motion.q if motion.q is not None else motion.theta
     assert position is not None
-    poses = position[:: max(1, len(motion) // POSES)]
+    # 12 poses at which the inertia is looked up for the way of encoder noise into the residuals
+    poses = position[:: max(1, len(motion) // 12)]
     if not model.robot.elastic:
         none = np.zeros((n, n))
         return [(M, none, none) for M in model.mass_matrix(poses)]
@@ -193,7 +191,8 @@ class WhitenedData:
             noise, pure = noise_models(model, observation, layout, band, (FLOOR, 0.0))
             noise = replace(noise, scales=scales)
             standstill = _standstill(observation, noise.f, model.n)
-            limits = observation.smoother if observation.gain(np.array([band.cutoff]))[0] < WHOLE else None
+            # Laws need not pass a smoother whose response at the edge of the band is more than 0.99.
+            limits = observation.smoother if observation.gain(np.array([band.cutoff]))[0] < 0.99 else None
             for stretch in residuals(model, observation, layout, band):
                 signals_of = partial(
                     Signals.of,
@@ -286,5 +285,6 @@ def _standstill(observation: Observation, f: Array, n: int) -> tuple[Array, Arra
         density = (2 * np.pi * f[:, None]) ** 2 * spectrum
         std = np.sqrt(density.sum(axis=0) * (f[1] - f[0]) * 2 / observation.rate)
         turning = SLOWEST if observation.turning is None else observation.turning
-        speeds.append(np.maximum(np.maximum(STANDING * std, SLOWEST), turning) * np.ones(n))
+        # 3.0 standard deviations of velocity noise below which a joint counts as standing
+        speeds.append(np.maximum(np.maximum(3.0 * std, SLOWEST), turning) * np.ones(n))
     return speeds[0], speeds[1]

@@ -15,7 +15,6 @@ from elastic_arm.robot import Inertia, Robot
 
 # Numbers closer than this, relative to their size, are the same: what is written has nine digits.
 SAME = 1e-9
-ROUNDING = 1e-6  # of the largest component of a vector, up to which another one is a solver's rounding; numerical
 # What each number of a joint is called in a file, and its unit.
 JOINT_NUMBERS = {
     "armature": ("armature", "kg m²"),
@@ -122,7 +121,8 @@ def inertial_change(name: str, before: Inertia, after: Inertia) -> list[Change]:
 def _without_rounding(values: Sequence[float]) -> tuple[float, ...]:
     """Return the values with zero for what is nothing but a solver's rounding beside the largest."""
     largest = max(map(abs, values))
-    return tuple(float(v) if abs(v) > ROUNDING * largest else 0.0 for v in values)
+    # 1e-6 of the largest component of a vector, up to which another one is a solver's rounding; numerical
+    return tuple(float(v) if abs(v) > 1e-6 * largest else 0.0 for v in values)
 
 
 def six(body: Inertia) -> tuple[float, ...]:

@@ -27,7 +27,6 @@ from elastic_arm.recording.storage.messages import topics_of
 from elastic_arm.recording.timebase.joining import pair
 from elastic_arm.recording.topics import JOINT_STATES, JOINT_TORQUES, MOTOR_STATES, REFERENCE, ROBOT_DESCRIPTION, TYPES
 
-_DIGITS = 18  # of the number of a joint
 _CONTRACT = (JOINT_STATES, MOTOR_STATES, JOINT_TORQUES, REFERENCE)
 _STATE = {name: name for name in ("position", "velocity", "effort")}
 _POINT = {
@@ -287,7 +286,7 @@ def _number_at_end(name: str) -> str:
     """Return the digits at the end of a name; nothing where they are too many to count joints."""
     # From the end, as a search from the start would look through each run of digits once for every digit of it.
     found = re.match(r"\d*", name[::-1])
-    return "" if found is None or found.end() > _DIGITS else found[0][::-1]
+    return "" if found is None or found.end() > 18 else found[0][::-1]  # more digits are no number of a joint
 
 
 def urdf_joints(urdf: str | None) -> list[str]:

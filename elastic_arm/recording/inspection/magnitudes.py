@@ -13,9 +13,6 @@ from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import Array, joints_with, listed, span_of
 from elastic_arm.robot import Joint, Robot
 
-_BEYOND = 0.1  # of a joint's range: more than a zero, or a limit, that is set a little otherwise
-_TOO_FAST = 3.0  # times the limit of the velocity; controllers may pass that a little
-
 
 def hardly_usable(recording: Recording) -> list[str]:
     """Return in words why a recording that is whole cannot be used: few samples, or joints without a position."""
@@ -75,7 +72,7 @@ def _within(joint: Joint, low: float, high: float) -> bool:
     least, most = _range(joint)
     if np.isinf(least):
         return True
-    more = _BEYOND * (most - least)
+    more = 0.1 * (most - least)  # 0.1 of a joint's range: more than a zero, or a limit, that is set a little otherwise
     turns = 0.0 if joint.prismatic else 2 * np.pi * round(0.5 * (least + most - low - high) / (2 * np.pi))
     return bool(least - more <= low + turns and high + turns <= most + more)
 
@@ -84,7 +81,7 @@ def _speeds(name: str, velocity: Array, robot: Robot) -> list[Finding]:
     """Look at the root mean square of the velocities: of a joint at its limit all the time it is the limit."""
     limit = np.array([joint.limits.velocity or np.inf for joint in robot.joints])
     share = np.sqrt(np.mean(velocity**2, axis=0)) / limit
-    found = share > _TOO_FAST
+    found = share > 3.0  # 3.0 times the limit of the velocity; controllers may pass that a little
     if not found.any():
         return []
     units, what = _other_units(robot, found)

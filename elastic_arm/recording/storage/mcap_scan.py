@@ -26,7 +26,6 @@ HEAD_WORDS = (("<u4", 0), ("<u8", 3))
 _SHORTEST = MESSAGE_HEAD - RECORD_HEAD  # of a message's record
 _WALK = 24  # messages walked before a round is looked for
 _LONGEST_ROUND = 8
-_BATCH = 8192  # rounds checked at first; more each time they hold
 
 
 def message_head(size: int, channel: int, sequence: int, log_ns: int, publish_ns: int) -> bytes:
@@ -113,7 +112,7 @@ def _leap(buffer: Bytes, walked: list[int], at: int, end: int) -> Offsets:
         return np.empty(0, np.int64)
     slots = np.concatenate([[0], np.cumsum(steps[-length:])])
     stride = int(slots[-1])
-    rounds, most, batch = 0, (end - at) // stride, _BATCH
+    rounds, most, batch = 0, (end - at) // stride, 8192  # 8192 rounds checked at first; more each time they hold
     while rounds < most:
         count = min(batch, most - rounds)
         first = at + rounds * stride
