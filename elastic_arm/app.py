@@ -50,13 +50,7 @@ def main() -> None:
 
 
 class _Interrupts:
-    """The signals that end a command.
-
-    Attributes
-    ----------
-    came
-        The first one.
-    """
+    """The signals that end a command."""
 
     def __init__(self) -> None:
         self.came: int | None = None

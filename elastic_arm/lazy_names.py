@@ -8,15 +8,7 @@ from typing import Any
 
 
 def lazily(package: str, modules: Mapping[str, str]) -> Callable[[str], Any]:
-    """Return the `__getattr__` of a package (PEP 562).
-
-    Parameters
-    ----------
-    package
-        Its name.
-    modules
-        Exported name -> full name of its module.
-    """
+    """Return the `__getattr__` of a package (PEP 562)."""
 
     def get(name: str) -> Any:
         if name not in modules:

@@ -166,11 +166,6 @@ class Effect:
         if self.regressor is not None and phases:
             yield "a regressor of its own has no phase", "Give it role=Role.SEARCHED."
 
-    @property
-    def is_friction(self) -> bool:
-        """Whether it is friction or changes friction."""
-        return self.friction or self.scales_friction
-
     def parameter(self, name: str) -> Parameter:
         """Return a parameter by name."""
         return next(p for p in self.parameters if p.name == name)

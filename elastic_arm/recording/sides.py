@@ -9,9 +9,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.errors import RecordingError
 
-Array = NDArray[np.float64]
 Stamps = NDArray[np.int64]
 
 CHANNELS = ("position", "velocity", "effort", "acceleration")

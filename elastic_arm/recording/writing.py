@@ -22,17 +22,10 @@ from elastic_arm.recording.recording import Recording, recordings_of
 from elastic_arm.recording.sides import Array, Side, Stamps
 from elastic_arm.recording.spans import Bytes, Offsets, place
 from elastic_arm.recording.storage.bag import METADATA
-from elastic_arm.recording.storage.mcap_records import MESSAGE_HEAD, lay_messages
+from elastic_arm.recording.storage.mcap_scan import MESSAGE_HEAD, lay_messages
 from elastic_arm.recording.storage.mcap_sink import Compression, McapSink, Packed, pack
 from elastic_arm.recording.storage.metadata import INSIDE, METADATA_KEY, FileSummary, Topic, metadata, offered_qos
-from elastic_arm.recording.topics import (
-    JOINT_STATES,
-    JOINT_TORQUES,
-    MOTOR_STATES,
-    REFERENCE,
-    ROBOT_DESCRIPTION,
-    TYPES,
-)
+from elastic_arm.recording.topics import JOINT_STATES, JOINT_TORQUES, MOTOR_STATES, REFERENCE, ROBOT_DESCRIPTION, TYPES
 
 _CHUNK_BYTES = 1 << 20
 

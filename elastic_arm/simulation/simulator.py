@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.effects import EffectInstance, robot_effects
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.effects.model import Plant
@@ -19,8 +19,6 @@ from elastic_arm.simulation.controller import controller_of, fastest_eigenvalue
 from elastic_arm.simulation.equilibrium import equilibrium
 from elastic_arm.simulation.integrator import ClosedLoop, IntegratorState, Solution, make_integrator
 from elastic_arm.simulation.settings import USUAL, SimulationSettings
-
-Array = NDArray[np.float64]
 
 # The sign of a velocity is tanh(w / speed): far below the speeds of an excitation (0.1 to 2 rad/s), yet wide enough
 # that a motion through zero takes some steps.

@@ -27,9 +27,9 @@ from elastic_arm.identification.regularisation import law_sizes, prior_of
 from elastic_arm.identification.stream import Identifier
 from elastic_arm.recording import Recording
 from elastic_arm.robot import Robot
-from elastic_arm.robot.synthetic import random_arm
 from elastic_arm.simulation import SimulationSettings, simulate
 from tests.helpers.motions import trajectory
+from tests.helpers.random_arms import random_arm
 
 FRICTION = ("viscous_friction", "coulomb_friction")
 

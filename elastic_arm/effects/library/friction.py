@@ -11,10 +11,10 @@ from elastic_arm.effects.law import (
     Contribution,
     Effect,
     Numbers,
-    Parameter,
     SymbolicMotion,
     amount,
     searched,
+    signed,
 )
 
 DRY = "coulomb_friction"
@@ -150,11 +150,7 @@ THERMAL = scaling(
     formula="the side's friction times 1 + r (t - t_mid) / T, T the length of the recording",
     description="Friction that changes over the recording: grease thins as the joint warms up.",
     signature="The residual of a friction that is right on average: of one sign at the begin, of the other at the end.",
-    parameters=(
-        Parameter(
-            "change", "1", -1.0, 1.0, neutral=0.0, above=-2.0, draw=(0.6, 1.0), example=(-0.4, -0.2), meaning="r"
-        ),
-    ),
+    parameters=(signed("change", "1", 1.0, "r", above=-2.0, draw=(0.6, 1.0), example=(-0.4, -0.2)),),
     regime="drift",
     in_time=True,
     prior=lambda rate: 0.05,  # friction that was known before changes by up to 10 % in a run, as two deviations
@@ -172,11 +168,7 @@ ASYMMETRIC = scaling(
     formula="the side's friction times 1 + a sign(w)",
     description="Dry and viscous friction are larger in one direction than in the other, as in most gears.",
     signature="The residual rises with speed at other slopes to both sides, and its jump at a reversal is off centre.",
-    parameters=(
-        Parameter(
-            "asymmetry", "1", -0.9, 0.9, neutral=0.0, above=-1.0, draw=(0.2, 0.5), example=(0.2, 0.4), meaning="a"
-        ),
-    ),
+    parameters=(signed("asymmetry", "1", 0.9, "a", above=-1.0, draw=(0.2, 0.5), example=(0.2, 0.4)),),
     regime="velocity_reversal",
     confusions=(
         Confusion(

@@ -2,7 +2,7 @@
 
 import casadi as ca
 
-from elastic_arm.effects.law import Confusion, Effect, Parameter, amount, searched
+from elastic_arm.effects.law import Confusion, Effect, amount, searched, signed
 
 ORDERS = (2, 3, 4, 5)  # with a joint spring beside it a gas spring on a crank is met to some 0.1 % over 2 rad
 SMALL = "the joint turns through a small angle, over which any curve is straight"
@@ -31,11 +31,7 @@ COUNTERBALANCE = Effect(
     "angle.",
     signature="The link residual is one curve over the joint's own angle, whatever the speed and the other joints.",
     law=lambda motion, i, p: motion.at(i, link=ca.dot(p["torque"], ca.vertcat(*(motion.q[i] ** k for k in ORDERS)))),
-    parameters=(
-        Parameter(
-            "torque", "Nm", -2e4, 2e4, neutral=0.0, size=len(ORDERS), example=(-100.0, 100.0), meaning="c_2 to c_5"
-        ),
-    ),
+    parameters=(signed("torque", "Nm", 2e4, "c_2 to c_5", size=len(ORDERS), example=(-100.0, 100.0)),),
     sides=("link",),
     regime="position",
     confusions=(Confusion("joint_spring", SMALL, WIDE), Confusion("link_inertia_mismatch", STILL, OWN)),

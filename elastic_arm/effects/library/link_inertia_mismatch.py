@@ -5,7 +5,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from elastic_arm.effects.law import Confusion, Contribution, Effect, Numbers, Parameter, SymbolicMotion, ratio
+from elastic_arm.effects.law import Confusion, Contribution, Effect, Numbers, SymbolicMotion, ratio, signed
 
 
 def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
@@ -31,16 +31,7 @@ EFFECT = Effect(
     law=law,
     parameters=(
         ratio("mass", 0.5, 2.0, "r, true / nominal", default=1.0, above=0.0),
-        Parameter(
-            "com",
-            "m",
-            -0.2,
-            0.2,
-            neutral=0.0,
-            default=(0.0, 0.0, 0.0),
-            size=3,
-            meaning="s, shift of the centre of mass",
-        ),
+        signed("com", "m", 0.2, "s, shift of the centre of mass", default=(0.0, 0.0, 0.0), size=3),
         ratio("inertia", 0.5, 2.0, "rho, beyond that of the mass", default=1.0, above=0.0),
     ),
     sides=("link",),

@@ -2,7 +2,7 @@
 
 from casadi import SX
 
-from elastic_arm.effects.law import Confusion, Contribution, Effect, Numbers, Parameter, SymbolicMotion
+from elastic_arm.effects.law import Confusion, Contribution, Effect, Numbers, SymbolicMotion, signed
 
 
 def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
@@ -20,7 +20,7 @@ EFFECT = Effect(
     description="The drive stiffens as it is wound up (softens where negative), as harmonic drives do.",
     signature="Joint torque over deflection is a bent line: the residual grows with the cube of the deflection.",
     law=law,
-    parameters=(Parameter("cubic", "Nm/rad^3", -1e11, 1e11, neutral=0.0, meaning="K_3"),),
+    parameters=(signed("cubic", "Nm/rad^3", 1e11, "K_3"),),
     sides=("drive",),
     regime="load",
     confusions=(

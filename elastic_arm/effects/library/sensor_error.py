@@ -17,6 +17,7 @@ from elastic_arm.effects.law import (
     SymbolicMotion,
     phase,
     ratio,
+    signed,
 )
 from elastic_arm.sensors import Sensors
 
@@ -77,7 +78,7 @@ def zero(channel: str, law: Law, unit: str, most: float, prior: float, **words: 
     example = words.pop("example", None)
     return SensorEffect(
         law=law,
-        parameters=(Parameter("offset", unit, -most, most, neutral=0.0, example=example, meaning="recorded - true"),),
+        parameters=(signed("offset", unit, most, "recorded - true", example=example),),
         regime="always",
         change=changing(channel, offset="offset"),
         prior=lambda rate: prior,
