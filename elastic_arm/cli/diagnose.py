@@ -36,18 +36,18 @@ from elastic_arm.diagnosis.corrected_robot import deviations, repaired_robot
 from elastic_arm.diagnosis.result import SEPARATING, Cause, Diagnosis, Proposal
 from elastic_arm.diagnosis.words import (
     alone_text,
-    cause_sentence,
     cause_size,
     change_text,
     effect_at,
     gap_at,
+    listed,
     listed_alternatives,
     log_likelihood_text,
     prediction_sentence,
     probability_text,
     sides_text,
+    summary,
     trust_text,
-    verdict_sentence,
 )
 from elastic_arm.effects import Catalogue
 from elastic_arm.effects.text import known_effects
@@ -188,9 +188,10 @@ def _further(found: Diagnosis) -> list[str]:
 
 def print_diagnosis(found: Diagnosis, folder: Path) -> None:
     """Print what was found in words, then causes, changes, what is left, and notes."""
-    out.print(f"[bold {COLOURS[found.verdict]}]{found.verdict}[/]: {escape(verdict_sentence(found))}")
-    for cause in found.causes:
-        out.print(escape(cause_sentence(cause, found.model)))
+    first, *more = summary(found)
+    out.print(f"[bold {COLOURS[found.verdict]}]{found.verdict}[/]{escape(first.removeprefix(found.verdict))}")
+    for sentence in more:
+        out.print(escape(sentence))
     if found.causes:
         _print_causes(found.causes)
     if found.shrink_by_place:
@@ -226,6 +227,7 @@ def _print_causes(causes: Sequence[Cause]) -> None:
         size, shares = escape(cause_size(cause, between)), (alone_text(cause), probability_text(cause.confidence))
         table.add_row(escape(cause.effect), *at, size, *shares)
     out.print(table)
+    out.print("[dim]gap: share that goes with this cause alone; probability: that it is there[/]")
 
 
 def _print_alternatives(cause: Cause) -> None:
@@ -239,20 +241,23 @@ def _print_alternatives(cause: Cause) -> None:
 
 
 def _print_places(found: Diagnosis) -> None:
-    """Print how far the gap of every joint and side shrinks by itself."""
+    """Print how far the gap of every joint that has one shrinks by itself."""
     sides = [side for side in SIDES if any((joint, side) in found.before.rmse for joint in found.joints)]
-    table = Table(box=None, header_style="bold", pad_edge=False)
-    table.add_column("joint", no_wrap=True)
-    for side in sides:
-        table.add_column(side, no_wrap=True, justify="right")
-    for joint in found.joints:
-        cells = [gap_at(found, joint, side) for side in sides]
-        # On a screen the share stands below the sizes: three sides and a long name would not fit otherwise.
-        table.add_row(escape(joint), *(cell.replace(" (", "\n(") if out.is_terminal else cell for cell in cells))
-    sizes = "before → after" if found.causes else "size"
-    unit = found.units.over("Nm")
-    out.print(f"residuals in {unit} below {found.band:.3g} Hz, {sizes} (share of its own gap that is gone):")
-    out.print(table)
+    apart = [joint for joint in found.joints if any(found.shrink_by_place.get((joint, s)) is not None for s in sides)]
+    sizes = "without → with the causes" if found.causes else "size"
+    if apart:
+        table = Table(box=None, header_style="bold", pad_edge=False)
+        table.add_column("joint", no_wrap=True)
+        for side in sides:
+            table.add_column(f"{side} side", no_wrap=True, justify="right")
+        for joint in apart:
+            cells = [gap_at(found, joint, side) for side in sides]
+            # On a screen the share stands below the sizes: three sides and a long name would not fit otherwise.
+            table.add_row(escape(joint), *(cell.replace(" (", "\n(") if out.is_terminal else cell for cell in cells))
+        out.print(f"residuals in {found.units.over('Nm')} below {found.band:.3g} Hz, {sizes} (share of its own gap):")
+        out.print(table)
+    if agreeing := [joint for joint in found.joints if joint not in apart]:
+        out.print(f"no clear gap at {escape(listed(agreeing))}")
 
 
 def print_comparison(comparison: SimulationComparison | None) -> None:

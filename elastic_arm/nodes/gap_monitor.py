@@ -49,7 +49,7 @@ class GapMonitorNode(ManagedNode):
             self, "known", "Effects that count as part of the model: EFFECT[:JOINT][:NAME=VALUE,…]"
         )
         self._files = declare_texts(
-            self, "effects_files", "Python files with effects of your own, beside the catalogue"
+            self, "effects_files", "Python files with effects of your own, in addition to the catalogue"
         )
         self._refit = declare(self, "refit", False, "Identify the model's own parameters before each diagnosis")
         self._sides = declare(self, "sides", "both", "What the arm measures", choices=("both", "link", "motor"))

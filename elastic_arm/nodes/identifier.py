@@ -42,7 +42,7 @@ class IdentifierNode(ManagedNode):
         super().__init__("identifier")
         self._file = declare(self, "robot", "", "Nominal arm: file (YAML) or URDF; empty: the arm of the package")
         self._name = declare(self, "model", "mod3", "What the arm is taken to be", choices=("mod1", "mod2", "mod3"))
-        self._laws = declare_texts(self, "effects", "Laws identified beside the model: EFFECT[:JOINT]")
+        self._laws = declare_texts(self, "effects", "Laws identified too: EFFECT[:JOINT][:side=link]")
         self._sides = declare(self, "sides", "both", "What the arm measures", choices=("both", "link", "motor"))
         self._every = declare(self, "estimate_period", 1.0, "Between estimates, s", between=(0.1, 3600.0))
         self._folder = declare(self, "save_to", "identified", "Folder of what ~/save writes")

@@ -13,7 +13,6 @@ from elastic_arm.diagnosis.next_motion import DECISIVE
 from elastic_arm.diagnosis.result import SEPARATING, Cause, Diagnosis, Imperfection
 from elastic_arm.diagnosis.words import (
     alone_text,
-    cause_sentence,
     cause_size,
     change_text,
     effect_at,
@@ -24,8 +23,8 @@ from elastic_arm.diagnosis.words import (
     probability_text,
     share_at,
     sides_text,
+    summary,
     trust_text,
-    verdict_sentence,
 )
 from elastic_arm.evidence.priors import TRUST
 from elastic_arm.formatting import rounded
@@ -83,22 +82,22 @@ def sections(found: Diagnosis) -> list[Section]:
         shown += [Section(figures.title(c), _cause(found, c, k, context)) for k, c in enumerate(found.causes[:SHOWN])]
         if found.unexplained:
             shown.append(Section("What is not explained", _unexplained(found, context)))
-    shown.append(Section("Before and after" if found.causes else "The residuals", _sizes(found, context)))
-    if determined := _determined(found):
-        shown.append(Section("Numbers of arm and sensors", _numbers(determined)))
-    if found.prediction is not None:
-        shown.append(Section("How far ahead the model sees", _prediction(found)))
     if found.proposal is not None:
         shown.append(Section("What to move next", _next(found)))
+    sizes = Section("Before and after" if found.causes else "The residuals", _sizes(found, context), folded=True)
+    shown.append(sizes)
+    if determined := _determined(found):
+        shown.append(Section("Numbers of arm and sensors", _numbers(determined), folded=True))
+    if found.prediction is not None:
+        shown.append(Section("How far ahead the model sees", _prediction(found), folded=True))
     if context is not None:
-        shown.append(Section("What the residuals follow", [_regimes(found, context)]))
-    shown.append(Section("What this rests on", _grounds(found)))
+        shown.append(Section("What the residuals follow", [_regimes(found, context)], folded=True))
+    shown.append(Section("What this rests on", _grounds(found), folded=True))
     return shown
 
 
 def _verdict(found: Diagnosis) -> list[Block]:
-    blocks: list[Block] = [Text(f"{found.verdict}: {verdict_sentence(found)}", TONES[found.verdict])]
-    blocks += [Text(cause_sentence(cause, found.model)) for cause in found.causes]
+    blocks: list[Block] = [Text("\n".join(summary(found)), TONES[found.verdict])]
     if found.causes:
         rows: list[list[object]] = [
             [c.effect.replace("_", " "), c.joint or "whole arm", sides_text(c), cause_size(c), Written(alone_text(c)),
@@ -106,7 +105,7 @@ def _verdict(found: Diagnosis) -> list[Block]:
             for c in found.causes
         ]  # fmt: skip
         header = ["cause", "where", "shows on", "size", "share of the gap", "probability"]
-        blocks.append(Table(header, rows, "Share of the gap: what goes with this cause alone added"))
+        blocks.append(Table(header, rows))
     blocks += [Text(f"Between recordings {change_text(change)}.", "warn") for change in found.changes]
     if found.prediction is not None and found.prediction.before and found.causes:
         blocks.append(Text(prediction_sentence(found, found.prediction)))
@@ -186,9 +185,8 @@ def _numbers(determined: Sequence[Imperfection]) -> list[Block]:
          one.prior_std, one.ordinary]
         for one in determined
     ]  # fmt: skip
-    header = ["joint", "number", "value", "± std", "unit", "prior std", "ordinary"]
-    caption = "A value without unit is the ratio to the description, or its change"
-    return [Text(text), Table(header, rows, caption, digits=2)]
+    header = ["joint", "number", "value", "± std", "unit", "prior std", "usual"]
+    return [Text(text), Table(header, rows, digits=2)]
 
 
 def _number(one: Imperfection) -> str:

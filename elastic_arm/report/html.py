@@ -18,6 +18,7 @@ from matplotlib.figure import Figure as MplFigure
 
 from elastic_arm import __version__
 from elastic_arm.output_files import write_result
+from elastic_arm.report.legend import meaning
 from elastic_arm.report.style import style
 
 _counter = itertools.count()
@@ -51,6 +52,10 @@ class Table:
         """Return each heading as (text, CSS class): columns of numbers are headed where their numbers stand."""
         numeric = self._numeric()
         return [(text, "number" if numeric[k] else "") for k, text in enumerate(self.header)]
+
+    def legend(self) -> list[tuple[str, str]]:
+        """Return headings with what they mean."""
+        return [(text, words) for text in self.header if (words := meaning(text))]
 
     def cells(self) -> list[list[tuple[str, str]]]:
         """Return each cell as (text, CSS class)."""
@@ -116,10 +121,11 @@ Block = Text | Table | Figure
 
 @dataclass(frozen=True)
 class Section:
-    """A heading and what stands under it."""
+    """A heading and what stands under it; details are folded until the heading is clicked, or the page printed."""
 
     title: str
     blocks: Sequence[Block] = field(default_factory=tuple)
+    folded: bool = False
 
 
 def write_report(path: str | Path, title: str, sections: Sequence[Section], *, subtitle: str = "") -> Path:

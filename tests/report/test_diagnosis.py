@@ -25,11 +25,14 @@ from elastic_arm.diagnosis import Question, diagnose, follow_up
 from elastic_arm.diagnosis.corrected_robot import repaired_robot
 from elastic_arm.diagnosis.estimates import ParameterEstimate
 from elastic_arm.diagnosis.result import SEPARATING, Change, Diagnosis, ResidualSizes
-from elastic_arm.diagnosis.words import cause_sentence, estimates_text, probability_text, verdict_sentence
+from elastic_arm.diagnosis.words import cause_sentence, estimates_text, probability_text, summary
 from elastic_arm.effects import EFFECTS
+from elastic_arm.effects.model import REGIMES
 from elastic_arm.recording import read_recording, write_recording
-from elastic_arm.report.diagnosis import write_gap_report
+from elastic_arm.report.diagnosis import sections, write_gap_report
 from elastic_arm.report.diagnosis_figures import angle_within_turn, shown_sides
+from elastic_arm.report.html import Table
+from elastic_arm.report.legend import meaning
 from tests.helpers.browser import rendered_page
 from tests.helpers.gap_recordings import ROBOT, gentle, motions, record
 
@@ -73,6 +76,22 @@ def test_figures_and_tables_carry_units(two_causes: Diagnosis, tmp_path: Path) -
     page = write_gap_report(tmp_path / "report.html", two_causes).read_text()
     for label in ("time [s]", "Nm/√Hz", "prediction error [µrad]", "residual, Nm"):
         assert label in page
+
+
+def test_every_column_of_the_report_is_explained(two_causes: Diagnosis) -> None:
+    """Below a table stands what each of its columns means, but for joints, times and what residuals follow."""
+    tables = [block for part in sections(two_causes) for block in part.blocks if isinstance(block, Table)]
+    named = {"joint", *(regime.replace("_", " ") for regime in REGIMES)}
+    bare = [head for table in tables for head in table.header if not meaning(head) and head not in named]
+    assert len(tables) >= 5 and not [head for head in bare if " ms" not in head]
+
+
+@pytest.mark.browser
+def test_details_are_folded_under_the_summary(two_causes: Diagnosis, tmp_path: Path) -> None:
+    """The verdict stands open on top; numbers, prediction and what it rests on are opened by a click."""
+    page = rendered_page(write_gap_report(tmp_path / "report.html", two_causes), tmp_path / "profile")
+    folded = re.findall(r"<details><summary><h2>([^<]*)</h2>", page)
+    assert folded[0] == "Before and after" and folded[-1] == "What this rests on" and "Verdict" not in folded
 
 
 def test_prediction_is_written_as_numbers(two_causes: Diagnosis, tmp_path: Path) -> None:
@@ -157,8 +176,9 @@ def test_causes_are_readable_on_a_narrow_screen(two_causes: Diagnosis, monkeypat
 def test_piped_causes_are_a_line_each(two_causes: Diagnosis, monkeypatch: pytest.MonkeyPatch) -> None:
     """Where no screen ends the line, a cause stands on one with all its sizes, and no sentence is broken."""
     lines = shown(two_causes, Path("diagnosis"), monkeypatch, width=UNLIMITED)
-    assert lines[0] == f"explained: {verdict_sentence(two_causes)}"
-    assert lines[1:3] == [cause_sentence(cause, "mod3") for cause in two_causes.causes]
+    assert lines[:3] == summary(two_causes)
+    first, second = two_causes.causes
+    assert lines[:2] == [f"explained: {cause_sentence(first, 'mod3')}", cause_sentence(second, "mod3")]
     for cause in two_causes.causes:
         (line,) = [line for line in lines if line.startswith(f"{cause.effect}  ")]
         assert estimates_text(cause.parameters) in line and line.endswith(probability_text(cause.confidence))
@@ -174,7 +194,7 @@ def test_numbers_that_puzzle_are_explained_beside_them(
     page = write_gap_report(tmp_path / "report.html", found).read_text()
     screen = "\n".join(shown(found, tmp_path, monkeypatch, width=UNLIMITED))
     for told in (html.unescape(page), screen):
-        assert "-4.8 %" not in told and "only beside others" in told and "it helps only beside other causes" in told
+        assert "-4.8 %" not in told and "only with others" in told
         assert "> 99.9 %" in told
 
 
