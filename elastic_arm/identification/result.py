@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -17,6 +18,7 @@ from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.least_squares import Fit
 from elastic_arm.identification.verdict import Excitation, checked, directions, relative_std, remarks, verdicts
 from elastic_arm.output_files import write_result
+from elastic_arm.results import Result, Row
 from elastic_arm.robot import Robot, save_robot
 
 Array = NDArray[np.float64]
@@ -61,7 +63,7 @@ class Estimate:
 
 
 @dataclass(frozen=True)
-class Identification:
+class Identification(Result):
     """The result of identifying an arm.
 
     Parameters
@@ -105,6 +107,8 @@ class Identification:
         The joints that slide: N at these for Nm, m for rad.
     """
 
+    _report = "elastic_arm.report.identification"
+
     robot: str
     model: str
     recordings: tuple[str, ...]
@@ -144,6 +148,19 @@ class Identification:
     def with_(self, **changes: Any) -> Identification:
         """Return the result with some fields changed."""
         return replace(self, **changes)
+
+    def tables(self) -> dict[str, Sequence[Row]]:
+        """Return "parameters", and "residuals": root mean squares, of the fit and on data that no fit has seen."""
+        parameters = [{"short": e.short, **asdict(e)} for e in self.estimates]
+        sizes = {"fit": {"identified": self.noise}, **(self.validation or {})}
+        residuals = [
+            {"recording": recording, "arm": arm, "equation": equation, "joint": joint, "rms": rms}
+            for recording, arms in sizes.items()
+            for arm, by_equation in arms.items()
+            for equation, by_joint in by_equation.items()
+            for joint, rms in by_joint.items()
+        ]
+        return {"parameters": parameters, "residuals": residuals}
 
     def table(self) -> list[tuple[str, str, float, float, float, str]]:
         """Return rows (name, unit, value, std, nominal, verdict)."""

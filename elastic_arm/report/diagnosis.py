@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure as MplFigure
 
 from elastic_arm.diagnosis.comparison import SimulationComparison
 from elastic_arm.diagnosis.context import DiagnosisContext
@@ -31,7 +32,7 @@ from elastic_arm.formatting import rounded
 from elastic_arm.mujoco.replaying import Replay
 from elastic_arm.report import diagnosis_figures as figures
 from elastic_arm.report.comparison import sections as comparison_sections
-from elastic_arm.report.html import Block, Figure, Section, Table, Text, Written, write_report
+from elastic_arm.report.html import Block, Figure, Section, Table, Text, Written, fragment, write_report
 from elastic_arm.report.replay import sections as replay_sections
 
 TONES = {"none": "good", "explained": "good", "unknown": "warn"}
@@ -94,6 +95,16 @@ def sections(found: Diagnosis) -> list[Section]:
         shown.append(Section("What the residuals follow", [_regimes(found, context)], folded=True))
     shown.append(Section("What this rests on", _grounds(found), folded=True))
     return shown
+
+
+def overview(found: Diagnosis) -> MplFigure:
+    """Draw where the gap lies."""
+    return figures.gap_map(found)
+
+
+def head(found: Diagnosis) -> str:
+    """Return the verdict as HTML."""
+    return fragment(_verdict(found))
 
 
 def _verdict(found: Diagnosis) -> list[Block]:

@@ -16,10 +16,10 @@ import jinja2
 import matplotlib as mpl
 from matplotlib.figure import Figure as MplFigure
 
-from elastic_arm import __version__
 from elastic_arm.output_files import write_result
 from elastic_arm.report.legend import meaning
 from elastic_arm.report.style import style
+from elastic_arm.version import __version__
 
 _counter = itertools.count()
 # Text of up to so many characters is never broken into lines; numbers below are written without a power of ten.
@@ -145,17 +145,29 @@ def write_report(path: str | Path, title: str, sections: Sequence[Section], *, s
     OutputError
         When the file cannot be written.
     """
-    path = Path(path)
+    page = (
+        _templates()
+        .get_template("report.html")
+        .render(
+            title=title,
+            subtitle=subtitle,
+            sections=sections,
+            made=datetime.datetime.now().astimezone().strftime("%Y-%m-%d %H:%M"),
+            version=__version__,
+        )
+    )
+    return write_result(path, page, remedy="Choose another folder with --out.")
+
+
+def fragment(blocks: Sequence[Block]) -> str:
+    """Return blocks as HTML to be shown within a page, as that of a notebook."""
+    return _templates().get_template("blocks.html").render(blocks=blocks)
+
+
+def _templates() -> jinja2.Environment:
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("elastic_arm.report"), autoescape=True, undefined=jinja2.StrictUndefined
     )
     environment.tests["text"] = lambda block: isinstance(block, Text)
     environment.tests["table"] = lambda block: isinstance(block, Table)
-    page = environment.get_template("report.html").render(
-        title=title,
-        subtitle=subtitle,
-        sections=sections,
-        made=datetime.datetime.now().astimezone().strftime("%Y-%m-%d %H:%M"),
-        version=__version__,
-    )
-    return write_result(path, page, remedy="Choose another folder with --out.")
+    return environment

@@ -14,7 +14,7 @@ from elastic_arm.formatting import rounded
 from elastic_arm.identification import Estimate, Identification
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.verdict import POORLY, WELL
-from elastic_arm.report.html import Block, Figure, Section, Table, Text, Written
+from elastic_arm.report.html import Block, Figure, Section, Table, Text, Written, fragment
 from elastic_arm.report.style import BLUE, GREEN, GREY, ORANGE, VERMILION, draw_signal, new_figure, style
 
 COLOURS = {"well": GREEN, "poorly": ORANGE, "not": VERMILION}
@@ -53,6 +53,16 @@ def identifiability(result: Identification) -> MplFigure:
         keys = [Patch(color=colour, label=VERDICTS[verdict]) for verdict, colour in COLOURS.items()]
         figure.legend(handles=keys, loc="outside upper center", ncols=len(keys))
     return figure
+
+
+def overview(result: Identification) -> MplFigure:
+    """Draw how well each parameter is determined."""
+    return identifiability(result)
+
+
+def head(result: Identification) -> str:
+    """Return verdict and parameters as HTML, friction first."""
+    return fragment([*_verdict(result), _parameters(sorted(result.estimates, key=lambda e: not e.is_friction))])
 
 
 def torques(equations: BaseRegression, motion: Motion, result: Identification) -> MplFigure:

@@ -14,7 +14,16 @@ import pytest
 from elastic_arm.diagnosis import Diagnosis
 from elastic_arm.diagnosis.corrected_robot import repaired_robot
 from elastic_arm.diagnosis.estimates import ParameterEstimate, averaged
-from elastic_arm.diagnosis.result import SEPARATING, Alternative, Cause, Change, Imperfection, ResidualSizes
+from elastic_arm.diagnosis.result import (
+    SEPARATING,
+    Alternative,
+    Cause,
+    Change,
+    Imperfection,
+    PairSeparation,
+    Proposal,
+    ResidualSizes,
+)
 from elastic_arm.diagnosis.words import (
     cause_sentence,
     cause_size,
@@ -27,7 +36,7 @@ from elastic_arm.diagnosis.words import (
     trust_text,
 )
 from elastic_arm.effects import EFFECTS, parse
-from elastic_arm.errors import DiagnosisError
+from elastic_arm.errors import DiagnosisError, MissingExtraError, OutputError
 from elastic_arm.formatting import JointUnits, rounded
 from elastic_arm.robot import load_robot
 
@@ -88,6 +97,41 @@ def test_the_file_is_the_contracts(tmp_path: Path) -> None:
     assert one["parameters"]["torque"]["std"] == pytest.approx(0.1234568, abs=1e-9) and one["from"] is None
     assert data["imperfections"][0]["prior_std"] == 0.01
     assert data["changes"][0]["values"][1] == {"recording": "b", "value": 9.0, "std": 0.1}
+
+
+def test_a_saved_diagnosis_is_read_as_it_was(tmp_path: Path) -> None:
+    """What was written is written again alike once read, with its causes as the simulator takes them; else one line."""
+    found = diagnosis(cause(), cause("time_delay:delay=0.003", delay=ParameterEstimate(0.003, 1e-4, "s")))
+    found = replace(found, shrink_interval=(0.8, 0.9), proposal=Proposal(None, (PairSeparation(PLACE, PLACE, 1.0),), 3))
+    read = Diagnosis.load(found.save(tmp_path / "diagnosis.json"))
+    assert read.to_dict() == found.to_dict() and read.causes[0].instance == found.causes[0].instance
+    assert summary(read) == summary(found)
+    for text in ("{", "{}", '{"schema": "elastic_arm/diagnosis/2"}'):
+        (tmp_path / "broken.json").write_text(text)
+        with pytest.raises(DiagnosisError, match=r"Give a diagnosis\.json|Its schema must be"):
+            Diagnosis.load(tmp_path / "broken.json")
+
+
+def test_tables_are_csv_files_and_a_notebook_shows_the_verdict(tmp_path: Path) -> None:
+    """Causes, residuals' sizes and numbers are a file each; without pandas a data frame is refused with a remedy."""
+    found = diagnosis(cause())
+    files = {path.name: path.read_text().splitlines() for path in found.to_csv(tmp_path)}
+    assert list(files) == ["causes.csv", "gap.csv", "parameters.csv"]
+    assert files["causes.csv"][0] == "effect,joint,sides,probability,share_of_gap,parameter,value,std,unit"
+    assert files["causes.csv"][1] == "coulomb_friction,joint_2,motor,0.7,0.5,torque,6.0,0.12345678901,Nm"
+    assert "Joint 2 loses 6 Nm of dry friction" in found._repr_html_() and found.plot()._repr_png_()[1:4] == b"PNG"
+
+
+def test_data_frames_need_pandas_and_a_table(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A data frame is a table; a table that is not there, and pandas that is not installed, are refused in one line."""
+    monkeypatch.setattr("elastic_arm.errors.find_spec", lambda name: None)
+    with pytest.raises(MissingExtraError, match="pip install pandas"):
+        diagnosis(cause()).to_dataframe()
+    monkeypatch.undo()
+    pytest.importorskip("pandas")
+    assert list(diagnosis(cause()).to_dataframe("gap")["rmse_before"]) == [0.4]
+    with pytest.raises(OutputError, match="there is no table 'nope'"):
+        diagnosis(cause()).to_dataframe("nope")
 
 
 def test_what_a_description_states_goes_from_its_number_to_the_one_found() -> None:

@@ -104,6 +104,7 @@ def identify_with(
         The result, the estimator that it came from, and the first run of smoothed motion.
     """
     require_robot(robot)
+    asked = settings.laws(robot)
     chosen, validate = recordings_of(recordings), recordings_of(validate, "validate")
     if not chosen:
         raise IdentificationError("no recording was given", "Give at least one.")
@@ -114,7 +115,7 @@ def identify_with(
     motored = any(samples.tau_m is not None for samples in prepared)
     described, robot = robot, robot.with_armatures() if motored else robot
     armed = robot is not described
-    asked, moved = on_recorded_side(settings.effects, robot, motored=motored)
+    asked, moved = on_recorded_side(asked, robot, motored=motored)
     known = with_stated(asked, robot, motored=motored, catalogue=settings.catalogue)
     known, unseen = with_trace(known, robot, settings.model, prepared[0])
     # What the description states of imperfections is as uncertain as what it does not.
@@ -174,7 +175,7 @@ def _estimated(trials: Trials, choice: BatchChoice) -> tuple[Identification, Bat
     result = result.with_(notes=tuple(dict.fromkeys([*result.notes, *notes])))
     if trials.settings.consistent:
         trials.report("physical consistency", 1.0)
-        laws = (*trials.settings.effects, *choice.laws)
+        laws = (*trials.effects, *choice.laws)
         result = with_consistency(result, identifier, trials.robot, laws, correlated=correlated)
     return result, trial, correlated
 
