@@ -59,7 +59,8 @@ class Result:
                 text = io.StringIO()
                 table = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
                 table.writeheader()
-                table.writerows(rows)
+                for row in rows:
+                    table.writerow({k: f"{v:.9g}" if isinstance(v, float) else v for k, v in row.items()})
                 written.append(write_result(Path(folder) / f"{name}.csv", text.getvalue()))
         return written
 

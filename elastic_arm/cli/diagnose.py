@@ -29,7 +29,7 @@ from elastic_arm.cli.options import (
     read_by_clock,
     require_bags,
 )
-from elastic_arm.cli.outputs import Force, claim_folder
+from elastic_arm.cli.outputs import Csv, Force, claim_bag, claim_folder
 from elastic_arm.diagnosis import Priors, Question, diagnose, follow_up
 from elastic_arm.diagnosis.comparison import SimulationComparison, compare
 from elastic_arm.diagnosis.corrected_robot import deviations, repaired_robot
@@ -56,12 +56,13 @@ from elastic_arm.evidence.priors import read_priors
 from elastic_arm.memory import keep_memory
 from elastic_arm.mujoco import Exported, Replay
 from elastic_arm.output_files import write_result
-from elastic_arm.recording import load_channels
+from elastic_arm.recording import load_channels, write_recording
 from elastic_arm.recording.inspection.differences import differences
 from elastic_arm.robot import Robot, save_robot
 
 ROBOT = "robot.yaml"
 COMPARISON = "comparison.json"
+TABLES = ("causes.csv", "gap.csv", "parameters.csv", "residuals.csv")
 RESULTS = ("diagnosis.json", "report.html", ROBOT, SEPARATING, COMPARISON)
 COLOURS = {"none": "green", "explained": "cyan", "unknown": "yellow"}
 
@@ -94,6 +95,10 @@ def diagnose_command(
     against: Annotated[Path | None, typer.Option(metavar="BAG", help="The same commands, simulated.")] = None,
     out_dir: Annotated[Path, typer.Option("--out", help="Folder for the results.")] = Path("diagnosis"),
     replayed: Annotated[bool, typer.Option("--replay", help="Replay in MuJoCo, before and after (MJCF).")] = False,
+    mcap: Annotated[
+        Path | None, typer.Option(metavar="BAG", help="Bag of what judged, with its residuals before and after.")
+    ] = None,
+    csv: Csv = False,
     force: Force = False,
     json: Annotated[bool, typer.Option("--json", help="Print diagnosis.json.")] = False,
 ) -> None:
@@ -116,7 +121,10 @@ def diagnose_command(
     """
     keep_memory()
     require_bags([*bags, *(validate or [])])
-    claim_folder(out_dir, RESULTS, force=force)
+    claim_folder(out_dir, [*RESULTS, *(TABLES if csv else ())], force=force)
+    residual_bags = _numbered(mcap, len(validate or bags))
+    for bag in residual_bags:
+        claim_bag(bag, "--mcap")
     catalogue = Catalogue.default().with_files(effects_files or ())
     robot = load_arm(robot_file, chain, at, catalogue)
     correction = Correction(robot_file, chain, at, catalogue)
@@ -139,6 +147,11 @@ def diagnose_command(
         replays = replay_both(correction, out_dir, (judges or recordings)[0]) if replayed else []
         comparison = compare(found, simulated, question, difference) if simulated and difference else None
         write_diagnosis(found, robot, out_dir, replays, comparison)
+        if csv:
+            found.to_csv(out_dir)
+        for k, bag in enumerate(residual_bags):
+            one = (judges or recordings)[k].select(robot.joint_names)
+            write_recording(bag, one, further=found.residual_sides(k, one.start_ns))
     if json:
         print_json(found.to_dict())
     else:
@@ -146,6 +159,14 @@ def diagnose_command(
         print_correction(corrected)
         print_replays(replays)
         print_comparison(comparison)
+        also = [*(TABLES if csv else ()), *map(str, residual_bags)]
+        if also:
+            out.print(f"also written: {escape(', '.join(also))}")
+
+
+def _numbered(bag: Path | None, count: int) -> list[Path]:
+    """Return names of bags for so many recordings; none where none is asked for."""
+    return [] if bag is None else [bag, *(bag.with_name(f"{bag.name}_{k}") for k in range(2, count + 1))]
 
 
 def correct(found: Diagnosis, robot: Robot, folder: Path, correction: Correction) -> Exported | str | None:

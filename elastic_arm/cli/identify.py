@@ -25,7 +25,7 @@ from elastic_arm.cli.options import (
     read_by_clock,
     require_bags,
 )
-from elastic_arm.cli.outputs import Force, claim_folder
+from elastic_arm.cli.outputs import Csv, Force, claim_folder
 from elastic_arm.effects import Catalogue
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.formatting import rounded
@@ -35,6 +35,7 @@ from elastic_arm.memory import keep_memory
 from elastic_arm.mujoco import Exported
 from elastic_arm.recording import Recording, load_channels
 
+TABLES = ("parameters.csv", "residuals.csv")
 RESULTS = ("identification.json", "report.html", "robot.yaml")
 COLOURS = {"well": "green", "poorly": "yellow", "not": "red"}
 
@@ -62,6 +63,7 @@ def identify(
     consistent: Annotated[bool, typer.Option(help="Also find all parameters, physically consistent.")] = True,
     out_dir: Annotated[Path, typer.Option("--out", help="Folder for the results.")] = Path("identified"),
     json: Annotated[bool, typer.Option("--json", help="Print the result as JSON, for scripts.")] = False,
+    csv: Csv = False,
     force: Force = False,
 ) -> None:
     """Identify an arm's parameters from recordings.
@@ -79,7 +81,7 @@ def identify(
     """
     keep_memory()
     require_bags([*bags, *(validate or [])])
-    claim_folder(out_dir, RESULTS, force=force)
+    claim_folder(out_dir, [*RESULTS, *(TABLES if csv else ())], force=force)
     catalogue = Catalogue.default().with_files(effects_files or ())
     robot = load_arm(robot_file, chain, at, catalogue)
     laws = parse_laws(with_ or (), robot, catalogue)
@@ -99,6 +101,8 @@ def identify(
         result, identifier, motion = identify_with(recordings, robot, settings, validate=held_out, progress=says)
         says("report", 1.0)
         _write(result, sections_of=(identifier.equations, motion), out_dir=out_dir)
+        if csv:
+            result.to_csv(out_dir)
         corrected = Correction(robot_file, chain, at, catalogue).write(result.identified, out_dir)
     if json:
         print_json(result.to_dict())

@@ -19,6 +19,8 @@ SHOWN = 60  # characters of a name that is too long
 LONGEST_NAME = 240
 Force = Annotated[bool, typer.Option("--force", help="Overwrite the results of an earlier run.")]
 
+Csv = Annotated[bool, typer.Option("--csv", help="Also write tables of the results as CSV files.")]
+
 
 def claim_folder(folder: Path, names: Sequence[str], *, force: bool, option: str = "--out") -> None:
     """Check that the files `names` may be written into `folder`, which need not exist.

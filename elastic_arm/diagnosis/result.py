@@ -17,6 +17,7 @@ from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.equations import SIDES
 from elastic_arm.formatting import JointUnits
 from elastic_arm.output_files import write_result
+from elastic_arm.recording import Side
 from elastic_arm.results import Result, Row
 
 if TYPE_CHECKING:
@@ -392,20 +393,37 @@ class Diagnosis(Result):
         return {"causes": causes, "gap": gap, "parameters": parameters, "residuals": self._residuals()}
 
     def _residuals(self) -> list[Row]:
-        """Return the residuals of the recordings that judged, Nm, before and after; t from the recording's start, s."""
         if self.context is None:
             return []
-        layout = self.context.validate.layout
-        places = [f"{joint}.{side}" for side in layout.sides for joint in self.joints]
+        rows: list[Row] = []
+        places = [f"{joint}.{side}" for side in self.context.validate.layout.sides for joint in self.joints]
         names = [f"{place}.{when}" for when in ("before", "after") for place in places]
-        judged = list(self.judged.items())
-        parts = zip(self.context.validate.parts, self.context.before, self.context.after, strict=True)
-        return [
-            {"recording": judged[part.recording][0], "t": judged[part.recording][1][0] + t,
-             **dict(zip(names, row, strict=True))}
-            for part, before, after in parts
-            for t, row in zip(part.stretch.t.tolist(), np.hstack([before, after]).tolist(), strict=True)
-        ]  # fmt: skip
+        for k, (source, (begin, _)) in enumerate(self.judged.items()):
+            t, *residuals = self.context.over_time(k)
+            values = zip((begin + t).tolist(), np.hstack(residuals).tolist(), strict=True)
+            rows += [{"recording": source, "t": at, **dict(zip(names, row, strict=True))} for at, row in values]
+        return rows
+
+    def residual_sides(self, recording: int, start_ns: int) -> dict[str, Side]:
+        """Return the residuals of a recording that judged as topics, `/residuals/motor/before`, with torques as effort.
+
+        Parameters
+        ----------
+        recording
+            Its position among those that judged.
+        start_ns
+            Where the recording begins.
+        """
+        if self.context is None:
+            return {}
+        t, *residuals = self.context.over_time(recording)
+        begin, n = list(self.judged.values())[recording][0], len(self.joints)
+        stamps = start_ns + np.round(1e9 * (begin + t)).astype(np.int64)
+        return {
+            f"/residuals/{side}/{when}": Side(stamps, effort=values[:, n * s : n * (s + 1)])
+            for when, values in zip(("before", "after"), residuals, strict=True)
+            for s, side in enumerate(self.context.validate.layout.sides)
+        }
 
     def to_dict(self) -> dict[str, Any]:
         """Return the content of `diagnosis.json`."""

@@ -118,7 +118,7 @@ def test_tables_are_csv_files_and_a_notebook_shows_the_verdict(tmp_path: Path) -
     files = {path.name: path.read_text().splitlines() for path in found.to_csv(tmp_path)}
     assert list(files) == ["causes.csv", "gap.csv", "parameters.csv"]
     assert files["causes.csv"][0] == "effect,joint,sides,probability,share_of_gap,parameter,value,std,unit"
-    assert files["causes.csv"][1] == "coulomb_friction,joint_2,motor,0.7,0.5,torque,6.0,0.12345678901,Nm"
+    assert files["causes.csv"][1] == "coulomb_friction,joint_2,motor,0.7,0.5,torque,6,0.123456789,Nm"
     assert "Joint 2 loses 6 Nm of dry friction" in found._repr_html_() and found.plot()._repr_png_()[1:4] == b"PNG"
 
 

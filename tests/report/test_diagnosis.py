@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import html
 import io
 import json
@@ -29,6 +30,8 @@ from elastic_arm.diagnosis.words import cause_sentence, estimates_text, probabil
 from elastic_arm.effects import EFFECTS
 from elastic_arm.effects.model import REGIMES
 from elastic_arm.recording import read_recording, write_recording
+from elastic_arm.recording.message_types import typestore
+from elastic_arm.recording.storage.messages import read_messages
 from elastic_arm.report.diagnosis import sections, write_gap_report
 from elastic_arm.report.diagnosis_figures import angle_within_turn, shown_sides
 from elastic_arm.report.html import Table
@@ -136,14 +139,30 @@ def test_command_writes_the_motion_that_the_simulator_takes(tmp_path: Path) -> N
     for k in (1, 2):
         write_recording(tmp_path / f"bag_{k}", record(gentle(k), PLAY, seed=k))
     folder = tmp_path / "diagnosis"
-    told = run("diagnose", tmp_path / "bag_1", "--validate", tmp_path / "bag_2", "--out", folder)
+    bags, further = (tmp_path / "bag_1", "--validate", tmp_path / "bag_2"), ("--csv", "--mcap", tmp_path / "residuals")
+    told = run("diagnose", *bags, "--out", folder, *further)
     assert told.exit_code == 0, told.output
-    assert {p.name for p in folder.iterdir()} == {"diagnosis.json", "report.html", "robot.yaml", SEPARATING}
+    tables = {"causes.csv", "gap.csv", "parameters.csv", "residuals.csv"}
+    assert {p.name for p in folder.iterdir()} == {"diagnosis.json", "report.html", "robot.yaml", SEPARATING, *tables}
+    check_residuals(folder / "residuals.csv", tmp_path)
     words = " ".join(told.stdout.split())
     assert f"told apart by: {SEPARATING}" in words and "prediction: Driven by the measured torque" in words
     told = run("simulate", "--out", tmp_path / "next", "--trajectory", folder / SEPARATING, "--duration", 1.0)
     assert told.exit_code == 0, told.output
     assert read_recording(tmp_path / "next").duration == pytest.approx(1.0, abs=0.01)
+
+
+def check_residuals(table: Path, folder: Path) -> None:
+    """The bag of residuals is the recording that judged, and its topics hold at each time what the table has."""
+    rows = list(csv.DictReader(table.read_text().splitlines()))
+    messages = list(read_messages(folder / "residuals", {"/residuals/motor/before"}))
+    assert read_recording(folder / "residuals").duration == read_recording(folder / "bag_2").duration
+    assert len(messages) == len(rows)
+    states = [typestore().deserialize_cdr(m.data, "sensor_msgs/msg/JointState") for m in messages[::50]]
+    effort = [float(row["joint_2.motor.before"]) for row in rows[::50]]
+    np.testing.assert_allclose([state.effort[1] for state in states], effort, rtol=1e-6)
+    stamps = [state.header.stamp.sec + 1e-9 * state.header.stamp.nanosec for state in states]
+    np.testing.assert_allclose(stamps, [float(row["t"]) for row in rows[::50]], atol=1e-6)
 
 
 def shown(found: Diagnosis, folder: Path, monkeypatch: pytest.MonkeyPatch, **screen: Any) -> list[str]:
