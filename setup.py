@@ -60,6 +60,7 @@ setup(
     install_requires=list(LIBRARIES),
     extras_require={
         "test": ["pytest", "pytest-xdist", "hypothesis"],
+        "notebook": ["pandas"],
         # One installation has it all; these names stay for whoever asks by them.
         **{name: [] for name in ("all", "challenge", "learning", "mujoco", "paper")},
     },
