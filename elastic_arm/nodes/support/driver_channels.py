@@ -28,7 +28,7 @@ class DriverSide:
         Raises
         ------
         RecordingError
-            If the map asks for what a live graph does not give.
+            If the map holds what a live graph does not give.
         """
         if missing := [name for name in names if name not in channels.joints]:
             raise RecordingError(f"the channel map lacks {', '.join(missing)}", "Name every joint of the arm.")
