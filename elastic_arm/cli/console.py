@@ -156,17 +156,7 @@ def print_json(data: dict[str, Any]) -> None:
 
 
 def finite(data: Any, found: list[str], place: str = "") -> Any:
-    """Return data with null for every number that is not finite.
-
-    Parameters
-    ----------
-    data
-        Plain data.
-    found
-        Gets the place and value of each number replaced: `causes[0].size: nan`.
-    place
-        Of the data itself.
-    """
+    """Return data with null for every number that is not finite."""
     match data:
         case float() if not math.isfinite(data):
             found.append(f"{place}: {data}")

@@ -174,17 +174,7 @@ def _print_result(
 
 
 def indistinct_words(result: ExcitationResult, base: BaseParameters, model: Model) -> list[str]:
-    """Return the names of the base parameters that were left out of the search.
-
-    Parameters
-    ----------
-    result
-        Of the search.
-    base
-        Base parameters of the model.
-    model
-        Whose columns the result counts.
-    """
+    """Return the names of the base parameters that were left out of the search."""
     names = dict(zip((int(c) for c in base.columns), base.names, strict=True))
     return [names.get(c, model.parameters[c].name) for c in result.indistinct]
 

@@ -25,17 +25,6 @@ Csv = Annotated[bool, typer.Option("--csv", help="Also write tables of the resul
 def claim_folder(folder: Path, names: Sequence[str], *, force: bool, option: str = "--out") -> None:
     """Check that the files `names` may be written into `folder`, which need not exist.
 
-    Parameters
-    ----------
-    folder
-        Of the results; need not exist.
-    names
-        Files that will be written.
-    force
-        Whether files of an earlier run may be overwritten.
-    option
-        Option that the error refers to.
-
     Raises
     ------
     OutputError
@@ -53,15 +42,6 @@ def claim_folder(folder: Path, names: Sequence[str], *, force: bool, option: str
 
 def claim_file(path: Path, *, force: bool, option: str = "--out") -> None:
     """Check that `path` may be written; its folder need not exist.
-
-    Parameters
-    ----------
-    path
-        File that will be written.
-    force
-        Whether it may be overwritten.
-    option
-        Option that the error refers to.
 
     Raises
     ------

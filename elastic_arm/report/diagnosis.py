@@ -53,19 +53,7 @@ WHOLE = ("motor torque against what moves and carries motor and link", "tau_m âˆ
 def write_gap_report(
     path: str | Path, found: Diagnosis, replays: Sequence[Replay] = (), comparison: SimulationComparison | None = None
 ) -> Path:
-    """Write the report of a diagnosis, of replays in MuJoCo and of a comparison where there are any, as one HTML file.
-
-    Parameters
-    ----------
-    path
-        The file.
-    found
-        The diagnosis.
-    replays
-        Of the models without and with the causes.
-    comparison
-        With a simulated recording of the same commands.
-    """
+    """Write the report of a diagnosis, of replays in MuJoCo and of a comparison where there are any, as one HTML file."""
     subtitle = f"{', '.join(found.identify) or 'a recording'} against {found.robot} ({found.model})"
     parts = sections(found)
     if replays:

@@ -85,19 +85,7 @@ def gap_map(found: Diagnosis) -> MplFigure:
 def residual_figure(
     found: Diagnosis, context: DiagnosisContext, row: int, left: Sequence[Array], cause: str | None, regime: str = ""
 ) -> MplFigure:
-    """Draw a residual against time, frequency, velocity, position and angle, with what was added laid over.
-
-    Parameters
-    ----------
-    row
-        Which residual.
-    left
-        What is left of all residuals, one array (N', R) a stretch.
-    cause
-        What it is that was added; None where nothing was.
-    regime
-        In which it shows most: what follows the rotor is drawn over the angle of the rotor.
-    """
+    """Draw a residual against time, frequency, velocity, position and angle, with what was added laid over."""
     n = len(found.joints)
     side, i = context.validate.layout.sides[row // n], row % n
     part = max(range(len(left)), key=lambda k: len(left[k]))
@@ -154,17 +142,7 @@ def _draw_cloud(ax: Axes, x: Array, before: Array, cause: Array | None) -> None:
 def angle_within_turn(
     found: Diagnosis, context: DiagnosisContext, i: int, theta: Array, regime: str
 ) -> tuple[Array, str]:
-    """Return the angle within a turn of what turns fast, and its name: wave generator, rotor, or the joint itself.
-
-    Parameters
-    ----------
-    found, context
-        The diagnosis, and its arm.
-    i, theta
-        Index of the joint, and its angles (N,), rad.
-    regime
-        What the residual follows: the rotor is shown where that is its angle.
-    """
+    """Return the angle within a turn of what turns fast, and its name: wave generator, rotor, or the joint itself."""
     gear = context.model.robot.joints[i].transmission
     if gear is None:
         # Around the middle of the motion: one about zero would be cut in two.
@@ -204,17 +182,7 @@ def before_and_after(found: Diagnosis, context: DiagnosisContext) -> MplFigure:
 
 
 def horizons(prediction: Prediction, joints: Sequence[str], unit: str) -> MplFigure:
-    """Draw prediction errors over the horizon, a joint a panel.
-
-    Parameters
-    ----------
-    prediction
-        The errors.
-    joints
-        Names.
-    unit
-        Of the errors, a millionth of that of positions.
-    """
+    """Draw prediction errors over the horizon, a joint a panel."""
     before, after = prediction.before or {}, prediction.after or {}
     ms = 1e3 * np.array(prediction.horizons)
     drawn = [(before, BEFORE, 2.6, "before"), (after, AFTER, 1.0, "after")][: 1 if after == before else 2]

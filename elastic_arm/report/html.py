@@ -131,15 +131,6 @@ class Section:
 def write_report(path: str | Path, title: str, sections: Sequence[Section], *, subtitle: str = "") -> Path:
     """Write one HTML file.
 
-    Parameters
-    ----------
-    path
-        The file; its folder is made.
-    title, subtitle
-        The heading and the line below it.
-    sections
-        Sections of the report, most important first.
-
     Raises
     ------
     OutputError
