@@ -8,7 +8,7 @@ if [ ! -x .venv-docs/bin/mkdocs ]; then
   .venv-docs/bin/python -m pip install --quiet --disable-pip-version-check -r requirements-docs.txt
 fi
 rm -rf build/docs
-mkdir -p build/docs
+mkdir -p build/docs && touch build/COLCON_IGNORE
 git ls-files -z -- '*.md' docs examples msg_defs tests/data elastic_arm/robot/data LICENSE |
   xargs -0 cp --parents --no-dereference --target-directory build/docs
 NO_MKDOCS_2_WARNING=1 .venv-docs/bin/mkdocs build --strict 2>&1 | sed '/^INFO/d; /^  - /d; /^$/d'

@@ -53,7 +53,7 @@ WHOLE = ("motor torque against what moves and carries motor and link", "tau_m âˆ
 def write_gap_report(
     path: str | Path, found: Diagnosis, replays: Sequence[Replay] = (), comparison: SimulationComparison | None = None
 ) -> Path:
-    """Write the report of a diagnosis, of replays in MuJoCo and of a comparison where there are any, as one HTML file."""
+    """Write the report of a diagnosis, with replays in MuJoCo and a comparison where there are any, as one file."""
     subtitle = f"{', '.join(found.identify) or 'a recording'} against {found.robot} ({found.model})"
     parts = sections(found)
     if replays:
