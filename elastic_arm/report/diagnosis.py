@@ -148,12 +148,13 @@ def _cause(found: Diagnosis, cause: Cause, k: int, context: DiagnosisContext) ->
     side, joint = context.validate.layout.sides[row // len(found.joints)], found.joints[row % len(found.joints)]
     caption = (
         f"{joint}, {side} side, on validation data. Grey: residual of the model as it is. Orange: what this cause "
-        "adds. Blue: what is left with this cause alone added."
+        "adds. Blue: what is left with this cause alone added. Drag to zoom, double-click for the whole."
     )
     return [
         Text(f"{effect.description} Law: {effect.formula}."),
         Text(f"How it shows: {effect.signature}"),
-        Figure(figures.residual_figure(found, context, row, context.alone[k], cause.effect, effect.regime), caption),
+        *figures.residual_blocks(found, context, row, context.alone[k], cause.effect, effect.regime),
+        Text(caption),
     ]
 
 
@@ -167,7 +168,8 @@ def _unexplained(found: Diagnosis, context: DiagnosisContext) -> list[Block]:
     return [
         Text("No effect of the catalogue explains what is left here.", "warn"),
         Table(["joint", "side", "follows", f"left, {found.units.over('Nm')}"], rows, digits=3),
-        Figure(figures.residual_figure(found, context, row, context.after, added), caption),
+        Text(caption),
+        *figures.residual_blocks(found, context, row, context.after, added),
     ]
 
 
@@ -213,8 +215,8 @@ def _sizes(found: Diagnosis, context: DiagnosisContext | None) -> list[Block]:
     table = Table(header, rows, f"{found.units.over('Nm')}, validation data, 0 to {found.band:.3g} Hz", 3)
     if context is None:
         return [table]
-    caption = "Residuals on the longest stretch of validation data; the band is two standard deviations of the noise."
-    return [Figure(figures.before_and_after(found, context), caption), table]
+    how = Text("On the longest stretch of validation data. Drag over a plot to zoom, double-click for the whole.")
+    return [table, how, *figures.before_and_after(found, context)]
 
 
 def _prediction(found: Diagnosis) -> list[Block]:

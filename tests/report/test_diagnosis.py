@@ -68,8 +68,9 @@ def test_report_shows_verdict_map_causes_and_prediction_in_a_browser(two_causes:
     assert {"coulomb friction, joint_2", "transmission error, joint_1"} < set(titles)
     assert {"Before and after", "How far ahead the model sees", "What the residuals follow"} < set(titles)
     assert page.index("explained: ") < page.index("<svg")
-    # Map, two causes, before and after, horizons.
-    assert page.count("<svg") == 5
+    # Map, two causes, horizons are drawings; what is over time can be zoomed: two causes, and nine residuals.
+    assert (page.count("<svg"), page.count("<canvas")) == (4, 2 + 9)
+    assert len(page.encode()) < 3e6 and not re.findall(r'(?:src|href)="http', page)
     for words in ("velocity [rad/s]", "wave generator angle", "frequency [Hz]", "ahead [ms]", "Trust in the"):
         assert words in page
 
