@@ -299,9 +299,9 @@ def print_comparison(comparison: SimulationComparison | None) -> None:
 
 def _print_proposal(proposal: Proposal) -> None:
     for pair in proposal.pairs:
-        names = " or ".join(effect_at(*place) for place in (pair.cause, pair.alternative))
+        names = " and ".join(effect_at(*place) for place in (pair.cause, pair.alternative))
         here, expected = log_likelihood_text(pair.here), log_likelihood_text(pair.expected)
-        outlook = f"the best motion found by {expected}, which would not decide it"
+        advice = f"no motion was found that tells {names} apart"
         if pair.decides:
-            outlook = f"the {proposal.seconds:g} s of {SEPARATING} by {expected}: record that"
-        out.print(f"next: {escape(names)}: this recording tells them apart by a log-likelihood of {here}, {outlook}")
+            advice = f"record {SEPARATING} ({proposal.seconds:g} s), which is to tell {names} apart"
+        out.print(f"next: {escape(advice)} (log-likelihood {expected}; this recording {here})")

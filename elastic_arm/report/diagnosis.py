@@ -99,7 +99,7 @@ def _verdict(found: Diagnosis) -> list[Block]:
     blocks: list[Block] = [Text("\n".join(summary(found)), TONES[found.verdict])]
     if found.causes:
         rows: list[list[object]] = [
-            [c.effect.replace("_", " "), c.joint or "whole arm", sides_text(c), cause_size(c), Written(alone_text(c)),
+            [c.effect, c.joint or "whole arm", sides_text(c), cause_size(c), Written(alone_text(c)),
              Written(probability_text(c.confidence))]
             for c in found.causes
         ]  # fmt: skip

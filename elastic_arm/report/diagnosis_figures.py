@@ -58,7 +58,7 @@ def gap_map(found: Diagnosis) -> MplFigure:
         shown = {"the model as it is": found.before}
         if found.causes:
             shown["with the causes added"] = found.after
-        size_of_map = (0.6 + (1.2 + len(sides)) * len(shown), 1.3 + 0.5 * len(found.joints))
+        size_of_map = (0.6 + (1.5 + len(sides)) * len(shown), 1.3 + 0.5 * len(found.joints))
         figure, axes = new_figure(1, len(shown), size=size_of_map)
         for ax, (name, size) in zip(axes[0], shown.items(), strict=True):
             ratio = np.array(
