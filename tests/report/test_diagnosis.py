@@ -153,6 +153,16 @@ def test_command_writes_the_motion_that_the_simulator_takes(tmp_path: Path) -> N
     assert read_recording(tmp_path / "next").duration == pytest.approx(1.0, abs=0.01)
 
 
+def test_the_layout_of_residuals_shows_what_the_bag_holds(two_causes: Diagnosis) -> None:
+    """Every curve of layouts/residuals.json is a residual of the bag, and every panel has its place."""
+    layout = json.loads((Path(__file__).parents[2] / "layouts" / "residuals.json").read_text())
+    panels = layout["configById"]
+    curves = [p["value"] for name, panel in panels.items() if name.startswith("Plot!") for p in panel["paths"]]
+    topics = {f"{topic}.effort[{k}]" for topic in two_causes.residual_sides(0, 0) for k in range(ROBOT.n)}
+    assert set(curves) == topics
+    assert sorted(re.findall(r'"(\w+!\w+)"', json.dumps(layout["layout"]))) == sorted(panels)
+
+
 def check_residuals(table: Path, folder: Path) -> None:
     """The bag of residuals is the recording that judged, and its topics hold at each time what the table has."""
     rows = list(csv.DictReader(table.read_text().splitlines()))
