@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = ["SUBCOMMANDS", "app", "load", "main"]
 
-__getattr__ = lazily(__name__, dict.fromkeys(("SUBCOMMANDS", "app", "load"), "elastic_arm.cli.application"))
+__getattr__, __dir__ = lazily(__name__, dict.fromkeys(("SUBCOMMANDS", "app", "load"), "elastic_arm.cli.application"))
 # Libraries swallow what is raised while they call Python, as CasADi does: interrupts are raised again after so long, s.
 AGAIN = 3.0
 

@@ -253,6 +253,20 @@ def test_an_arm_that_is_held_up_in_real_time_loses_no_sample(graph: Graph) -> No
     np.testing.assert_allclose(followed, reference, atol=0.01)
 
 
+def test_the_generator_goes_on_with_an_arm_that_was_started_again(graph: Graph) -> None:
+    """Where the simulator ends in the middle of a motion, the generator waits for the next one and begins anew."""
+    trajectory = lively_excitation(graph.folder, 4.0)
+    simulator = graph.start("simulator")
+    generator = graph.start("trajectory_generator", trajectory=trajectory)
+    graph.until(lambda: "streaming 4.0 s" in generator.output, "the motion is announced")
+    assert simulator.stop() == 0
+    graph.until(lambda: "waiting for it" in generator.output, "the generator misses the arm")
+    assert generator.process.poll() is None
+    graph.start("simulator")
+    graph.until(lambda: generator.process.poll() is not None, "the motion ends")
+    assert generator.process.returncode == 0 and generator.output.count("streaming 4.0 s") == 2
+
+
 def test_two_clocks_are_a_mistake(graph: Graph) -> None:
     """A generator on the time of day refuses an arm on a clock of its own, and says what to set."""
     graph.start("simulator", real_time_factor=0.5)

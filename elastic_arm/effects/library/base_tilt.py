@@ -21,6 +21,7 @@ EFFECT = Effect(
     id=TILT,
     formula="base rotated by Rx(a) Ry(b) in the ground frame",
     description="The arm's base does not stand level, so gravity pulls askew.",
+    plain="stands on a base that leans by {x} about x and {y} about y",
     signature="A link residual that depends on the pose alone, on all joints at once, even on a vertical first axis.",
     law=law,
     parameters=(signed("x", "rad", 0.1, "a", default=0.0), signed("y", "rad", 0.1, "b", default=0.0)),

@@ -174,6 +174,7 @@ EFFECT: Effect = StructuralEffect(
     id="bearing_compliance",
     formula="tilts q_ix, q_iy of every joint, bearing stiffness times the scale",
     description="The joints' bearings give way about x and y; the model holds them rigid.",
+    plain="has bearings that give way, {stiffness_scale} times as stiff as described",
     signature="Link residuals of all joints that grow with the tilting moments and ring at the bearings' resonances.",
     law=law,
     parameters=(searched("stiffness_scale", "1", 0.01, 10.0, "true / arm file", default=1.0, above=0.0, inverse=True),),

@@ -14,6 +14,7 @@ SPRING = Effect(
     "joint_spring",
     formula="k (q - q_0) on the link",
     description="A spring from one link to the next: a counterbalance, a dress pack, a hose.",
+    plain="carries a spring of {stiffness}",
     signature="The link residual is a straight line over the joint angle, whatever the speed and the other joints.",
     law=lambda motion, i, p: motion.at(i, link=p["stiffness"] * (motion.q[i] - p["rest"])),
     parameters=(
@@ -27,8 +28,8 @@ SPRING = Effect(
 COUNTERBALANCE = Effect(
     "counterbalance",
     formula="c_2 q^2 + c_3 q^3 + c_4 q^4 + c_5 q^5 on the link, q in rad: what a joint spring lacks",
-    description="A counterbalance on a crank, a gas spring: beside a joint spring, the bend of its torque over the "
-    "angle.",
+    description="A counterbalance on a crank, a gas spring: what a joint spring lacks of its torque over the angle.",
+    plain="carries a counterbalance whose torque bends by {torque} per rad², rad³, …",
     signature="The link residual is one curve over the joint's own angle, whatever the speed and the other joints.",
     law=lambda motion, i, p: motion.at(i, link=ca.dot(p["torque"], ca.vertcat(*(motion.q[i] ** k for k in ORDERS)))),
     parameters=(signed("torque", "Nm", 2e4, "c_2 to c_5", size=len(ORDERS), example=(-100.0, 100.0)),),

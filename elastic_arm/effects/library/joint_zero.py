@@ -19,6 +19,7 @@ EFFECT = Effect(
     id="joint_zero",
     formula="both encoders of a joint = the description's angle + offset; the arm beyond it is turned by -offset",
     description="The joint's zero differs from the description's: calibrated anew, a motor or encoder exchanged.",
+    plain="has its zero {offset} from where it is described",
     signature="Weight and inertia of all that hangs on the joint are felt at an angle that is off, also on joints "
     "before it; the two encoders agree.",
     law=law,

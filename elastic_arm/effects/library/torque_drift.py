@@ -43,6 +43,7 @@ EFFECT: Effect = SensorEffect(
     id="torque_drift",
     formula="recorded = true + a zero that moves at the mean rate from the first sample on",
     description="The zero of a torque channel wanders while the arm is recorded: a sensor or a drive that warms up.",
+    plain="has a {channel} whose zero drifts by {rate} while it is recorded",
     signature="The residuals that hold the channel move off zero with time, whatever the motion.",
     law=law,
     parameters=(signed("rate", "Nm/s", 2.0, "mean over the recording", example=(0.1, 0.3)),),
