@@ -147,9 +147,7 @@ def unseen_notes(instances: Sequence[EffectInstance], bare: Sequence[str]) -> li
 
 def law_note(joint: str, law: GeneralLaw) -> str:
     """Return the note on a law without a form."""
-    return (
-        f"A torque of {joint} ({law.side}) follows {law.argument}, and no effect of the catalogue has this form."
-    )
+    return f"A torque of {joint} ({law.side}) follows {law.argument}, and no effect of the catalogue has this form."
 
 
 def shape_note(joint: str, side: str) -> str:
