@@ -27,6 +27,7 @@ from elastic_arm.evidence.term import Key, Term
 Array = NDArray[np.float64]
 
 STEPS = 6  # of Gauss and Newton beside a set
+Thetas = dict[Key, tuple[float, ...]]
 STARTS = "as measured", "as built"
 EXACT = 0.1  # factor of the trust below which the numbers of a description lie where it has them; numerical
 
@@ -72,9 +73,10 @@ def explain(problem: Problem, *, refit: bool) -> Explanation:
     described = Linearisation(problem, np.zeros(len(problem.numbers)), ())
     # Where the description is exact, all that is left is an effect. Where it is off everywhere, there is less to
     # mistake for one where its numbers lie alone.
-    starts = [_started(described, trust, refit) for trust in STARTS if not (refit and trust == STARTS[0])]
+    thetas: Thetas = {}
+    starts = [_started(described, trust, refit, thetas) for trust in STARTS if not (refit and trust == STARTS[0])]
     first = max(starts, key=lambda found: found.best.score)
-    found = _descended(first.linear, first.best, refit)
+    found = _descended(first.linear, first.best, refit, thetas)
     tried: set[frozenset[Key]] = set()
     for _ in range(ELSEWHERE):
         # Exchanged at this linearisation, a set whose numbers lie elsewhere is judged by columns that are not its own.
@@ -82,13 +84,13 @@ def explain(problem: Problem, *, refit: bool) -> Explanation:
         if other is None:
             break
         tried.add(other.keys)
-        found = _better(found, _descended(found.linear, other, refit, found.best))
+        found = _better(found, _descended(found.linear, other, refit, thetas, found.best))
     return replace(found, log=(*(line for one in starts for line in one.log), *found.log))
 
 
-def _started(described: Linearisation, trust: str, refit: bool) -> Explanation:
+def _started(described: Linearisation, trust: str, refit: bool, thetas: Thetas) -> Explanation:
     """Return the most probable set at first, from the numbers alone."""
-    return _explained(_settled(described, None, trust), None, trust, refit, moves=ADDED)
+    return _explained(_settled(described, None, trust), None, trust, refit, thetas, moves=ADDED)
 
 
 def _better(one: Explanation, other: Explanation) -> Explanation:
@@ -111,7 +113,7 @@ def _elsewhere(found: Explanation, tried: Set[frozenset[Key]]) -> Fit | None:
     return max(sets, key=lambda fit: fit.score, default=None)
 
 
-def _descended(linear: Linearisation, before: Fit, refit: bool, best: Fit | None = None) -> Explanation:
+def _descended(linear: Linearisation, before: Fit, refit: bool, thetas: Thetas, best: Fit | None = None) -> Explanation:
     """Return the most probable set beside which the linearisation stays, from one to start from.
 
     Laws without a form and the moves that take long come where the set stays: elsewhere they follow its error. They do
@@ -123,7 +125,7 @@ def _descended(linear: Linearisation, before: Fit, refit: bool, best: Fit | None
     kept: tuple[Explanation, frozenset[Key]] | None = None
     for n in range(ROUNDS):
         here = _settled(linear, before, before.model.name)
-        found = _explained(here, before, before.model.name, refit, moves=moves)
+        found = _explained(here, before, before.model.name, refit, thetas, moves=moves)
         log += [f"{n}: {line}" for line in found.log]
         if kept is not None and before.keys != kept[1] and found.own < kept[0].own - WORTH:
             refused.add(before.keys)
@@ -207,7 +209,9 @@ def _screens(linear: Linearisation, model: LinearModel, *, laws: bool) -> list[S
     return [linear.cache["screen"], *([linear.cache["laws"]] if laws else [])]
 
 
-def _explained(linear: Linearisation, before: Fit | None, trust: str, refit: bool, *, moves: int) -> Explanation:
+def _explained(
+    linear: Linearisation, before: Fit | None, trust: str, refit: bool, thetas: Thetas, *, moves: int
+) -> Explanation:
     """Return the most probable set at a linearisation, from the one found at another."""
     trusts = {name: one for name, one in TRUST.items() if not (refit and name == "as measured")}
     model, log = linear_model(linear, trust), []
@@ -217,7 +221,7 @@ def _explained(linear: Linearisation, before: Fit | None, trust: str, refit: boo
     # The trust in the description that is most probable beside the set, and the set beside it, until both stay.
     tried: dict[str, Search] = {}
     while trust not in tried:
-        search = Search(linear, model.trusting(trust), screens)
+        search = Search(linear, model.trusting(trust), screens, thetas)
         tried[trust], best = search, search.run(terms, moves=moves)
         log += [f"{trust}: {line}" for line in search.log]
         terms = best.optional
