@@ -15,7 +15,7 @@ from elastic_arm.diagnosis.encoder_zeros import with_common_zeros
 from elastic_arm.diagnosis.preprocessing import needs_motion, standing, usable
 from elastic_arm.diagnosis.question import Question
 from elastic_arm.diagnosis.split import independent, split
-from elastic_arm.diagnosis.words import LOW_PASSED, bare_note, standing_note, unseen_notes
+from elastic_arm.diagnosis.words import LOW_PASSED, bare_note, made_note, standing_note, unseen_notes
 from elastic_arm.dynamics import build_model
 from elastic_arm.effects import EffectInstance, robot_effects
 from elastic_arm.effects.equations import ArmEquations
@@ -32,6 +32,7 @@ from elastic_arm.identification.batch.turning import turning_speeds
 from elastic_arm.recording import Recording
 from elastic_arm.recording.inspection.plausibility import smoothed_torques
 from elastic_arm.recording.inspection.two_encoders import by_motor_encoders
+from elastic_arm.recording.made_torque import with_made_torque
 from elastic_arm.robot import Robot
 
 Array = NDArray[np.float64]
@@ -90,6 +91,7 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
     names, held_back = question.robot.joint_names, not validate
     chosen = [by_motor_encoders(r.select(names), question.robot) for r in (*recordings, *validate)]
     alike = with_common_zeros(share_out(usable, chosen), question.robot)
+    alike = [with_made_torque(one, question.robot) for one in alike]
     parts = split(alike[: len(recordings)], alike[len(recordings) :])
     observed = _observed(parts, held_back=held_back)
     robot, mounting = _mounted(question, observed[0])
@@ -97,7 +99,8 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
     robot = robot.with_armatures() if motored else robot
     observed = _turning_over(robot, parts[0], observed)
     currents = sorted({channel for part in parts for recording in part for channel in recording.currents})
-    priors = question.priors.of_currents(currents)
+    made = any(recording.made_by for part in parts for recording in part)
+    priors = question.priors.of_currents(currents, made=made)
     layout, band = common_equations([*observed[0], *observed[1]], build_model(robot, question.model))
     still = [joint for joint in names if all(joint in standing(r) for r in parts[0])]
     equations = ArmEquations(robot, question.model)
@@ -133,6 +136,7 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
     notes += [*([bare_note(bare)] if bare else []), *unseen_notes(unseen, bare)]
     gains = ", ".join(f"{100 * priors.sensors[f'{channel}_gain']:.2g} % of {channel}" for channel in currents)
     notes += [f"Torques are currents times a torque constant, believed to {gains}."] if currents else []
+    notes = [*([made_note(priors.sensors["motor_torque_gain"])] if made else []), *notes]
     return Prepared(
         problem=problem,
         unseen=unseen,

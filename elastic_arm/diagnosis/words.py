@@ -121,6 +121,15 @@ def bare_note(joints: Sequence[str]) -> str:
     return f"{', '.join(joints)}: {words}."
 
 
+def made_note(gain: float) -> str:
+    """Return a note on torques that were made of commands."""
+    return (
+        "No torque was recorded: torques are those that the described controllers make of commands and positions, their "
+        f"gains believed to {100 * gain:.2g} %. All torques, masses and frictions are known up to that scale, unless "
+        "motor_torque_gain among the imperfections is better known."
+    )
+
+
 def unseen_notes(instances: Sequence[EffectInstance], bare: Sequence[str]) -> list[str]:
     """Return notes on known effects that act in no torque that was recorded.
 

@@ -25,5 +25,6 @@ def _symbols(equations: ArmEquations) -> SymbolicMotion:
     tau_J, tau_m, dtau_J, dtau_m = (ca.SX.sym(name, n) for name in ("tau_J", "tau_m", "dtau_J", "dtau_m"))
     velocities = {"link": dx[:n], "motor": dx[dof - n :]}
     return SymbolicMotion(
-        equations, x, dx, ddx, tau_J, tau_m, dtau_J, dtau_m, lambda side, i: ca.sign(velocities[side][i])
-    )
+        equations, x, dx, ddx, tau_J, tau_m, dtau_J, dtau_m, lambda side, i: ca.sign(velocities[side][i]),
+        r=ca.SX.sym("r", n), dr=ca.SX.sym("dr", n),
+    )  # fmt: skip

@@ -31,7 +31,7 @@ from elastic_arm.estimation.smoother import Smoother
 Array = NDArray[np.float64]
 INPUTS = (
     "x", "dx", "ddx", "tau_J", "tau_m", "dtau_J", "dtau_m",
-    "progress", "elapsed", "friction_link", "friction_motor", "wound", "loaded", "sign_link", "sign_motor",
+    "progress", "elapsed", "friction_link", "friction_motor", "wound", "loaded", "r", "dr", "sign_link", "sign_motor",
 )  # fmt: skip
 
 
@@ -121,7 +121,7 @@ class Signals:
 
     @cached_property
     def arrays(self) -> list[Array]:
-        """The arguments in the order of :data:`INPUTS`; without friction where none was given."""
+        """The arguments in the order of :data:`INPUTS`; without friction and command where none was given."""
         none = np.zeros_like(self.values["tau_J"])
         return [self.values.get(name, none) for name in INPUTS]
 
@@ -182,6 +182,8 @@ def _values(
         "progress": ((motion.t - begin) / length - 0.5)[:, None],
         "elapsed": (motion.t - begin)[:, None],
     }
+    if motion.r is not None:
+        values |= {"r": motion.r, "dr": rates_of(motion.t, motion.r)}
     return {name: np.ascontiguousarray(v) for name, v in values.items()}
 
 
