@@ -127,7 +127,8 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
         given=seen[1],
         candidates=tuple(_candidates(question, equations, still, layout, numbers, observed[0][0], seen)),
         largest=largest,
-        far=frozenset(effect.id for effect in question.candidates),
+        # The two gains of a controller are its scale.
+        far=frozenset(effect.id for effect in question.candidates) - {"motor_torque_gain" if made else ""},
         held_back=held_back,
     )
     notes = list(dict.fromkeys(note for part in observed for o in part for note in o.notes))

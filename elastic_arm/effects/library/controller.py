@@ -27,10 +27,10 @@ from elastic_arm.errors import EffectError
 from elastic_arm.robot import JointController
 
 
-def _made(law: Callable[[SymbolicMotion, int, float, float, Numbers], Any]) -> Law:
+def _made(law: Callable[[SymbolicMotion, int, JointController, Numbers], Any]) -> Law:
     """Return the law of what the stated controller makes more than the true one, where its torque is not at its limit.
 
-    It is written in kp, kd and parameters.
+    It is written in the stated controller and parameters.
     """
 
     def motor(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
@@ -39,32 +39,31 @@ def _made(law: Callable[[SymbolicMotion, int, float, float, Numbers], Any]) -> L
             raise no_controller(joint.name)
         if motion.r is None or motion.dr is None:
             raise EffectError("no commands are known", "Leave out effects of the controller where torques are given.")
-        kp, kd, _ = joint.controller.gains
+        more = law(motion, i, joint.controller, p)
         limits = [one for one in (joint.controller.torque, joint.limits.torque) if one is not None]
-        torque = law(motion, i, kp, kd, p)
-        if limits:
-            whole = kp * _error(motion, i) + kd * _rate_error(motion, i)
-            torque = ca.if_else(ca.fabs(whole) < min(limits), torque, 0.0)
-        return motion.at(i, motor=torque)
+        return motion.at(i, motor=ca.if_else(ca.fabs(motion.tau_m[i]) < min(limits), more, 0.0) if limits else more)
 
     return motor
 
 
-def _rate(motion: SymbolicMotion, i: int) -> Any:
+def _of_rate(motion: SymbolicMotion, i: int, controller: JointController) -> Any:
+    """Return what a controller makes of the error of the rate, the motor's own where that of commands counts as zero."""
     assert motion.dr is not None
-    return motion.dr[i]
+    return controller.kd * (controller.follows_rate * motion.dr[i] - motion.dtheta[i])
 
 
-def _error(motion: SymbolicMotion, i: int) -> Any:
-    assert motion.r is not None
-    return motion.r[i] - motion.theta[i]
+def _of_position(motion: SymbolicMotion, i: int, controller: JointController) -> Any:
+    """Return the rest of the torque.
+
+    Not of the angles themselves: their noise is in the torque, too, and gains of zero would explain all of it.
+    """
+    return motion.tau_m[i] - _of_rate(motion, i, controller) if controller.gains[0] else 0.0
 
 
-def _rate_error(motion: SymbolicMotion, i: int) -> Any:
-    """Return the error of the rate; the motor's own where the rate of the command is not followed."""
-    controller = motion.robot.joints[i].controller
-    assert motion.dr is not None and controller is not None
-    return controller.follows_rate * motion.dr[i] - motion.dtheta[i]
+def _of_delay(motion: SymbolicMotion, i: int, controller: JointController) -> Any:
+    """Return the rate of what a controller makes of the command."""
+    assert motion.dr is not None
+    return controller.gains[0] * motion.dr[i]
 
 
 def _scaled(name: str) -> Callable[[JointController, Numbers], JointController]:
@@ -93,8 +92,18 @@ EFFECTS = (
         formula="kp true = gain * stated",
         description="The controller's gain of the error of position is not what the description states.",
         signature="The motor residual follows the error of position: command less angle, in motion and at rest.",
-        law=_made(lambda motion, i, kp, kd, p: (1.0 - p["gain"]) * kp * _error(motion, i)),
-        parameters=(ratio("gain", 0.5, 2.0, "true / stated kp", above=0.0, draw=(0.7, 1.4)),),
+        law=_made(lambda motion, i, stated, p: (1.0 / p["gain"] - 1.0) * _of_position(motion, i, stated)),
+        parameters=(
+            ratio(
+                "gain",
+                0.3,
+                3.0,
+                "true / stated kp",
+                above=0.0,
+                draw=(1.6, 2.5),
+                from_coefficient=lambda c: 1.0 / (1.0 - c),
+            ),
+        ),
         sides=("motor",),
         regime="load",
         change=_scaled("kp"),
@@ -106,7 +115,7 @@ EFFECTS = (
         description="The controller's gain of the error of speed is not what the description states; a servo's back-EMF "
         "acts as a part of it.",
         signature="The motor residual follows the error of speed.",
-        law=_made(lambda motion, i, kp, kd, p: (1.0 - p["gain"]) * kd * _rate_error(motion, i)),
+        law=_made(lambda motion, i, stated, p: (1.0 - p["gain"]) * _of_rate(motion, i, stated)),
         parameters=(ratio("gain", 0.2, 5.0, "true / stated kd", least=0.0, draw=(0.5, 2.0)),),
         sides=("motor",),
         regime="high_speed",
@@ -126,7 +135,7 @@ EFFECTS = (
         formula="the drive follows r(t - delay)",
         description="Commands reach the drive later than stated: buses, queues, filters of set-points.",
         signature="The motor residual follows the rate of the command times kp.",
-        law=_made(lambda motion, i, kp, kd, p: p["delay"] * kp * _rate(motion, i)),
+        law=_made(lambda motion, i, stated, p: p["delay"] * _of_delay(motion, i, stated)),
         parameters=(
             Parameter("delay", "s", 1e-4, 0.2, neutral=0.0, draw=(0.01, 0.05), meaning="beyond the one stated"),
         ),
@@ -135,7 +144,7 @@ EFFECTS = (
         regime="frequency",
         needs_motion=True,
         change=_late,
-        prior=lambda rate: 0.3 / rate,  # commands and states that are sampled one after another
+        prior=lambda rate: 3e-3,  # buses of servos and streams of set-points: 1 to 5 ms
         confusions=(
             Confusion(
                 "velocity_gain",
