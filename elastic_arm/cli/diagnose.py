@@ -45,6 +45,7 @@ from elastic_arm.diagnosis.words import (
     log_likelihood_text,
     prediction_sentence,
     probability_text,
+    scale_sentence,
     sides_text,
     trust_text,
     verdict_sentence,
@@ -188,6 +189,8 @@ def _further(found: Diagnosis) -> list[str]:
 
 def print_diagnosis(found: Diagnosis, folder: Path) -> None:
     """Print what was found in words, then causes, changes, what is left, and notes."""
+    if found.made:
+        out.print(f"[yellow]scale:[/] {escape(scale_sentence(found))}")
     out.print(f"[bold {COLOURS[found.verdict]}]{found.verdict}[/]: {escape(verdict_sentence(found))}")
     for cause in found.causes:
         out.print(escape(cause_sentence(cause, found.model)))

@@ -9,8 +9,9 @@ import numpy as np
 from elastic_arm.diagnosis.context import DiagnosisContext
 from elastic_arm.diagnosis.result import Diagnosis
 from elastic_arm.effects import EffectInstance
-from elastic_arm.effects.model import SensorEffect
+from elastic_arm.effects.model import Plant, SensorEffect
 from elastic_arm.robot import Robot
+from elastic_arm.sensors import Sensors
 
 
 def repaired_robot(robot: Robot, diagnosis: Diagnosis) -> Robot:
@@ -24,7 +25,11 @@ def repaired_robot(robot: Robot, diagnosis: Diagnosis) -> Robot:
     own = {(one["effect"], one["joint"]) for one in causes}
     known = robot.effects if context is None else _known(context)
     kept = [one for one in known if (one["effect"], one["joint"]) not in own]
-    return (robot if context is None else context.model.robot).with_(effects=(*kept, *causes))
+    arm = (robot if context is None else context.model.robot).with_(effects=(*kept, *causes))
+    for cause in diagnosis.causes:
+        if cause.held_as == "controller":
+            arm = cause.instance.effect.added_to(Plant(arm, Sensors.exact()), cause.instance).robot
+    return arm
 
 
 def _known(context: DiagnosisContext) -> list[dict[str, Any]]:

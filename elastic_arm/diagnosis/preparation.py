@@ -15,7 +15,7 @@ from elastic_arm.diagnosis.encoder_zeros import with_common_zeros
 from elastic_arm.diagnosis.preprocessing import needs_motion, standing, usable
 from elastic_arm.diagnosis.question import Question
 from elastic_arm.diagnosis.split import independent, split
-from elastic_arm.diagnosis.words import LOW_PASSED, bare_note, made_note, standing_note, unseen_notes
+from elastic_arm.diagnosis.words import LOW_PASSED, bare_note, standing_note, unseen_notes
 from elastic_arm.dynamics import build_model
 from elastic_arm.effects import EffectInstance, robot_effects
 from elastic_arm.effects.equations import ArmEquations
@@ -58,6 +58,8 @@ class Prepared:
         On the data.
     mounting
         How the arm is mounted, where that is not as described.
+    made
+        Joints whose motor torques are made of commands.
     """
 
     problem: Problem
@@ -67,6 +69,7 @@ class Prepared:
     independent_motion: bool
     notes: tuple[str, ...]
     mounting: Mounting | None
+    made: tuple[str, ...]
 
 
 def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], question: Question) -> Prepared:
@@ -99,8 +102,8 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
     robot = robot.with_armatures() if motored else robot
     observed = _turning_over(robot, parts[0], observed)
     currents = sorted({channel for part in parts for recording in part for channel in recording.currents})
-    made = any(recording.made_by for part in parts for recording in part)
-    priors = question.priors.of_currents(currents, made=made)
+    made = tuple(name for name in names if name in parts[0][0].made_by)
+    priors = question.priors.of_currents(currents, made=bool(made))
     layout, band = common_equations([*observed[0], *observed[1]], build_model(robot, question.model))
     still = [joint for joint in names if all(joint in standing(r) for r in parts[0])]
     equations = ArmEquations(robot, question.model)
@@ -137,7 +140,6 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
     notes += [*([bare_note(bare)] if bare else []), *unseen_notes(unseen, bare)]
     gains = ", ".join(f"{100 * priors.sensors[f'{channel}_gain']:.2g} % of {channel}" for channel in currents)
     notes += [f"Torques are currents times a torque constant, believed to {gains}."] if currents else []
-    notes = [*([made_note(priors.sensors["motor_torque_gain"])] if made else []), *notes]
     return Prepared(
         problem=problem,
         unseen=unseen,
@@ -146,6 +148,7 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
         independent_motion=independent(*parts),
         notes=tuple(notes),
         mounting=mounting,
+        made=made,
     )
 
 

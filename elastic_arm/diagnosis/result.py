@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from elastic_arm.diagnosis.estimates import ParameterEstimate
-from elastic_arm.effects.model import MODELS, EffectInstance
+from elastic_arm.effects.model import MODELS, ControllerEffect, EffectInstance
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.equations import SIDES
 from elastic_arm.formatting import JointUnits
@@ -77,7 +77,9 @@ class Cause:
 
     @property
     def held_as(self) -> str:
-        """What it is of the corrected arm: an "effect", a "number", or part of a richer "variant" of the model."""
+        """What it is of the corrected arm: an "effect", a "number", its "controller", or a richer "variant" of it."""
+        if isinstance(self.instance.effect, ControllerEffect):
+            return "controller"
         if self.is_number:
             return "number"
         return "effect" if self.instance.effect.lacked_by == MODELS else "variant"
@@ -326,6 +328,8 @@ class Diagnosis:
         What was found, most important first, and where something is left.
     imperfections
         Numbers of the description and of the sensors.
+    made
+        Joints whose motor torques are those that described controllers make of commands and positions.
     changes
         What differs between recordings.
     known
@@ -357,6 +361,7 @@ class Diagnosis:
     causes: tuple[Cause, ...]
     unexplained: tuple[UnexplainedResidual, ...]
     imperfections: tuple[Imperfection, ...] = ()
+    made: tuple[str, ...] = ()
     changes: tuple[Change, ...] = ()
     prismatic: tuple[str, ...] = ()
     known: tuple[Mapping[str, Any], ...] = ()
@@ -369,6 +374,12 @@ class Diagnosis:
     def units(self) -> JointUnits:
         """Units of quantities at the joints."""
         return JointUnits(self.joints, self.prismatic)
+
+    @property
+    def torque_scale(self) -> dict[str, float]:
+        """Relative standard deviation of the scale of torques that were made of commands, by joint."""
+        gains = {p.joint: p.std / p.value for p in self.imperfections if p.what == "motor_torque_gain"}
+        return {joint: float(f"{gains[joint]:.2g}") for joint in self.made if joint in gains}
 
     def to_dict(self) -> dict[str, Any]:
         """Return the content of `diagnosis.json`."""
@@ -393,6 +404,7 @@ class Diagnosis:
             "causes": [cause.to_dict() for cause in self.causes],
             "shrink_by_place": self._table(self.shrink_by_place),
             "imperfections": [one.to_dict() for one in self.imperfections],
+            **({"torque_scale": self.torque_scale} if self.made else {}),
             "changes": [one.to_dict() for one in self.changes],
             "unexplained": [
                 {"joint": p.joint, "side": p.side, "regime": p.regime, "rmse": _plain(p.rmse)} for p in self.unexplained

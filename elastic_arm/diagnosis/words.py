@@ -121,15 +121,6 @@ def bare_note(joints: Sequence[str]) -> str:
     return f"{', '.join(joints)}: {words}."
 
 
-def made_note(gain: float) -> str:
-    """Return a note on torques that were made of commands."""
-    return (
-        "No torque was recorded: torques are those that the described controllers make of commands and positions, their "
-        f"gains believed to {100 * gain:.2g} %. All torques, masses and frictions are known up to that scale, unless "
-        "motor_torque_gain among the imperfections is better known."
-    )
-
-
 def unseen_notes(instances: Sequence[EffectInstance], bare: Sequence[str]) -> list[str]:
     """Return notes on known effects that act in no torque that was recorded.
 
@@ -168,6 +159,15 @@ def shape_note(joint: str, side: str) -> str:
 def no_separation(effect: str, other: str) -> str:
     """Return that no motion is known that separates two effects."""
     return f"a motion in which {effect} and {other} act differently"
+
+
+def scale_sentence(found: Diagnosis) -> str:
+    """Return what anchors the scale of torques that were made of commands."""
+    known = ", ".join(f"{100 * std:.2g} % at {joint}" for joint, std in found.torque_scale.items())
+    return (
+        "no torque was recorded: torques are those that the described controllers make of commands and positions. "
+        f"Their scale is known to {known}: torques, masses and friction are ratios to kp and kd as far as that."
+    )
 
 
 def verdict_sentence(found: Diagnosis) -> str:

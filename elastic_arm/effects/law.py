@@ -43,6 +43,7 @@ def phase(example: tuple[float, float] | None = None) -> Parameter:
 
 
 __all__ = [
-    "Choice", "Confusion", "Contribution", "ControllerEffect", "Effect", "Law", "Numbers", "Ordinary", "Parameter", "Plant", "Role",
-    "Scope", "SensorEffect", "StructuralEffect", "SymbolicMotion", "amount", "no_controller", "phase", "ratio", "searched",
+    "Choice", "Confusion", "Contribution", "ControllerEffect", "Effect", "Law", "Numbers", "Ordinary", "Parameter",
+    "Plant", "Role", "Scope", "SensorEffect", "StructuralEffect", "SymbolicMotion", "amount", "no_controller", "phase",
+    "ratio", "searched",
 ]  # fmt: skip

@@ -163,7 +163,9 @@ def completed(motion: Motion, model: Model) -> CompletedMotion:
     tau_J = tau_J if motion.tau_J is None else np.where(without["tau_J"], tau_J, motion.tau_J)
     tau_m = motion.tau_m if motion.tau_m is not None else np.zeros_like(tau_J)
     before = None if motion.before is None else completed(motion.before, model)
-    return CompletedMotion(motion.t, q, dq, ddq, theta, dtheta, ddtheta, tau_J, tau_m, span=motion.span, before=before, r=motion.r)
+    return CompletedMotion(
+        motion.t, q, dq, ddq, theta, dtheta, ddtheta, tau_J, tau_m, span=motion.span, before=before, r=motion.r
+    )
 
 
 def with_filtered_deflection(

@@ -331,7 +331,17 @@ def observe(recording: Recording, band: float | None = None) -> Observation:
     torque_band = max(NARROWEST_BAND, min((one.band for one in spectra.values()), default=np.inf))
     cutoff, source = designed.cutoff / (2 * np.pi), recording.source
     found = Observation(
-        pieces, quiet, clock.rate, smoother, noise, cutoff, source, notes, steps, torque_band=torque_band, made_by=made_by
+        pieces,
+        quiet,
+        clock.rate,
+        smoother,
+        noise,
+        cutoff,
+        source,
+        notes,
+        steps,
+        torque_band=torque_band,
+        made_by=made_by,
     )
     return replace(found, quiet=tuple(found.with_filtered_deflection(piece) for piece in quiet))
 

@@ -20,6 +20,7 @@ from elastic_arm.estimation.motion import Motion
 from elastic_arm.estimation.observation import observe
 from elastic_arm.formatting import JointUnits
 from elastic_arm.recording import Recording
+from elastic_arm.recording.made_torque import with_made_torque
 from elastic_arm.robot.mjcf import MjcfArm, engine
 from elastic_arm.robot.mjcf.drives import drives_of, torque_delays
 
@@ -105,7 +106,8 @@ def replay(recording: Recording, arm: MjcfArm, *, window: float = WINDOW, name: 
         If the recording holds no motor torque, or is shorter than a window.
     """
     chosen = recording.select(arm.robot.joint_names)
-    observation = observe(chosen)
+    made = with_made_torque(chosen, arm.robot)
+    observation = observe(made)
     lags = torque_delays(arm.model, arm.chain)
     pieces = [_rigid(piece) for piece in observation.corrected({"motor_torque": lags}, {}).pieces]
     margin = int(np.ceil(observation.margin * observation.rate))

@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicSpline, PPoly
 
 from elastic_arm.dynamics import build_model
 from elastic_arm.recording.recording import Recording
@@ -30,10 +30,10 @@ FEWEST = 12  # samples and commands of which anything is made
 def is_commanded(recording: Recording) -> bool:
     """Whether a recording holds positions and commands, and no torque."""
     measured, reference = recording.measured().values(), recording.reference
-    told = reference is not None and len(reference) >= FEWEST
-    told = told and (reference.position is not None or reference.velocity is not None)
+    if reference is None or len(reference) < FEWEST or (reference.position is None and reference.velocity is None):
+        return False
     moved = any(side.position is not None and len(side) >= FEWEST for side in measured)
-    return told and moved and all(side.effort is None for side in measured)
+    return moved and all(side.effort is None for side in measured)
 
 
 def with_made_torque(recording: Recording, robot: Robot) -> Recording:
@@ -70,7 +70,10 @@ def with_made_torque(recording: Recording, robot: Robot) -> Recording:
     cut = {name: one.at(np.isin(one.stamp_ns, stamps)) for name, one in recording.measured().items()}
     motor = cut["motor"] if side is recording.motor else Side(stamps)
     whose = listed(recording.joints, [name in made for name in recording.joints])
-    note = f"the torques of {whose} are those that the described controllers make of commands and positions"
+    note = (
+        f"no torque was recorded: those of {whose} are what the described controllers make of commands and positions, "
+        "and what is found of torques, masses and friction has the scale of their gains"
+    )
     return replace(
         recording,
         link=cut.get("link"),
@@ -91,14 +94,17 @@ class _Command:
     """The command of a joint as its controller takes it, over time."""
 
     def __init__(self, reference: Side, given: Array, i: int, controller: JointController, start: float) -> None:
-        angle, rate = (
-            None if values is None or np.isnan(values[:, i]).any() else CubicSpline(given, values[:, i])
-            for values in (reference.position, reference.velocity)
-        )
+        def spline(values: Array | None) -> PPoly | None:
+            there = values is not None and not np.isnan(values[:, i]).any()
+            return CubicSpline(given, values[:, i]) if there and values is not None else None
+
+        angle, rate = spline(reference.position), spline(reference.velocity)
         self._delay, self._interval = controller.delay, float(np.median(np.diff(given)))
         self._held, self._begin = controller.between == "held", 0.0
         if controller.mode == "velocity":
+            assert rate is not None
             angle, self._begin = rate.antiderivative(), start  # the integral of the error begins with none
+        assert angle is not None
         self._splines = angle, angle.derivative() if rate is None else rate
 
     def __call__(self, t: Array) -> tuple[Array, Array]:

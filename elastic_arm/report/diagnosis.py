@@ -22,6 +22,7 @@ from elastic_arm.diagnosis.words import (
     percent,
     prediction_sentence,
     probability_text,
+    scale_sentence,
     share_at,
     sides_text,
     trust_text,
@@ -97,7 +98,8 @@ def sections(found: Diagnosis) -> list[Section]:
 
 
 def _verdict(found: Diagnosis) -> list[Block]:
-    blocks: list[Block] = [Text(f"{found.verdict}: {verdict_sentence(found)}", TONES[found.verdict])]
+    blocks: list[Block] = [Text(f"Scale: {scale_sentence(found)}", "warn")] if found.made else []
+    blocks.append(Text(f"{found.verdict}: {verdict_sentence(found)}", TONES[found.verdict]))
     blocks += [Text(cause_sentence(cause, found.model)) for cause in found.causes]
     if found.causes:
         rows: list[list[object]] = [

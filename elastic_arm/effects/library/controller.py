@@ -47,7 +47,7 @@ def _made(law: Callable[[SymbolicMotion, int, JointController, Numbers], Any]) -
 
 
 def _of_rate(motion: SymbolicMotion, i: int, controller: JointController) -> Any:
-    """Return what a controller makes of the error of the rate, the motor's own where that of commands counts as zero."""
+    """Return what a controller makes of the error of the rate; that of commands may count as zero."""
     assert motion.dr is not None
     return controller.kd * (controller.follows_rate * motion.dr[i] - motion.dtheta[i])
 
@@ -112,8 +112,8 @@ EFFECTS = (
     ControllerEffect(
         "velocity_gain",
         formula="kd true = gain * stated",
-        description="The controller's gain of the error of speed is not what the description states; a servo's back-EMF "
-        "acts as a part of it.",
+        description="The controller's gain of the error of speed is not what the description states; back-EMF of a "
+        "servo acts as a part of it.",
         signature="The motor residual follows the error of speed.",
         law=_made(lambda motion, i, stated, p: (1.0 - p["gain"]) * _of_rate(motion, i, stated)),
         parameters=(ratio("gain", 0.2, 5.0, "true / stated kd", least=0.0, draw=(0.5, 2.0)),),
