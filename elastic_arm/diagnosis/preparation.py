@@ -20,6 +20,7 @@ from elastic_arm.dynamics import build_model
 from elastic_arm.effects import EffectInstance, robot_effects
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.effects.library.base_tilt import TILT
+from elastic_arm.effects.library.sensor_error import MOTOR_GAIN
 from elastic_arm.effects.model import Scope
 from elastic_arm.equations.numbers import Number
 from elastic_arm.equations.places import feature_of, features, recorded_features
@@ -131,7 +132,7 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
         candidates=tuple(_candidates(question, equations, still, layout, numbers, observed[0][0], seen)),
         largest=largest,
         # The two gains of a controller are its scale.
-        far=frozenset(effect.id for effect in question.candidates) - {"motor_torque_gain" if made else ""},
+        far=frozenset(effect.id for effect in question.candidates) - {MOTOR_GAIN if made else ""},
         held_back=held_back,
     )
     notes = list(dict.fromkeys(note for part in observed for o in part for note in o.notes))

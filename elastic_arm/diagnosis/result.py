@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from elastic_arm.diagnosis.estimates import ParameterEstimate
+from elastic_arm.effects.library.sensor_error import MOTOR_GAIN
 from elastic_arm.effects.model import MODELS, ControllerEffect, EffectInstance
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.equations import SIDES
@@ -378,7 +379,7 @@ class Diagnosis:
     @property
     def torque_scale(self) -> dict[str, float]:
         """Relative standard deviation of the scale of torques that were made of commands, by joint."""
-        gains = {p.joint: p.std / p.value for p in self.imperfections if p.what == "motor_torque_gain"}
+        gains = {p.joint: p.std / p.value for p in self.imperfections if p.what == MOTOR_GAIN}
         return {joint: float(f"{gains[joint]:.2g}") for joint in self.made if joint in gains}
 
     def to_dict(self) -> dict[str, Any]:

@@ -110,8 +110,8 @@ class Priors(BaseModel):
         made
             Whether motor torques are made of commands.
         """
-        gains = {f"{channel}_gain": self.torque_constant for channel in channels}
-        gains |= {"motor_torque_gain": self.controller} if made else {}
+        believed = dict.fromkeys(channels, self.torque_constant) | ({"motor_torque": self.controller} if made else {})
+        gains = {f"{channel}_gain": std for channel, std in believed.items()}
         return self.model_copy(update={"sensors": {**gains, **self.sensors}})
 
 
