@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elastic_arm.effects.model import SensorEffect
+from elastic_arm.effects.model import ControllerEffect, EffectInstance, SensorEffect
 from elastic_arm.equations.places import scaling
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.known_torques import ActingEffect
@@ -68,7 +68,7 @@ def explain(problem: Problem, *, refit: bool) -> Explanation:
     refit
         Whether the description cannot be as measured.
     """
-    described = Linearisation(problem, np.zeros(len(problem.numbers)), ())
+    described = Linearisation(problem, np.zeros(len(problem.numbers)), _stated(problem))
     found = None if refit else _descended(described, None, "as measured", refit)
     if found is None or found.best.model.name != "as measured":
         # Off everywhere: where its numbers lie alone, there is less to mistake for an effect.
@@ -83,6 +83,17 @@ def explain(problem: Problem, *, refit: bool) -> Explanation:
         tried.add(other.keys)
         found = _better(found, _descended(found.linear, other, other.model.name, refit))
     return found
+
+
+def _stated(problem: Problem) -> tuple[ActingEffect, ...]:
+    """Return what is known to act, at its stated size, where torques are made: a controller's gain scales it, too."""
+    if not any(one.made_by for one in problem.observed[0]):
+        return ()
+    return tuple(
+        ActingEffect(feature, _theta(feature, instance), _coefficients(feature, instance.parameters))
+        for feature, instance in problem.known
+        if not feature.fixed and not isinstance(feature.effect, (SensorEffect, ControllerEffect))
+    )
 
 
 def _better(one: Explanation, other: Explanation) -> Explanation:
@@ -252,7 +263,7 @@ def _known_terms(linear: Linearisation) -> tuple[list[Term], list[Term]]:
     problem, always, off = linear.problem, [], []
     for i, (feature, instance) in enumerate(problem.known):
         (feature,) = linear.placed([feature])
-        theta = tuple(float(v) for p in feature.searched for v in np.atleast_1d(instance.parameters[p.name]))
+        theta = _theta(feature, instance)
         X = linear.columns(feature, theta)
         if feature.fixed:
             whole = X.sum(axis=1)
@@ -269,6 +280,10 @@ def _known_terms(linear: Linearisation) -> tuple[list[Term], list[Term]]:
         always.append(Term(feature.key, "effect", X, width, mean=mean, feature=feature, theta=theta, trusted=True))
         off.append(Term(feature.key, "stated", X, std, feature=feature, theta=theta))
     return always, off
+
+
+def _theta(feature: Feature, instance: EffectInstance) -> tuple[float, ...]:
+    return tuple(float(v) for p in feature.searched for v in np.atleast_1d(instance.parameters[p.name]))
 
 
 def _coefficients(feature: Feature, values: Mapping[str, Any]) -> Array:
@@ -288,8 +303,9 @@ def theta_of(term: Term, fit: Fit) -> tuple[float, ...]:
 
 
 def _acting(fit: Fit) -> tuple[ActingEffect, ...]:
-    """Return the effects of a fit that act in the torques."""
-    acting = [t for t in fit.terms if t.kind in ("effect", "stated") and not isinstance(t.feature.effect, SensorEffect)]
+    """Return the effects of a fit that act in the true torques: neither those of sensors nor those of controllers."""
+    beside = (SensorEffect, ControllerEffect)
+    acting = [t for t in fit.terms if t.kind in ("effect", "stated") and not isinstance(t.feature.effect, beside)]
     sizes = [np.ones(1) if t.offset is not None else fit.beta(t)[: t.linear] for t in acting]
     return tuple(
         ActingEffect(t.feature, theta_of(t, fit), size, known=t in fit.model.always)
