@@ -1,4 +1,4 @@
-"""Make the recordings of docs/servo_arm.md: a servo arm in MuJoCo, not quite as arm.xml describes it, in LeRobot's form.
+"""Make the recordings of docs/servo_arm.md: a servo arm in MuJoCo, not quite that of arm.xml, in the form of LeRobot.
 
     python examples/servo_arm/make.py FOLDER
 
@@ -31,9 +31,9 @@ TRUTH = {
 }
 
 
-def commands(seconds: float, seed: int) -> np.ndarray:
+def commands(seconds: float, seed: int, rate: float = RATE) -> np.ndarray:
     """Return smooth commands (N, 3) rad of several frequencies, from rest."""
-    rng, t = np.random.default_rng(seed), np.arange(round(seconds * RATE)) / RATE
+    rng, t = np.random.default_rng(seed), np.arange(round(seconds * rate)) / rate
     f = np.array([0.1, 0.23, 0.41, 0.67, 0.97, 1.2])
     size, phase = rng.normal(size=(6, 3)) / (0.6 + f)[:, None], rng.uniform(0.0, 2 * np.pi, (6, 3))
     motion = np.einsum("fj,ftj->tj", size, np.sin(2 * np.pi * f[:, None, None] * t[:, None] + phase[:, None]))
