@@ -26,5 +26,5 @@ def _symbols(equations: ArmEquations) -> SymbolicMotion:
     velocities = {"link": dx[:n], "motor": dx[dof - n :]}
     return SymbolicMotion(
         equations, x, dx, ddx, tau_J, tau_m, dtau_J, dtau_m, lambda side, i: ca.sign(velocities[side][i]),
-        r=ca.SX.sym("r", n), dr=ca.SX.sym("dr", n),
+        r=ca.SX.sym("r", n), dr=ca.SX.sym("dr", n), made=ca.SX.sym("made", n),
     )  # fmt: skip

@@ -31,7 +31,8 @@ from elastic_arm.estimation.smoother import Smoother
 Array = NDArray[np.float64]
 INPUTS = (
     "x", "dx", "ddx", "tau_J", "tau_m", "dtau_J", "dtau_m",
-    "progress", "elapsed", "friction_link", "friction_motor", "wound", "loaded", "r", "dr", "sign_link", "sign_motor",
+    "progress", "elapsed", "friction_link", "friction_motor", "wound", "loaded", "r", "dr", "made",
+    "sign_link", "sign_motor",
 )  # fmt: skip
 
 
@@ -75,6 +76,7 @@ class Signals:
         cutoff: float = np.inf,
         predicted: bool = False,
         smoother: Smoother | None = None,
+        made: Array | float = 1.0,
     ) -> Signals:
         """Take the signals from motion over a stretch of time.
 
@@ -92,6 +94,8 @@ class Signals:
             Whether torques are those that the model predicts.
         smoother
             What the residuals have passed, where it takes a part of their band: signs pass it, too.
+        made
+            (n,) by what the torques of controllers were multiplied, where they are made of commands.
         """
         rates = [rates_of(motion.t, torque) for torque in (motion.tau_J, motion.tau_m)]
         before = None
@@ -101,6 +105,8 @@ class Signals:
         if smoother is not None:
             of_sides = {"sign_link": (motion.dq, standstill[0]), "sign_motor": (motion.dtheta, standstill[1])}
             values |= {name: smoother.sign(motion.t, *side) for name, side in of_sides.items()}
+        if motion.r is not None:
+            values |= {"made": np.tile(made * np.ones(motion.r.shape[1]), (len(motion.t), 1))}
         return Signals(motion.t, values, cutoff, before, predicted)
 
     @staticmethod

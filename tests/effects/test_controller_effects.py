@@ -28,7 +28,7 @@ def law(robot: Robot, text: str) -> dict[str, float]:
     x, dx = ca.DM.zeros(dof), ca.DM.zeros(dof)
     x[1], x[n + 1], dx[1], dx[n + 1] = 0.3, 0.3, 0.7, 0.7
     zero, one = ca.DM.zeros(n), ca.DM.ones(n)
-    known = {"r": ca.SX(0.5 * one), "dr": ca.SX(0.4 * one)}
+    known = {"r": ca.SX(0.5 * one), "dr": ca.SX(0.4 * one), "made": ca.SX(one)}
     torques = [ca.SX(v) for v in (zero, 5.0 * one, zero, zero)]
     motion = SymbolicMotion(equations, *(ca.SX(v) for v in (x, dx, zero)), *torques, sign=lambda s, i: 0.0, **known)
     added = instance.effect.law(motion, 1, instance.parameters)

@@ -10,6 +10,7 @@ from dataclasses import replace
 from typing import Any
 
 import casadi as ca
+import numpy as np
 
 from elastic_arm.effects.law import (
     Confusion,
@@ -37,19 +38,20 @@ def _made(law: Callable[[SymbolicMotion, int, JointController, Numbers], Any]) -
         joint = motion.robot.joints[i]
         if joint.controller is None:
             raise no_controller(joint.name)
-        if motion.r is None or motion.dr is None:
+        if motion.made is None:
             raise EffectError("no commands are known", "Leave out effects of the controller where torques are given.")
         more = law(motion, i, joint.controller, p)
         limits = [one for one in (joint.controller.torque, joint.limits.torque) if one is not None]
-        return motion.at(i, motor=ca.if_else(ca.fabs(motion.tau_m[i]) < min(limits), more, 0.0) if limits else more)
+        free = ca.fabs(motion.tau_m[i]) < motion.made[i] * min(limits, default=np.inf)
+        return motion.at(i, motor=ca.if_else(free, more, 0.0) if limits else more)
 
     return motor
 
 
 def _of_rate(motion: SymbolicMotion, i: int, controller: JointController) -> Any:
     """Return what a controller makes of the error of the rate; that of commands may count as zero."""
-    assert motion.dr is not None
-    return controller.kd * (controller.follows_rate * motion.dr[i] - motion.dtheta[i])
+    assert motion.dr is not None and motion.made is not None
+    return motion.made[i] * controller.kd * (controller.follows_rate * motion.dr[i] - motion.dtheta[i])
 
 
 def _of_position(motion: SymbolicMotion, i: int, controller: JointController) -> Any:
@@ -62,8 +64,8 @@ def _of_position(motion: SymbolicMotion, i: int, controller: JointController) ->
 
 def _of_delay(motion: SymbolicMotion, i: int, controller: JointController) -> Any:
     """Return the rate of what a controller makes of the command."""
-    assert motion.dr is not None
-    return controller.gains[0] * motion.dr[i]
+    assert motion.dr is not None and motion.made is not None
+    return motion.made[i] * controller.gains[0] * motion.dr[i]
 
 
 def _scaled(name: str) -> Callable[[JointController, Numbers], JointController]:
@@ -116,7 +118,7 @@ EFFECTS = (
         "servo acts as a part of it.",
         signature="The motor residual follows the error of speed.",
         law=_made(lambda motion, i, stated, p: (1.0 - p["gain"]) * _of_rate(motion, i, stated)),
-        parameters=(ratio("gain", 0.2, 5.0, "true / stated kd", least=0.0, draw=(0.5, 2.0)),),
+        parameters=(ratio("gain", 0.3, 3.0, "true / stated kd", least=0.0, draw=(0.5, 2.0)),),
         sides=("motor",),
         regime="high_speed",
         needs_motion=True,
