@@ -14,13 +14,12 @@ from numpy.polynomial.legendre import legvander
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation, binary_opening, find_objects, label
 
+from elastic_arm.arrays import Array
 from elastic_arm.dynamics import Model
 from elastic_arm.estimation.band import Band
 from elastic_arm.estimation.equations import DRIVE, LINK, MOTOR, EquationSet
 from elastic_arm.estimation.motion import CompletedMotion, completed, drive_constants
 from elastic_arm.estimation.observation import Observation
-
-Array = NDArray[np.float64]
 
 SLOWEST = 5e-4  # rad/s: slower than this a joint counts as standing, whatever the noise
 SLOW = 0.005  # of a joint's highest speed, below which it sticks if it is as slow for as long as STICKING
@@ -29,8 +28,6 @@ STICKING = 0.01  # s; a reversal without sticking is shorter but for acceleratio
 # Convention: where the law holds, few rows that are noise give up to 2.4; true sticking gave 6.
 FAILS = 4.0
 AROUND = 0.03  # s before and after, in which the smoothed motion is none of either
-MOST_STICKING = 0.9  # of a stretch; a joint that sticks longer is one that stands still
-RANK = 0.02  # of the strongest: courses of a torque that show less in the band are left in
 
 
 def raw_residuals(model: Model, motion: CompletedMotion) -> Array:
@@ -67,43 +64,17 @@ def predicted_torques(model: Model, motion: CompletedMotion) -> tuple[Array, Arr
 
 @dataclass(frozen=True)
 class Stretch:
-    """Residuals of one stretch without holes, in the band, at the kept rate.
+    """Residuals of one stretch without holes, in the band, at the kept rate."""
 
-    Parameters
-    ----------
-    t
-        (N',) s.
-    values
-        (N', R) Nm.
-    motion
-        The completed motion at the recording's rate that they were made of.
-    quiet
-        The same motion, smoothed further, for the columns of effects.
-    kept
-        Which of the rows that the band gives for the motion they are.
-    """
-
-    t: Array
-    values: Array
-    motion: CompletedMotion
-    quiet: CompletedMotion
-    kept: slice
+    t: Array  # (N',) s
+    values: Array  # (N', R) Nm
+    motion: CompletedMotion  # the completed motion at the recording's rate that they were made of
+    quiet: CompletedMotion  # the same motion, smoothed further, for the columns of effects
+    kept: slice  # which of the rows that the band gives for the motion they are
 
 
 def residuals(model: Model, observation: Observation, equations: EquationSet, band: Band) -> list[Stretch]:
-    """Return the residuals of every stretch of a recording.
-
-    Parameters
-    ----------
-    model
-        The nominal model.
-    observation
-        The recording, smoothed.
-    equations
-        Usable equations, R rows.
-    band
-        In which the residuals are looked at.
-    """
+    """Return the residuals of every stretch of a recording."""
     stretches = []
     for piece, calm in zip(observation.pieces, observation.quiet, strict=True):
         motion, quiet = completed(piece, model), completed(calm, model)
@@ -117,43 +88,21 @@ def residuals(model: Model, observation: Observation, equations: EquationSet, ba
 
 @dataclass(frozen=True)
 class FreeTimes:
-    """When a torque that no law states acts, and in which rows that is seen.
+    """When a torque that no law states acts, and in which rows that is seen."""
 
-    Parameters
-    ----------
-    pieces
-        First sample of each time, and the one after its last.
-    end
-        Sample before which they and what the band's filter reaches end.
-    rows
-        First row, and the one after the last, of those that the band gives.
-    step
-        s between samples.
-    """
-
-    pieces: tuple[tuple[int, int], ...]
-    end: int
-    rows: tuple[int, int]
-    step: float
+    pieces: tuple[tuple[int, int], ...]  # first sample of each time, and the one after its last
+    end: int  # sample before which they and what the band's filter reaches end
+    rows: tuple[int, int]  # first row, and the one after the last, of those that the band gives
+    step: float  # s between samples
 
 
 @dataclass(frozen=True)
 class FreeTorque:
-    """What a torque that no law states can be in some rows of one residual.
+    """What a torque that no law states can be in some rows of one residual."""
 
-    Parameters
-    ----------
-    row
-        Number of the residual.
-    instants
-        Of the rows that the band's filter carries it to.
-    basis
-        Orthonormal (instants, m).
-    """
-
-    row: int
-    instants: slice
-    basis: Array
+    row: int  # number of the residual
+    instants: slice  # of the rows that the band's filter carries it to
+    basis: Array  # orthonormal (instants, m)
 
 
 @dataclass(frozen=True)
@@ -163,19 +112,10 @@ class FreeTorques:
     While a joint sticks, its dry friction takes any value. While an encoder hardly moves, it holds one code, and its
     error is no noise but one value, which turns up in the torques of spring and inertia. Their prior variance is
     infinite: they are projected out of residuals and columns alike.
-
-    Parameters
-    ----------
-    found
-        All of them.
-    rows
-        Number of all rows.
-    bases
-        Those worked out, by what they depend on beside the band.
     """
 
-    found: tuple[FreeTorque, ...] = ()
-    rows: int = 1
+    found: tuple[FreeTorque, ...] = ()  # all of them
+    # those worked out, by what they depend on beside the band
     bases: Mapping[FreeTimes, Array] = field(default_factory=dict, repr=False)
 
     @classmethod
@@ -193,20 +133,9 @@ class FreeTorques:
 
         A joint that hardly moves in the whole stretch does not count.
 
-        Parameters
-        ----------
-        stretch
-            Of residuals.
-        band
-            Its filter carries what happens at some time over to rows around.
-        layout
-            The usable equations.
-        steps
-            "link", "motor" -> (n,) rad, steps of the encoders.
-        friction
-            Whether the friction of a joint that sticks is removed.
-        near
-            Those of the same stretch with other numbers of the arm, in the same band: most bases are the same.
+        band: its filter carries what happens at some time over to rows around; steps: "link", "motor" -> (n,)
+        rad, steps of the encoders; friction: whether the friction of a joint that sticks is removed; near:
+        those of the same stretch with other numbers of the arm, in the same band: most bases are the same.
         """
         t, dq, dtheta = stretch.quiet.t, stretch.quiet.dq, stretch.quiet.dtheta
         link, motor = _held(t, dq, band, steps["link"]), _held(t, dtheta, band, steps["motor"])
@@ -221,7 +150,7 @@ class FreeTorques:
             if equation.combination[part] != 0
             for instants, basis in of_joints[joint]
         )
-        return cls(tuple(found), layout.rows * len(stretch.t), bases)
+        return cls(tuple(found), bases)
 
     def remove(self, values: Array, *, in_place: bool = False) -> Array:
         """Return residuals or columns (N', R, …) without them, perhaps in the same array."""
@@ -241,41 +170,12 @@ class FreeTorques:
             by_row.setdefault(free.row, []).append(free)
         return by_row
 
-    @property
-    def share_left(self) -> float:
-        """Share of the rows' degrees of freedom that are left."""
-        return 1.0 - sum(free.basis.shape[1] for free in self.found) / self.rows
-
-
-def stuck_rows(stretch: Stretch, layout: EquationSet, around: float) -> NDArray[np.bool_]:
-    """Return the rows (N', R) that hold the friction of a joint that sticks.
-
-    Parameters
-    ----------
-    stretch
-        Of residuals.
-    layout
-        The usable equations.
-    around
-        Seconds before and after that belong to them.
-    """
-    t = stretch.quiet.t
-    own = sticking(t, stretch.quiet.dtheta, around)
-    at = np.clip(np.searchsorted(t, stretch.t), 0, len(t) - 1)
-    return np.stack([own[at, joint] & (equation.combination[MOTOR] != 0) for equation, joint in layout.entries], axis=1)
-
 
 def sticking(t: Array, velocity: Array, around: float = 0.0) -> NDArray[np.bool_]:
     """Return where joints stick, (N, n).
 
-    Parameters
-    ----------
-    t
-        (N,) s, at one rate, that of the recording: of fewer instants a reversal seems to last longer.
-    velocity
-        (N, n) rad/s, of the motors where there are such.
-    around
-        Seconds before and after that count as well.
+    t: (N,) s, at one rate, that of the recording: of fewer instants a reversal seems to last longer; velocity: (N,
+    n) rad/s, of the motors where there are such.
     """
     if len(t) < 2:
         return np.zeros(velocity.shape, dtype=bool)
@@ -297,7 +197,8 @@ def _lasting(t: Array, slow: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return where joints are slow (N, n) for as long as STICKING, but for those that are nearly always."""
     length = np.ones(max(1, round(STICKING / (t[1] - t[0]))))
     lasting = np.stack([binary_opening(column, length) for column in slow.T], axis=1)
-    return np.asarray(lasting & (lasting.mean(axis=0) < MOST_STICKING))
+    # 0.9 of a stretch; a joint that sticks longer is one that stands still
+    return np.asarray(lasting & (lasting.mean(axis=0) < 0.9))
 
 
 def _courses(
@@ -309,16 +210,7 @@ def _courses(
 ) -> list[tuple[slice, Array]]:
     """Return orthonormal bases (instants, m) of what a torque can be at certain times (N,), in the band.
 
-    Parameters
-    ----------
-    stretch, band
-        Of residuals, and where they are looked at.
-    when
-        (N,) the times.
-    bases
-        Of other times of this stretch; those found are added.
-    known
-        Of other motion.
+    when: (N,) the times; bases: of other times of this stretch; those found are added.
     """
     step = float(stretch.quiet.t[1] - stretch.quiet.t[0])
     if not when.any():
@@ -345,7 +237,8 @@ def _basis(times: FreeTimes, band: Band) -> Array:
     free = [_polynomials(times.end - start, start, piece, times.step, band) for piece in pieces]
     shown = band.apply(np.concatenate(free, axis=1))[first - reached : last - reached]
     left, singular, _ = np.linalg.svd(shown, False)
-    return np.asarray(left[:, singular > RANK * singular[0]])
+    # 0.02 of the strongest: courses of a torque that show less in the band are left in
+    return np.asarray(left[:, singular > 0.02 * singular[0]])
 
 
 def _clusters(pieces: Sequence[tuple[slice]], band: Band) -> list[list[slice]]:

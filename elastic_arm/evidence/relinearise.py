@@ -222,9 +222,7 @@ def _screens(linear: Linearisation, model: LinearModel, *, laws: bool) -> list[S
     return [linear.cache["screen"], *([linear.cache["laws"]] if laws else [])]
 
 
-def _explained(
-    linear: Linearisation, before: Fit | None, trust: str, refit: bool, *, moves: int
-) -> Explanation:
+def _explained(linear: Linearisation, before: Fit | None, trust: str, refit: bool, *, moves: int) -> Explanation:
     """Return the most probable set at a linearisation, from the one found at another."""
     trusts = {name: one for name, one in TRUST.items() if not (refit and name == "as measured")}
     model, log = linear_model(linear, trust), []

@@ -90,7 +90,9 @@ class Search:
             for t in (*self.proposals(fit), *possible_changes(self.linear, fit)):
                 yield self._with(fit.optional, t, fit)
 
-    def proposals(self, fit: Fit, count: int = TRIED, instead: Instead | None = None, needed: float = 0.0) -> list[Term]:
+    def proposals(
+        self, fit: Fit, count: int = TRIED, instead: Instead | None = None, needed: float = 0.0
+    ) -> list[Term]:
         """Return the terms that would gain most beside a fit, one of each key.
 
         At the noise of the fit a term gains less than beside its own: as little as a share of what is needed is tried.
