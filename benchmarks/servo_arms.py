@@ -7,6 +7,7 @@ by 6 %, centres by 3 mm, moments by 8 %, armatures by 6 %, friction by 20 % and 
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -178,3 +179,14 @@ def drawn(arms: Path, level: str) -> Iterator[dict[str, Any]]:
         yield {"name": name, "level": level, "kind": kinds.get(kind, "single"), "truth": truth, **asked} | {
             "verdicts": verdicts
         }
+
+
+def main() -> None:
+    """Draw and record the arms of both levels into a folder, and print what is withheld of each."""
+    for level in SEEDS:
+        for one in drawn(Path(sys.argv[1]), level):
+            print(one["name"], *(truth["joint"] or "all joints" for truth in one["truth"]))
+
+
+if __name__ == "__main__":
+    main()
