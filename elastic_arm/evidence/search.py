@@ -1,7 +1,7 @@
 """The most probable sets of terms: moves over sets, each judged by the one score.
 
-Add, drop, exchange, two for one, one for two, a size on another scale. What a further term would gain at the noise of the present fit proposes;
-the score of the whole set decides. All sets met are kept: probabilities are sums over them.
+Add, drop, exchange, two for one, one for two, a size on another scale. What a further term would gain at the noise of
+the present fit proposes; the score of the whole set decides. All sets met are kept: probabilities are sums over them.
 """
 
 from __future__ import annotations
