@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elastic_arm.effects.model import SensorEffect
+from elastic_arm.effects.model import ControllerEffect, EffectInstance, SensorEffect
 from elastic_arm.equations.places import scaling
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.known_torques import ActingEffect
@@ -70,7 +70,7 @@ def explain(problem: Problem, *, refit: bool) -> Explanation:
     refit
         Whether the description cannot be as measured.
     """
-    described = Linearisation(problem, np.zeros(len(problem.numbers)), ())
+    described = Linearisation(problem, np.zeros(len(problem.numbers)), _stated(problem))
     # Where the description is exact, all that is left is an effect. Where it is off everywhere, there is less to
     # mistake for one where its numbers lie alone.
     thetas: Thetas = {}
@@ -91,6 +91,21 @@ def explain(problem: Problem, *, refit: bool) -> Explanation:
 def _started(described: Linearisation, trust: str, refit: bool, thetas: Thetas) -> Explanation:
     """Return the most probable set at first, from the numbers alone."""
     return _explained(_settled(described, None, trust), None, trust, refit, thetas, moves=ADDED)
+
+
+def _made(problem: Problem) -> bool:
+    return any(one.made_by for one in problem.observed[0])
+
+
+def _stated(problem: Problem) -> tuple[ActingEffect, ...]:
+    """Return what is known to act, at its stated size, where torques are made: a controller's gain scales it, too."""
+    if not _made(problem):
+        return ()
+    return tuple(
+        ActingEffect(feature, _theta(feature, instance), _coefficients(feature, instance.parameters))
+        for feature, instance in problem.known
+        if not feature.fixed and not isinstance(feature.effect, (SensorEffect, ControllerEffect))
+    )
 
 
 def _better(one: Explanation, other: Explanation) -> Explanation:
@@ -268,7 +283,7 @@ def _known_terms(linear: Linearisation) -> tuple[list[Term], list[Term]]:
     problem, always, off = linear.problem, [], []
     for i, (feature, instance) in enumerate(problem.known):
         (feature,) = linear.placed([feature])
-        theta = tuple(float(v) for p in feature.searched for v in np.atleast_1d(instance.parameters[p.name]))
+        theta = _theta(feature, instance)
         X = linear.columns(feature, theta)
         if feature.fixed:
             whole = X.sum(axis=1)
@@ -283,8 +298,15 @@ def _known_terms(linear: Linearisation) -> tuple[list[Term], list[Term]]:
         mean = _coefficients(feature, instance.parameters)
         width = STATED * np.maximum(np.abs(mean), 1e-3 * std)
         always.append(Term(feature.key, "effect", X, width, mean=mean, feature=feature, theta=theta, trusted=True))
-        off.append(Term(feature.key, "stated", X, std, feature=feature, theta=theta))
+        # Beside made torques less than no friction would be a gain of the controller.
+        bounded = _made(problem) and all(p.least == 0.0 for p in feature.linear)
+        low = -mean if bounded else np.full(len(mean), -np.inf)
+        off.append(Term(feature.key, "stated", X, std, low=low, feature=feature, theta=theta))
     return always, off
+
+
+def _theta(feature: Feature, instance: EffectInstance) -> tuple[float, ...]:
+    return tuple(float(v) for p in feature.searched for v in np.atleast_1d(instance.parameters[p.name]))
 
 
 def _coefficients(feature: Feature, values: Mapping[str, Any]) -> Array:
@@ -304,8 +326,9 @@ def theta_of(term: Term, fit: Fit) -> tuple[float, ...]:
 
 
 def _acting(fit: Fit) -> tuple[ActingEffect, ...]:
-    """Return the effects of a fit that act in the torques."""
-    acting = [t for t in fit.terms if t.kind in ("effect", "stated") and not isinstance(t.feature.effect, SensorEffect)]
+    """Return the effects of a fit that act in the true torques: neither those of sensors nor those of controllers."""
+    beside = (SensorEffect, ControllerEffect)
+    acting = [t for t in fit.terms if t.kind in ("effect", "stated") and not isinstance(t.feature.effect, beside)]
     sizes = [np.ones(1) if t.offset is not None else fit.beta(t)[: t.linear] for t in acting]
     return tuple(
         ActingEffect(t.feature, theta_of(t, fit), size, known=t in fit.model.always)

@@ -38,6 +38,7 @@ from elastic_arm.identification.validation import HeldOut, validated
 from elastic_arm.recording import Recording, Samples
 from elastic_arm.recording.inspection.outliers import without_outliers
 from elastic_arm.recording.inspection.two_encoders import by_motor_encoders
+from elastic_arm.recording.made_torque import with_made_torque
 from elastic_arm.recording.recording import recordings_of
 from elastic_arm.robot import Robot, require_robot
 
@@ -150,8 +151,8 @@ def identify_with(
 
 
 def _cleared(recording: Recording, robot: Robot) -> Recording:
-    """Return the joints of the arm, without outliers, by the encoders that its equations take."""
-    return by_motor_encoders(without_outliers(recording.select(robot.joint_names)), robot)
+    """Return the joints of the arm, without outliers, by the encoders that its equations take; with a torque."""
+    return with_made_torque(by_motor_encoders(without_outliers(recording.select(robot.joint_names)), robot), robot)
 
 
 def _estimated(trials: Trials, choice: BatchChoice) -> tuple[Identification, BatchTrial, float]:
