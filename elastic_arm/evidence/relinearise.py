@@ -145,12 +145,15 @@ def _descended(linear: Linearisation, before: Fit, refit: bool, thetas: Thetas, 
         if kept is not None and before.keys != kept[1] and found.own < kept[0].own - WORTH:
             refused.add(before.keys)
             log.append(f"{n}: less probable at its own linearisation")
+            gained = 0.0
         else:
+            gained = np.inf if kept is None or before.keys != kept[1] else found.own - kept[0].own
             kept = found, before.keys
         found, own = kept
         met = {keys: fit for keys, fit in found.search.met.items() if keys not in refused}
         linear, before = found.linear, max(met.values(), key=lambda fit: fit.score)
-        stays = before.keys == own and not _far(before)
+        # Numbers of which the recordings tell little need not stay where the score does.
+        stays = before.keys == own and (not _far(before) or gained < WORTH)
         if stays and (moves == ALL or (best is not None and before.score < best.score + WORTH)):
             break
         if stays or n == ROUNDS - 2:
