@@ -1,0 +1,71 @@
+"""Standstill in a recording: what is left out, as it holds nothing that the motion around it does not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.recording.recording import Recording
+from elastic_arm.recording.sides import Side, Stamps, joints_with
+
+STANDS = 1e-3  # rad/s; slower than this a joint counts as standing, whatever the noise
+# s over which a joint's angle is averaged, before it is said to have moved: medians, as encoders have outliers.
+AVERAGED = 0.5
+# s of standstill before and after motion that are kept: gravity at the pose, and what filters reach.
+KEPT = 3.0
+
+
+def without_standstill(recording: Recording) -> Recording:
+    """Return a recording with holes where all joints stand still for more than :data:`KEPT` from any motion.
+
+    A note states how much that is. An arm that does not move at all keeps everything.
+    """
+    moving = [_moving(side) for side in recording.measured().values() if side.position is not None and len(side)]
+    spans = _joined(np.concatenate(moving)) if moving else np.empty((0, 2), np.int64)
+    if not len(spans):
+        return recording
+    kept = {name: side.at(_within(side.stamp_ns, spans)) for name, side in recording.measured().items()}
+    sides = recording.measured()
+    share = min(len(kept[name]) / max(len(side), 1) for name, side in sides.items())
+    if share == 1.0 or not all(map(len, kept.values())):
+        return recording
+    rest = (1.0 - share) * recording.duration
+    words = (
+        f"{recording.source or 'the recording'}: {rest:.3g} of {recording.duration:.3g} s of standstill are left out"
+    )
+    changed: dict[str, Any] = dict(kept)
+    return replace(recording, **changed, notes=(*recording.notes, words))
+
+
+def _moving(side: Side) -> Stamps:
+    """Return from when to when any joint moves, (k, 2) ns, with what is kept around."""
+    stamps, position = side.stamp_ns, side.position
+    assert position is not None
+    length = max(1, round(AVERAGED * 1e9 / max(float(np.median(np.diff(stamps))) if len(stamps) > 1 else 1.0, 1.0)))
+    starts = np.arange(0, len(stamps) - length + 1, length)
+    if len(starts) < 2:
+        return stamps[[0, -1]][None]
+    whole = position[: len(starts) * length, joints_with(position)].reshape(len(starts), length, -1)
+    # What is no number moves for all that is known.
+    steps = ~(np.abs(np.diff(np.median(whole, axis=1), axis=0)) <= STANDS * AVERAGED)
+    moved = np.flatnonzero(steps.any(axis=1))
+    around = round(KEPT * 1e9)
+    last = np.minimum(starts[moved] + 2 * length, len(stamps) - 1)
+    return np.stack([stamps[starts[moved]] - around, stamps[last] + around], axis=1)
+
+
+def _joined(spans: Stamps) -> Stamps:
+    """Return spans (k, 2) in order, those that overlap as one."""
+    spans = spans[np.argsort(spans[:, 0])]
+    ends = np.maximum.accumulate(spans[:, 1])
+    first = np.concatenate([[True], spans[1:, 0] > ends[:-1]])[: len(spans)]
+    return np.stack([spans[first, 0], ends[np.append(np.flatnonzero(first)[1:] - 1, -1)]], axis=1)
+
+
+def _within(stamps: Stamps, spans: Stamps) -> NDArray[np.bool_]:
+    """Return which stamps lie in one of the spans (k, 2), which are in order and apart."""
+    k = np.searchsorted(spans[:, 0], stamps, side="right") - 1
+    return np.asarray((k >= 0) & (stamps <= spans[np.maximum(k, 0), 1]))
