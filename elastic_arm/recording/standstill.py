@@ -33,9 +33,9 @@ def without_standstill(recording: Recording) -> Recording:
     if share == 1.0 or not all(map(len, kept.values())):
         return recording
     rest = (1.0 - share) * recording.duration
-    words = (
-        f"{recording.source or 'the recording'}: {rest:.3g} of {recording.duration:.3g} s of standstill are left out"
-    )
+    where = recording.source or "the recording"
+    where = recording.source or "the recording"
+    words = f"{where}: {rest:.3g} of {recording.duration:.3g} s are left out, as the arm stands still there"
     changed: dict[str, Any] = dict(kept)
     return replace(recording, **changed, notes=(*recording.notes, words))
 
