@@ -70,7 +70,7 @@ def recorded(folder: Path, work: Work, seconds: float) -> Path:
 def measured(command: str, bag: Path, out: Path) -> tuple[float, float, str]:
     """Run a command on a bag; return its seconds, its gigabytes, and the friction that it found."""
     options = ["--no-propose"] if command == "diagnose" else ["--with", LAW]
-    words = ["-m", "elastic_arm.app", command, str(bag), "--out", str(out), "--force", *options]
+    words = ["-c", "from elastic_arm.app import main; main()", command, str(bag), "--out", str(out), "--force", *options]
     begin = time.perf_counter()
     with subprocess.Popen([sys.executable, *words], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
         _, status, usage = os.wait4(process.pid, 0)
