@@ -24,16 +24,15 @@ def without_standstill(recording: Recording) -> Recording:
     A note states how much that is. An arm that does not move at all keeps everything.
     """
     moving = [_moving(side) for side in recording.measured().values() if side.position is not None and len(side)]
-    spans = _joined(np.concatenate(moving)) if moving else np.empty((0, 2), np.int64)
-    if not len(spans):
+    if not any(map(len, moving)):
         return recording
+    spans = _joined(np.concatenate(moving))
     kept = {name: side.at(_within(side.stamp_ns, spans)) for name, side in recording.measured().items()}
     sides = recording.measured()
     share = min(len(kept[name]) / max(len(side), 1) for name, side in sides.items())
     if share == 1.0 or not all(map(len, kept.values())):
         return recording
     rest = (1.0 - share) * recording.duration
-    where = recording.source or "the recording"
     where = recording.source or "the recording"
     words = f"{where}: {rest:.3g} of {recording.duration:.3g} s are left out, as the arm stands still there"
     changed: dict[str, Any] = dict(kept)
