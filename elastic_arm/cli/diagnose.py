@@ -22,11 +22,12 @@ from elastic_arm.cli.options import (
     ClockOption,
     EffectsFiles,
     KnownEffects,
+    MotionOption,
     Namespace,
     PriorsFile,
     RobotFile,
     load_arm,
-    read_by_clock,
+    read_motion,
     require_bags,
 )
 from elastic_arm.cli.outputs import Force, claim_folder
@@ -52,6 +53,7 @@ from elastic_arm.diagnosis.words import (
 from elastic_arm.effects import Catalogue
 from elastic_arm.effects.text import known_effects
 from elastic_arm.estimation.equations import SIDES
+from elastic_arm.estimation.segments import DIAGNOSED, MostTelling
 from elastic_arm.evidence.priors import read_priors
 from elastic_arm.memory import keep_memory
 from elastic_arm.mujoco import Exported, Replay
@@ -86,6 +88,7 @@ def diagnose_command(
     effects_files: EffectsFiles = None,
     with_: KnownEffects = None,
     clock: ClockOption = ClockChoice.auto,
+    most: MotionOption = None,
     refit: Annotated[
         bool, typer.Option("--refit", help="The description's numbers cannot be exact: fit them.")
     ] = False,
@@ -124,8 +127,12 @@ def diagnose_command(
     mapping = None if channels is None else load_channels(channels)
     sensors = [effect.id for effect in catalogue.values() if effect.prior is not None]
     priors = Priors() if priors_file is None else read_priors(priors_file, sensors)
-    read = lambda paths: [read_by_clock(path, mapping, robot, clock, namespace) for path in paths]  # noqa: E731
-    with err.status("reading"):
+    with err.status("reading") as status:
+        says = lambda what, share: status.update(f"{what}, {share:.0%}")  # noqa: E731
+        telling = lambda: MostTelling(robot, most or DIAGNOSED, exact=most is not None)  # noqa: E731
+        read = lambda paths: [  # noqa: E731
+            read_motion(path, mapping, robot, clock, namespace, telling(), says) for path in paths
+        ]
         recordings, judges = read(bags), read(validate or [])
         simulated = read([against])[0] if against else None
         difference = differences(recordings[0].select(robot.joint_names), simulated) if simulated else None

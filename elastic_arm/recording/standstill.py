@@ -23,20 +23,31 @@ def without_standstill(recording: Recording) -> Recording:
 
     A note states how much that is. An arm that does not move at all keeps everything.
     """
-    moving = [_moving(side) for side in recording.measured().values() if side.position is not None and len(side)]
-    if not any(map(len, moving)):
+    spans = moving_spans(recording)
+    found = within(recording, spans)
+    samples, kept = (sum(map(len, one.measured().values())) for one in (recording, found))
+    rest = recording.duration * (1.0 - kept / max(samples, 1))
+    if not kept or rest < KEPT:
         return recording
-    spans = _joined(np.concatenate(moving))
-    kept = {name: side.at(_within(side.stamp_ns, spans)) for name, side in recording.measured().items()}
-    sides = recording.measured()
-    share = min(len(kept[name]) / max(len(side), 1) for name, side in sides.items())
-    if share == 1.0 or not all(map(len, kept.values())):
-        return recording
-    rest = (1.0 - share) * recording.duration
-    where = recording.source or "the recording"
-    words = f"{where}: {rest:.3g} of {recording.duration:.3g} s are left out, as the arm stands still there"
-    changed: dict[str, Any] = dict(kept)
-    return replace(recording, **changed, notes=(*recording.notes, words))
+    return replace(found, notes=(*recording.notes, standing_note(recording.source, rest, recording.duration)))
+
+
+def standing_note(source: str, rest: float, whole: float) -> str:
+    """Return in words how much of a recording is left out, s."""
+    where = source or "the recording"
+    return f"{where}: {rest:.3g} of {whole:.3g} s are left out, as the arm stands still there"
+
+
+def moving_spans(recording: Recording) -> Stamps:
+    """Return from when to when the arm moves, with what is kept around, (k, 2) ns, in order and apart."""
+    found = [_moving(side) for side in recording.measured().values() if side.position is not None and len(side)]
+    return _joined(np.concatenate(found)) if any(map(len, found)) else np.empty((0, 2), np.int64)
+
+
+def within(recording: Recording, spans: Stamps) -> Recording:
+    """Return what lies in one of the spans (k, 2) ns, which are in order and apart."""
+    cut: dict[str, Any] = {name: side.at(_within(side.stamp_ns, spans)) for name, side in recording.sides().items()}
+    return replace(recording, **cut)
 
 
 def _moving(side: Side) -> Stamps:
