@@ -28,6 +28,7 @@ from elastic_arm.recording.timebase.clocks import (
     increments,
     is_even,
     numbered,
+    unbroken,
     wanders,
 )
 
@@ -325,7 +326,7 @@ def _mode(samples: Samples, k: NDArray[np.int64], rate: float, jitter: Array) ->
         share = f"{round(found.share, 2) + 0.0:.2g} ± {max(found.std, 0.01):.1g} of the jitter"
         numbers = f" where {share} counts as time" if found.std > 0 else ""
         return mode, f"{size}; {_MEANING[mode]}: {found.words}{numbers} (--clock overrules it)"
-    piece = slice(0, min(len(k), 20000))
+    piece = unbroken(k)
     regular = _roughness(position[piece])
     t = samples.t[piece]
     wanted = t[0] + np.arange(POINTS, len(t) - POINTS) / rate
