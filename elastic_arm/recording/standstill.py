@@ -24,10 +24,12 @@ def without_standstill(recording: Recording) -> Recording:
     A note states how much that is. An arm that does not move at all keeps everything.
     """
     spans = moving_spans(recording)
+    if not len(spans):
+        return recording
     found = within(recording, spans)
     samples, kept = (sum(map(len, one.measured().values())) for one in (recording, found))
     rest = recording.duration * (1.0 - kept / max(samples, 1))
-    if not kept or rest < KEPT:
+    if rest < KEPT:
         return recording
     return replace(found, notes=(*recording.notes, standing_note(recording.source, rest, recording.duration)))
 
