@@ -109,7 +109,7 @@ class MostTelling:
             notes.append(standing_note(source, self.whole - self.moving, self.whole))
         if self.moving - seconds > 1.0:
             notes.append(
-                f"{source}: the {seconds:.3g} s that tell most are taken of {self.moving:.3g} s of motion "
+                f"{source}: the {seconds:.0f} s that tell most are taken of {self.moving:.0f} s of motion "
                 "(--motion takes more)"
             )
         return replace(found, currents=self._last.currents, notes=tuple(notes))

@@ -154,6 +154,8 @@ def _contents(
     before = 0
     for bag in bags:
         for file in bag.files:
+            if most == np.inf:
+                file.check_lengths()
             for block in file.blocks(strict):
                 content.take(file, block, wanted)
                 if content.messages - before >= most:
