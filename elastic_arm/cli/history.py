@@ -171,8 +171,7 @@ def print_history(found: Diagnosis, all_of: Sequence[Course], dates: Sequence[st
     out.print(f"{rest} beyond what the recordings tell")
     for place in found.unexplained:
         out.print(f"unexplained: {escape(place.joint)}, {place.side} side, follows {place.regime}")
-    for note in found.notes:
-        out.print(f"note: {escape(note)}")
+    out.print(f"notes on the recordings: {len(found.notes)}, in {RESULTS[0]}")
 
 
 def step_text(one: Course, recordings: Sequence[str]) -> str:
