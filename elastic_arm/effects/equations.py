@@ -86,6 +86,11 @@ class ArmEquations:
 
     def gravity_columns(self, x: SX) -> SX:
         """Return the derivative of the left side of (1) by the gravity vector in the ground frame, (dof, 3)."""
+        return self._gravity_columns(x, self.Psi)
+
+    @cached_property
+    def _gravity_columns(self) -> ca.Function:
+        x = SX.sym("x", self.dof)
         still: list[Any] = [0.0] * self.dof
         columns = [
             _column(
@@ -93,7 +98,8 @@ class ArmEquations:
             )
             for axis in np.eye(3)
         ]
-        return ca.horzcat(*columns) @ ca.DM(self.robot.base_placement[:3, :3].T)
+        rotated = ca.horzcat(*columns) @ ca.DM(self.robot.base_placement[:3, :3].T)
+        return ca.Function("gravity_columns", [x, self.Psi], [rotated])
 
     def moved_and_pulled(self, x: Array, dx: Array, ddx: Array, *, motors: bool) -> tuple[Array, Array]:
         """Return what the motion and what gravity take of each joint of the nominal arm, for arrays of samples."""

@@ -8,6 +8,7 @@ arm would explain every recording.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,15 +65,14 @@ def nuisance_columns(
     result = [columns.copy(order="K") for columns in inertial]
     for k, feature in features.items():
         parameter = parameters[k]
-        shown = data.scaled(feature) if parameter.is_torque_gain else data.plain(feature)
+        shown = data.plain(feature)
         for out, columns in zip(result, shown, strict=True):
             out[:, :, k] = columns[:, :, 0] * parameter.prior_std
         if feature.read_torque != "tau_J" or not parameter.is_torque_gain:
             continue
-        twists = (e for e in data.acting if e.known and e.feature.effect.twist)
-        for effect in (e for e in twists if e.feature.joint == parameter.joint):
+        for effect in (e for e in data.acting if e.feature.effect.twist and e.feature.joint == parameter.joint):
             for out, part in zip(result, data.parts, strict=True):
-                out[:, :, k] -= _transmitted(model, data, part, effect) * parameter.prior_std
+                out[:, :, k] -= _transmitted(feature.equations, data, part, effect) * parameter.prior_std
     others = [k for k, p in enumerate(parameters) if p.feature is None and not p.is_inertial]
     for out, part in zip(result, data.parts, strict=True):
         sensed = "drive" in data.layout.sides
@@ -90,12 +90,46 @@ def nuisance_columns(
     return data.weighted(result, in_place=True)
 
 
-def _transmitted(model: Model, data: WhitenedData, part: Part, effect: ActingEffect) -> Array:
+def shared_columns(
+    data: WhitenedData, parameters: Sequence[Number], features: Mapping[int, Feature], which: int
+) -> tuple[list[int], list[Array]]:
+    """Return what an effect that acts adds to the columns of gains: which gains, and (N', R, m) of each stretch.
+
+    A gain scales what the effect adds to the torque. Where the effect is not there, neither is this.
+
+    Parameters
+    ----------
+    data
+        Whitened residuals, in whose predicted torques it acts.
+    parameters, features
+        The numbers, and the effects that some of them are, as of :func:`features_at`.
+    which
+        Number of the effect among those that act.
+    """
+    effect, found, numbers = data.acting[which], [list[Array]() for _ in data.parts], list[int]()
+    for k, feature in features.items():
+        parameter = parameters[k]
+        j = feature.equations.robot.joint_names.index(str(parameter.joint))
+        own = "tau_J tau_m".split().index(feature.read_torque) if parameter.is_torque_gain else None
+        if own is None or not any(part.shares[which][own][:, j].any() for part in data.parts):
+            continue
+        numbers.append(k)
+        for out, part in zip(found, data.parts, strict=True):
+            shown = dict(zip(("tau_J", "tau_m"), part.shares[which], strict=True))
+            signals = replace(part.signals, values={**part.signals.values, **shown})
+            column = data.in_band(part, feature.entries(signals))[:, :, 0] / part.gain(feature)
+            if feature.read_torque == "tau_J" and effect.feature.effect.twist:
+                column = column - _transmitted(feature.equations, data, part, effect)
+            out.append(column * parameter.prior_std)
+    return numbers, data.weighted([np.stack(own, axis=2) for own in found], in_place=True) if numbers else []
+
+
+def _transmitted(equations: ArmEquations, data: WhitenedData, part: Part, effect: ActingEffect) -> Array:
     """Return what a transmission error makes of the read joint torque at the motor (N', R), Nm.
 
     It scales with that torque. Without it a recording would seem to show the common scale of all torques and masses.
     """
-    j, n = model.robot.joint_names.index(str(effect.feature.joint)), model.n
+    j, n = equations.robot.joint_names.index(str(effect.feature.joint)), equations.robot.n
     link, motor, *_ = effect.torques(part.signals)
     entries = Entries((motor - link)[:, [j]], np.array([2 * n + j]), np.array([0]), (3 * n, 1))
     return data.in_band(part, entries)[:, :, 0]

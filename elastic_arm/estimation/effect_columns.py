@@ -122,9 +122,10 @@ class Feature:
     @cached_property
     def _compiled(self) -> CompiledColumns:
         kind = type(self), self.key
-        if kind not in self.shared:
-            self.shared[kind] = self._compile()
-        return self.shared[kind].at(self.equations) or self._compile()
+        known = self.shared[kind].at(self.equations) if kind in self.shared else None
+        if known is None:
+            self.shared[kind] = known = self._compile()
+        return known
 
     def _compile(self) -> CompiledColumns:
         joints = [self._joint] if self._joint is not None else range(self.equations.robot.n)

@@ -63,22 +63,20 @@ class KnownTorques:
         The quiet motion.
     signals
         Of that motion, with these torques in the place of the measured ones where laws take the predicted ones.
-    certain
-        The same with the torques of the model and of known effects alone: what a gain scales. It scales the size of
-        any other effect, too, which has a column of its own: in the column of the gain, it would act in sets of terms
-        that leave it out.
     load, drive
         (N, n) Nm, tau_J and tau_m.
     laws
         (N, n) Nm, what the drives carry beside their springs, at the deflection as the encoders read it.
+    shares
+        (N, n) Nm, what each effect adds to tau_J and tau_m.
     """
 
     motion: CompletedMotion
     signals: Signals
-    certain: Signals
     load: Array
     drive: Array
     laws: Array
+    shares: tuple[tuple[Array, Array], ...] = ()
 
 
 def known_torques(
@@ -105,22 +103,19 @@ def known_torques(
         Whether laws take the torques that the model predicts instead of the measured ones.
     """
     load, drive = predicted_torques(model, motion)
-    spring, laws = load, np.zeros_like(load)
-    certain = signals = signals_of(replace(motion, tau_J=load, tau_m=drive) if predicted else motion)
+    spring, laws, shares = load, np.zeros_like(load), list[tuple[Array, Array]]()
+    signals = signals_of(replace(motion, tau_J=load, tau_m=drive) if predicted else motion)
     if acting:
-        always = (load, drive)
         for effect in acting:
             link, motor, wound, own = effect.torques(signals)
             load, drive, laws = load + link, drive + motor, laws + own
-            if effect.known:
-                always = (always[0] + link, always[1] + motor)
+            shares.append((link, motor))
             # A law that follows the load takes its part of what the drive carries by itself.
             spring = spring + (link if effect.feature.follows_load else wound)
         signals = signals_of(replace(motion, tau_J=load, tau_m=drive))
-        certain = signals_of(replace(motion, tau_J=always[0], tau_m=always[1]))
     if predicted and model.robot.elastic:
         signals = signals.wound_by(wound_under(spring, signals.t, model))
-    return KnownTorques(motion, signals, certain, load, drive, laws)
+    return KnownTorques(motion, signals, load, drive, laws, tuple(shares))
 
 
 def wound_under(torque: Array, t: Array, model: Model) -> Array:

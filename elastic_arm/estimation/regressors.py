@@ -298,7 +298,8 @@ class CompiledColumns:
 
     def at(self, equations: ArmEquations) -> CompiledColumns | None:
         """Return them for the same arm with other numbers; None where these stand in what was compiled."""
-        if self._moved_states or not np.array_equal(equations.nominal == 0.0, self._equations.nominal == 0.0):
+        left_out = self._equations.nominal == 0.0
+        if self._moved_states or equations.nominal[left_out].any():
             return None
         moved = copy(self)
         moved._equations = equations

@@ -201,7 +201,7 @@ def _inertias(model: Model, observation: Observation) -> list[tuple[Array, Array
 class Part:
     """One stretch with what is needed to make columns for it, and the number of its recording among the data's.
 
-    The signals are `certain` with the torques of the model and of known effects alone.
+    The shares are what each effect that acts adds to tau_J and tau_m, (N, n) Nm.
     """
 
     stretch: Stretch
@@ -209,7 +209,7 @@ class Part:
     noise: NoiseModel
     gains: Mapping[str, Array]
     recording: int = 0
-    certain: Signals | None = None
+    shares: tuple[tuple[Array, Array], ...] = ()
 
     def gain(self, feature: Feature) -> float:
         """Return by what the torque was divided to whose reading an effect adds; 1 for any other effect."""
@@ -284,7 +284,7 @@ class WhitenedData:
                 load, clear = true_load(model, observation, known, noise.f, noise.load)
                 drive = load + known.drive - known.load
                 signals = known.signals.with_model_torques(load, drive, clear, observation.torque_variances(model.n))
-                self.parts.append(Part(stretch, signals, noise, observation.gains, number, known.certain))
+                self.parts.append(Part(stretch, signals, noise, observation.gains, number, known.shares))
                 self.pure.append(pure)
                 alike = next(others, None)
                 own = stretch, band, layout, steps
@@ -324,14 +324,6 @@ class WhitenedData:
     def plain(self, feature: Feature, searched: Sequence[float] = ()) -> list[Array]:
         """Return a feature's columns (N', R, count) in the band, one array a stretch."""
         return self.weighted([self._in_band_of(k, feature, searched) for k in range(len(self.parts))], in_place=True)
-
-    def scaled(self, feature: Feature) -> list[Array]:
-        """Return the columns (N', R, 1) of a gain in the band: what model and known effects predict, scaled."""
-        found = []
-        for part in self.parts:
-            columns = self.in_band(part, feature.entries(part.certain or part.signals))
-            found.append(columns / part.gain(feature))
-        return self.weighted(found, in_place=True)
 
     def _in_band_of(self, k: int, feature: Feature, searched: Sequence[float]) -> Array:
         """Return a feature's columns (N', R, count) in stretch k."""

@@ -76,6 +76,7 @@ class Grams:
         self._columns: dict[Ident, Array] = {}
         self._with_base: dict[Ident, Array] = {}
         self._pairs: dict[tuple[Ident, Ident], Array] = {}
+        self._lacking: dict[tuple[Ident, ...], tuple[Array, Array]] = {}
 
     def columns(self, term: Term) -> Array:
         """Return the columns (rows, [1 +] k) of a term in the order of the bands, its offset first where it has one."""
@@ -99,13 +100,44 @@ class Grams:
             self._pairs[key[::-1]] = found.transpose(0, 2, 1)
         return self._pairs[key]
 
-    def of(self, terms: Sequence[Term]) -> Products:
-        """Return the products of a set: coefficients of the numbers first, then of the terms in order."""
-        base, yy = self.G0[:, 0, 1:], self.G0[:, 0, 0]
-        rows, b = [self._base_half], []
+    def with_numbers(self, term: Term, lacking: Sequence[Term]) -> Array:
+        """Return the products (B, k, m) of the numbers' columns, less some shares of theirs, with a term's columns."""
+        found = self.with_base(term)[:, 1:]
+        for share in lacking:
+            found = found - share.what.T @ self.pair(share, term)
+        return found
+
+    def _numbers(self, lacking: Sequence[Term]) -> tuple[Array, Array]:
+        """Return the lower half of the products of the numbers' columns, less some shares of theirs, and with y."""
+        key = tuple(share.ident for share in lacking)
+        if not key:
+            return self._base_half, self.G0[:, 0, 1:]
+        if key not in self._lacking:
+            H, b = self.G0[:, 1:, 1:], self.G0[:, 0, 1:]
+            for share in lacking:
+                mixed = share.what.T @ self.with_base(share)[:, 1:].transpose(0, 2, 1)
+                H = H - mixed - mixed.transpose(0, 2, 1)
+                H = H + sum(share.what.T @ self.pair(share, other) @ other.what for other in lacking)
+                b = b - self.with_base(share)[:, 0] @ share.what
+            rows, columns = np.tril_indices(H.shape[1])
+            self._lacking[key] = H[:, rows, columns], b
+        return self._lacking[key]
+
+    def of(self, terms: Sequence[Term], lacking: Sequence[Term] = ()) -> Products:
+        """Return the products of a set: coefficients of the numbers first, then of the terms in order.
+
+        Parameters
+        ----------
+        terms
+            The set.
+        lacking
+            Shares of the numbers' columns that are not there: of effects that the set leaves out.
+        """
+        (half, base), yy = self._numbers(lacking), self.G0[:, 0, 0]
+        rows, b = [half], []
         offsets = [t for t in terms if t.offset is not None]
         for t in offsets:  # of known size: off the residual
-            base = base - self.with_base(t)[:, 1:, 0]
+            base = base - self.with_numbers(t, lacking)[:, :, 0]
             yy = yy - 2.0 * self.with_base(t)[:, 0, 0] + sum(self.pair(t, o)[:, 0, 0] for o in offsets)
         b.append(base)
         for i, one in enumerate(terms):
@@ -113,7 +145,7 @@ class Grams:
             own = self.with_base(one)[:, 0, first:]
             b.append(own - sum(self.pair(o, one)[:, 0, first:] for o in offsets))
             beside = [self.pair(o, one)[:, int(o.offset is not None) :, first:] for o in terms[: i + 1]]
-            block = np.concatenate([self.with_base(one)[:, 1:, first:], *beside], axis=1)
+            block = np.concatenate([self.with_numbers(one, lacking)[:, :, first:], *beside], axis=1)
             above = block.shape[1] - one.count
             rows += [block[:, : above + k + 1, k] for k in range(one.count)]
         return Products(np.concatenate(rows, axis=1), np.concatenate(b, axis=1), yy)

@@ -19,13 +19,14 @@ from elastic_arm.dynamics import Model, build_model
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.effects.parameters import Parameter
 from elastic_arm.equations.channels import gains, lags
-from elastic_arm.equations.number_columns import calibrated_parameters, features_at, inertial_columns, nuisance_columns
+from elastic_arm.equations.number_columns import calibrated_parameters, features_at, inertial_columns, nuisance_columns, shared_columns
 from elastic_arm.equations.places import largest_value
 from elastic_arm.equations.robot_at import nearest_robot
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.known_torques import ActingEffect
 from elastic_arm.estimation.whitening import WhitenedData
 from elastic_arm.evidence.problem import Observations, Problem
+from elastic_arm.evidence.term import Term
 
 Array = NDArray[np.float64]
 
@@ -119,10 +120,24 @@ class Linearisation:
     def plain_numbers(self) -> list[Array]:
         """Columns (N', R, K) of the numbers of each stretch, Nm for one standard deviation."""
         p = self.problem
-        features = features_at(self.model, p.numbers, self.acting)
         return nuisance_columns(
-            self.model, p.robot, self.data, p.numbers, self.inertial, features, p.indices[self.which]
+            self.model, p.robot, self.data, p.numbers, self.inertial, self._features, p.indices[self.which]
         )
+
+    @cached_property
+    def _features(self) -> dict[int, Feature]:
+        return features_at(self.model, self.problem.numbers, self.acting)
+
+    @cached_property
+    def shares(self) -> tuple[Term, ...]:
+        """What effects that act, but need not be there, add to the columns of some numbers."""
+        found = []
+        for e, effect in enumerate(self.acting):
+            numbers, plain = shared_columns(self.data, self.problem.numbers, self._features, e)
+            if numbers and not effect.known:
+                X = self.data.whiten(plain)
+                found.append(Term(effect.feature.key, "share", X, np.zeros(len(numbers)), what=numbers))
+        return tuple(found)
 
     @cached_property
     def numbers(self) -> Array:

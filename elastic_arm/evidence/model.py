@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -13,7 +13,7 @@ from scipy.special import logsumexp
 from elastic_arm.evidence.grams import Bands, Grams
 from elastic_arm.evidence.pool import sized
 from elastic_arm.evidence.posterior import Posterior, Prior, mass, posterior
-from elastic_arm.evidence.priors import CHANGED, FORMLESS, SCALES, SIZES, TRUST
+from elastic_arm.evidence.priors import CHANGED, FORMLESS, RELATED, SCALES, SIZES, TRUST
 from elastic_arm.evidence.term import Ident, Key, Term
 
 Array = NDArray[np.float64]
@@ -56,7 +56,7 @@ class Fit:
     @cached_property
     def spread(self) -> tuple[Array, Array]:
         """Products of its columns (B, p, p), and of what is left with them (B, p)."""
-        products, p = self.model.grams.of(self.terms), len(self.found.x)
+        products, p = self.model.grams.of(self.terms, self.model.lacking(self.terms)), len(self.found.x)
         H = np.zeros((len(products.yy), p, p))
         rows, columns = np.tril_indices(p)
         H[:, rows, columns] = H[:, columns, rows] = products.half
@@ -124,6 +124,19 @@ class Fit:
         std = np.sqrt(np.diag(S))
         return float(np.max(np.abs(S[a, b]) / np.outer(std[a], std[b]), initial=0.0))
 
+    def gain_of_scale(self, term: Term, scale: float) -> float:
+        """Return what a term would gain, nats, if its size had a prior of another scale, at the same noise."""
+        own = slice(self.slices[term.ident].start, self.slices[term.ident].start + term.linear)
+        P = term.std[: term.linear] ** -2.0
+        more = P * ((term.scale / scale) ** 2 - 1.0)
+        A = np.eye(term.linear) + self.found.S[own, own] * more
+        x = self.found.x[own]
+        return float(
+            term.linear * np.log(term.scale / scale)
+            - 0.5 * np.linalg.slogdet(A)[1]
+            - 0.5 * (more * x) @ np.linalg.solve(A, x)
+        )
+
     def covariance(self, term: Term) -> Array:
         """Return their covariance (k, k)."""
         rows = self._rows(term)
@@ -145,67 +158,117 @@ class Screen:
         self.grams, self.terms = grams, list(terms)
         bands, order = grams.bands, grams.bands.order
         blocks = [t.columns if t.offset is None else np.column_stack([t.offset, t.columns]) for t in self.terms]
-        sizes = np.array([b.shape[1] for b in blocks], dtype=int)
-        self.at = np.concatenate([[0], np.cumsum(sizes)])
+        self.sizes = np.array([b.shape[1] for b in blocks], dtype=int)
+        self.at = np.concatenate([[0], np.cumsum(self.sizes)])
         self.X = np.hstack(blocks)[order] if blocks else np.zeros((len(order), 0))
         self.with_base = bands.products(grams.base, self.X)
-        self.own = [
-            bands.products(self.X[:, i:j], self.X[:, i:j]) for i, j in zip(self.at[:-1], self.at[1:], strict=True)
-        ]
-        self.single = np.flatnonzero(sizes == 1)
-        singles = [self.own[k][:, 0, 0] for k in self.single]
-        self.squares = np.stack(singles, axis=1) if singles else np.zeros((len(bands.n), 0))
+        own = [bands.products(self.X[:, i:j], self.X[:, i:j]) for i, j in zip(self.at[:-1], self.at[1:], strict=True)]
+        # Terms of as many columns side by side.
+        self.place = np.zeros(len(blocks), dtype=int)
+        self.own: dict[int, Array] = {}
+        for k in np.unique(self.sizes):
+            alike = np.flatnonzero(self.sizes == k)
+            self.place[alike] = np.arange(len(alike))
+            self.own[int(k)] = np.stack([own[t] for t in alike])
+        self.squares = np.zeros((len(bands.n), 0))
+        if blocks:
+            self.squares = np.concatenate([np.einsum("bii->bi", one) for one in own], axis=1)
+        self.chosen: dict[int, float] = {}
         self._with: dict[object, Array] = {}
+        self._whole: tuple[Fit, Array, Array] | None = None  # of the last fit
 
     def _with_term(self, term: Term) -> Array:
         if term.ident not in self._with:
             self._with[term.ident] = self.grams.bands.products(self.grams.columns(term), self.X)
         return self._with[term.ident]
 
-    def gains(self, fit: Fit) -> Array:
+    def _columns(self, among: NDArray[np.intp]) -> NDArray[np.intp] | slice:
+        if len(among) == len(self.terms):
+            return slice(None)
+        return np.concatenate([np.arange(self.at[t], self.at[t + 1]) for t in among])
+
+    def _beside(self, fit: Fit, columns: NDArray[np.intp] | slice) -> tuple[list[Array], Array]:
+        """Return the products (B, p', c) of a fit's columns with those of terms, and of what it leaves (B, c)."""
+        numbers, left, at = self.with_base[:, 1:, columns], self.with_base[:, 0, columns], 0
+        for share in fit.model.lacking(fit.terms):
+            numbers = numbers - share.what.T @ self._with_term(share)[:, :, columns]
+        pieces = [numbers]
+        for t in fit.terms:
+            first = int(t.offset is not None)
+            with_term = self._with_term(t)[:, :, columns]
+            pieces.append(with_term[:, first:])
+            if first:
+                left = left - with_term[:, 0]
+        for one in pieces:
+            left = left - (fit.found.x[at : at + one.shape[1]] @ one)
+            at += one.shape[1]
+        return pieces, left
+
+    def related(self, fit: Fit, term: Term) -> set[int]:
+        """Return the terms that could stand for a term of a fit, by the correlation of their coefficients."""
+        if not self.terms:
+            return set()
+        if self._whole is None or self._whole[0] is not fit:
+            w, (pieces, _) = 1.0 / fit.found.v, self._beside(fit, slice(None))
+            C = np.vstack([np.tensordot(w, one, 1) for one in pieces])
+            SC = fit.found.S @ C
+            self._whole = fit, SC, np.maximum(w @ self.squares - np.einsum("ij,ij->j", C, SC), 0.0)
+        _, SC, G = self._whole
+        own = fit.slices[term.ident]
+        shared = SC[own] ** 2
+        alike = shared >= RELATED**2 * (shared + np.outer(np.diag(fit.found.S)[own], G))
+        return set(np.repeat(np.arange(len(self.terms)), self.sizes)[alike.any(axis=0)].tolist())
+
+    def gains(self, fit: Fit, among: Iterable[int] | None = None) -> Array:
         """Return what each term would gain beside a fit (T,) nats, its prior odds paid, and pick sizes of laws.
 
         What the noise gains that it makes smaller is counted of the terms that could gain most.
+
+        Parameters
+        ----------
+        fit
+            Beside which.
+        among
+            The terms that count; the others gain nothing. None for all.
         """
+        gains = np.full(len(self.terms), -np.inf)
+        some = np.arange(len(self.terms)) if among is None else np.array(sorted(among), dtype=int)
+        if not len(some):
+            return gains
         w, S = 1.0 / fit.found.v, fit.found.S
-        beside = self._beside(fit)
-        C = np.tensordot(w, beside, 1)
-        b = w @ left if (left := self._left(fit, beside)).size else np.zeros(0)
+        pieces, left = self._beside(fit, self._columns(some))
+        C, b = np.vstack([np.tensordot(w, one, 1) for one in pieces]), w @ left
         SC = S @ C
-        found, self.mean = np.full(len(self.terms), -np.inf), [np.zeros(0)] * len(self.terms)
-        self.chosen: dict[int, float] = {}
-        if len(self.single):
-            columns = self.at[self.single]
-            G = w @ self.squares - np.einsum("ij,ij->j", C[:, columns], SC[:, columns])
-            found[self.single] = self._single(fit.model, np.maximum(G, 0.0), b[columns])
-        for t in np.setdiff1d(np.arange(len(self.terms)), self.single):
-            own = slice(self.at[t], self.at[t + 1])
-            G = np.tensordot(w, self.own[t], 1) - C[:, own].T @ SC[:, own]
-            found[t] = self._several(fit.model, int(t), G, b[own])
-        rough = found.copy()
-        if len(self.single):
-            beta = np.array([self.mean[k][0] for k in self.single])
-            rough[self.single] += self._quieter(fit, 2.0 * left[:, columns] * beta - self.squares * beta**2)
+        at = np.concatenate([[0], np.cumsum(self.sizes[some])])
+        mean: dict[int, Array] = {}
+        less = np.zeros((len(w), len(some)))  # without what moves with it
+        for k, own in self.own.items():
+            here = np.flatnonzero(self.sizes[some] == k)
+            if not len(here):
+                continue
+            columns = at[here, None] + np.arange(k)
+            G = np.einsum("b,tbij->tij", w, own[self.place[some[here]]], optimize=True)
+            G -= np.einsum("pti,ptj->tij", C[:, columns], SC[:, columns], optimize=True)
+            terms = [self.terms[t] for t in some[here]]
+            gain, beta, sizes = (_first_order if k == 1 else _several)(fit.model, terms, G, b[columns])
+            gains[some[here]] = gain
+            self.chosen |= {int(t): size for t, size in zip(some[here], sizes, strict=True) if size is not None}
+            mean |= dict(zip(here.tolist(), beta, strict=True))
+            less[:, here] = 2.0 * np.einsum("bti,ti->bt", left[:, columns], beta)
+            less[:, here] -= np.einsum(
+                "tbij,ti,tj->bt", own[self.place[some[here]]], beta, beta, optimize=True
+            )
+        first = gains[some]
+        rough = first + self._quieter(fit, less)
+        short = np.unique(np.concatenate([np.argsort(-first)[:LOOKED_AT], np.argsort(-rough)[:LOOKED_AT]]))
+        # What is there already moves with it.
         H, own_left = fit.spread
-        for t in {int(t) for order in (found, rough) for t in np.argsort(-order)[:LOOKED_AT]}:
-            own, beta = slice(self.at[t], self.at[t + 1]), self.mean[t]
-            # What is there already moves with it.
-            back, X = -SC[:, own] @ beta, beside[:, :, own] @ beta
-            less = 2.0 * (own_left @ back + left[:, own] @ beta)
-            less -= (H @ back) @ back + 2.0 * X @ back + np.einsum("bij,i,j->b", self.own[t], beta, beta)
-            found[t] += float(self._quieter(fit, less[:, None])[0])
-        return found
-
-    def _beside(self, fit: Fit) -> Array:
-        """Return the products (B, p, columns) of a fit's columns with those of the terms."""
-        rows = [self.with_base[:, 1:]]
-        rows += [self._with_term(t)[:, int(t.offset is not None) :] for t in fit.terms]
-        return np.concatenate(rows, axis=1)
-
-    def _left(self, fit: Fit, beside: Array) -> Array:
-        """Return the products (B, columns) of what a fit leaves with the columns of the terms."""
-        offsets = sum((self._with_term(t)[:, 0] for t in fit.terms if t.offset is not None), np.zeros(1))
-        return self.with_base[:, 0] - offsets - np.einsum("bpc,p->bc", beside, fit.found.x, optimize=True)
+        changes = [(slice(at[t], at[t + 1]), mean[int(t)]) for t in short]
+        back = -np.stack([SC[:, own] @ beta for own, beta in changes], axis=1)
+        X = np.concatenate([np.stack([one[:, :, own] @ beta for own, beta in changes], axis=2) for one in pieces], axis=1)
+        moved = less[:, short] + 2.0 * (own_left @ back) - np.einsum("bps,ps->bs", H @ back + 2.0 * X, back)
+        gains[some[short]] += self._quieter(fit, moved)
+        return gains
 
     @staticmethod
     def _quieter(fit: Fit, less: Array) -> Array:
@@ -215,54 +278,6 @@ class Screen:
         quiet = np.maximum(np.where(v > 1.0, now / n, 1.0), 1.0)
         # Beyond what the same noise makes of it, which is counted already.
         return np.sum(0.5 * (n * np.log(v / quiet) + left / v - now / quiet - (left - now) / v), axis=0)
-
-    def _single(self, model: LinearModel, G: Array, b: Array) -> Array:
-        terms = [self.terms[k] for k in self.single]
-        price = np.array([t.price + model.doubt(t) for t in terms])
-        fixed = np.array([t.offset is not None for t in terms])
-        std = np.array([1.0 if t.offset is not None else t.std[0] for t in terms])
-        low = np.array([-np.inf if t.offset is not None else t.low[0] for t in terms])
-        high = np.array([np.inf if t.offset is not None else t.high[0] for t in terms])
-        bounded = np.isfinite(low) | np.isfinite(high)
-        gained: list[Array] = []
-        means: list[Array] = []
-        for scale in SCALES:
-            prior = scale * std
-            variance = 1.0 / (G + prior**-2.0)
-            mean = variance * b
-            gain = 0.5 * mean * b + 0.5 * np.log(variance / prior**2)
-            gain[bounded] += mass(mean[bounded], np.sqrt(variance[bounded]), low[bounded], high[bounded]) - mass(
-                np.zeros(1), prior[bounded], low[bounded], high[bounded]
-            )
-            gained.append(gain)
-            means.append(mean)
-        best = np.argmax(gained, axis=0)
-        mean = np.where(fixed, 1.0, np.take_along_axis(np.array(means), best[None], axis=0)[0])
-        for k, scale, free, one in zip(self.single, SCALES[best], ~fixed, mean, strict=True):
-            self.mean[k] = np.array([one])
-            if free:
-                self.chosen[int(k)] = float(scale)
-        return np.where(fixed, b - 0.5 * G, np.max(gained, axis=0) - np.log(len(SCALES))) - price
-
-    def _several(self, model: LinearModel, t: int, G: Array, b: Array) -> float:
-        term = self.terms[t]
-        if term.kind == "law":
-            e, U = np.linalg.eigh(G)
-            e, z = np.maximum(e, 0.0), U.T @ b
-            each = np.array([0.5 * np.sum(z**2 / (e + a**-2.0) - np.log1p(e * a * a)) for a in SIZES])
-            self.chosen[t] = float(SIZES[int(np.argmax(each))])
-            self.mean[t] = U @ (z / (e + self.chosen[t] ** -2.0))
-            return float(logsumexp(each) - np.log(len(SIZES))) - term.price - model.doubt(term)
-        gained = []
-        for scale in SCALES:
-            D = scale * term.std
-            Gs = G * np.outer(D, D)
-            Gs[np.diag_indices_from(Gs)] += 1.0
-            gained.append(float(0.5 * (b * D) @ np.linalg.solve(Gs, b * D) - 0.5 * np.linalg.slogdet(Gs)[1]))
-        self.chosen[t] = float(SCALES[int(np.argmax(gained))])
-        P = (self.chosen[t] * term.std) ** -2.0
-        self.mean[t] = np.linalg.solve(G + np.diag(P), b)
-        return max(gained) - float(np.log(len(SCALES))) - term.price - model.doubt(term)
 
     def term(self, t: int) -> Term:
         """Return a term as :meth:`gains` found it best."""
@@ -290,6 +305,8 @@ class LinearModel:
         (K,) at which numbers' values the residuals are made; the others act linearly.
     always
         Terms that are known to be there.
+    shares
+        What other terms add to columns of the numbers (:attr:`.Linearisation.shares`).
     name
         The trust in the description.
     """
@@ -301,6 +318,7 @@ class LinearModel:
     trusted: NDArray[np.bool_]
     moving: NDArray[np.bool_]
     always: tuple[Term, ...] = ()
+    shares: tuple[Term, ...] = ()
     name: str = ""
     _fits: dict[object, Fit] = field(default_factory=dict, init=False)
 
@@ -338,9 +356,18 @@ class LinearModel:
             return -float(np.log(CHANGED))
         return -float(np.log(TRUST[self.name].effect * (FORMLESS if term.kind == "law" else 1.0)))
 
+    @cached_property
+    def _shares(self) -> tuple[Term, ...]:
+        return tuple(replace(share, what=self.basis[0][share.what]) for share in self.shares)
+
+    def lacking(self, terms: Sequence[Term]) -> tuple[Term, ...]:
+        """Return the shares of the numbers' columns that are not there where some terms are."""
+        there = {t.key for t in terms if t not in self.always}
+        return tuple(share for share in self._shares if share.key not in there)
+
     def _posterior(self, terms: Sequence[Term], prior: Prior, start: Array | None) -> Posterior:
         coloured = float(np.log(TRUST[self.name].coloured))
-        return posterior(self.grams.of(terms), self.bands.n, prior, self.bands.place, coloured, start)
+        return posterior(self.grams.of(terms, self.lacking(terms)), self.bands.n, prior, self.bands.place, coloured, start)
 
     def trusting(self, name: str) -> LinearModel:
         """Return the same data with another trust in the description."""
@@ -374,3 +401,51 @@ class LinearModel:
             start = None if near is None else near.found.v
             self._fits[key] = Fit(self, whole, self._posterior(whole, prior, start))
         return self._fits[key]
+
+Gains = tuple[Array, Array, list[float | None]]
+
+
+def _first_order(model: LinearModel, terms: Sequence[Term], G: Array, b: Array) -> Gains:
+    """Return what terms of one column gain (T,) with the scale that gains most, their sizes (T, 1), and the scales."""
+    G, b = np.maximum(G[:, 0, 0], 0.0), b[:, 0]
+    price = np.array([t.price + model.doubt(t) for t in terms])
+    fixed = np.array([t.offset is not None for t in terms])
+    std = np.array([1.0 if t.offset is not None else t.std[0] for t in terms])
+    low = np.array([-np.inf if t.offset is not None else t.low[0] for t in terms])
+    high = np.array([np.inf if t.offset is not None else t.high[0] for t in terms])
+    bounded = np.isfinite(low) | np.isfinite(high)
+    gained: list[Array] = []
+    means: list[Array] = []
+    for scale in SCALES:
+        prior = scale * std
+        variance = 1.0 / (G + prior**-2.0)
+        mean = variance * b
+        gain = 0.5 * mean * b + 0.5 * np.log(variance / prior**2)
+        gain[bounded] += mass(mean[bounded], np.sqrt(variance[bounded]), low[bounded], high[bounded]) - mass(
+            np.zeros(1), prior[bounded], low[bounded], high[bounded]
+        )
+        gained.append(gain)
+        means.append(mean)
+    best = np.argmax(gained, axis=0)
+    mean = np.where(fixed, 1.0, np.take_along_axis(np.array(means), best[None], axis=0)[0])
+    found = np.where(fixed, b - 0.5 * G, np.max(gained, axis=0) - np.log(len(SCALES))) - price
+    sizes = [None if one else float(scale) for one, scale in zip(fixed, SCALES[best], strict=True)]
+    return found, mean[:, None], sizes
+
+
+def _several(model: LinearModel, terms: Sequence[Term], G: Array, b: Array) -> Gains:
+    """Return the same of terms of as many columns each, laws without a form among them."""
+    laws = np.array([t.kind == "law" for t in terms])
+    std = np.array([np.ones(b.shape[1]) if t.kind == "law" else t.std for t in terms])
+    e, U = np.linalg.eigh(G * std[:, :, None] * std[:, None, :])
+    e, z = np.maximum(e, 0.0), np.einsum("tij,ti->tj", U, b * std)
+
+    def at(size: float) -> Array:
+        return 0.5 * np.sum(z**2 / (e + size**-2.0) - np.log1p(e * size * size), axis=1)
+
+    # The size of a law is averaged over, as its prior is not stated; the scale of an effect is chosen.
+    of_laws, of_effects = np.stack([at(a) for a in SIZES]), np.stack([at(s) for s in SCALES])
+    size = np.where(laws, SIZES[np.argmax(of_laws, axis=0)], SCALES[np.argmax(of_effects, axis=0)])
+    gain = np.where(laws, logsumexp(of_laws, axis=0) - np.log(len(SIZES)), of_effects.max(axis=0) - np.log(len(SCALES)))
+    mean = std * np.einsum("tij,tj->ti", U, z / (e + size[:, None] ** -2.0))
+    return gain - np.array([t.price + model.doubt(t) for t in terms]), mean, [float(s) for s in size]

@@ -101,7 +101,7 @@ def tangent_term(linear: Linearisation, term: Term, theta: Sequence[float], size
         np.hstack([own, tangents]),
         np.concatenate([own_std, std]),
         odds=term.odds,
-        grid=0.0 if feature.fixed else float(np.log(len(SCALES))),
+        grid=float(np.log(len(SCALES))) if term.is_scaled else 0.0,
         mean=np.concatenate([np.zeros(len(own_std)), mean]),
         low=np.concatenate([own_low, least]),
         high=np.concatenate([own_high, most]),
@@ -111,6 +111,7 @@ def tangent_term(linear: Linearisation, term: Term, theta: Sequence[float], size
         tangents=tuple(numbers),
         size=size,
         scale=term.scale,
+        is_scaled=term.is_scaled,
     )
 
 

@@ -21,12 +21,13 @@ from elastic_arm.evidence.nonlinear import components, moved, tangent_term
 from elastic_arm.evidence.pool import effect_terms, law_terms, linear_prior, number_terms
 from elastic_arm.evidence.priors import ELSEWHERE, NEAR, ROUNDS, STATED, TRUST, WORTH
 from elastic_arm.evidence.problem import Problem
-from elastic_arm.evidence.search import Search
+from elastic_arm.evidence.search import ADDED, ALL, SIMPLE, Search
 from elastic_arm.evidence.term import Key, Term
 
 Array = NDArray[np.float64]
 
 STEPS = 6  # of Gauss and Newton beside a set
+STARTS = "as measured", "as built"
 EXACT = 0.1  # factor of the trust below which the numbers of a description lie where it has them; numerical
 
 
@@ -42,8 +43,6 @@ class Explanation:
         All sets met.
     best
         The most probable one.
-    own
-        Score of the set beside which it was linearised.
     trust
         Probability of each trust in the description.
     log
@@ -53,7 +52,6 @@ class Explanation:
     linear: Linearisation
     search: Search
     best: Fit
-    own: float
     trust: Mapping[str, float]
     log: tuple[str, ...] = ()
 
@@ -69,11 +67,11 @@ def explain(problem: Problem, *, refit: bool) -> Explanation:
         Whether the description cannot be as measured.
     """
     described = Linearisation(problem, np.zeros(len(problem.numbers)), ())
-    found = None if refit else _descended(described, None, "as measured", refit)
-    if found is None or found.best.model.name != "as measured":
-        # Off everywhere: where its numbers lie alone, there is less to mistake for an effect.
-        alone = _descended(described, None, "as built", refit)
-        found = alone if found is None else _better(alone, found)
+    # Where the description is exact, all that is left is an effect. Where it is off everywhere, there is less to
+    # mistake for one where its numbers lie alone.
+    starts = [_started(described, trust, refit) for trust in STARTS if not (refit and trust == STARTS[0])]
+    first = max(starts, key=lambda found: found.best.score)
+    found = _descended(first.linear, first.best, refit)
     tried: set[frozenset[Key]] = set()
     for _ in range(ELSEWHERE):
         # Exchanged at this linearisation, a set whose numbers lie elsewhere is judged by columns that are not its own.
@@ -81,8 +79,13 @@ def explain(problem: Problem, *, refit: bool) -> Explanation:
         if other is None:
             break
         tried.add(other.keys)
-        found = _better(found, _descended(found.linear, other, other.model.name, refit))
-    return found
+        found = _better(found, _descended(found.linear, other, refit, found.best))
+    return replace(found, log=(*(line for one in starts for line in one.log), *found.log))
+
+
+def _started(described: Linearisation, trust: str, refit: bool) -> Explanation:
+    """Return the most probable set at first, from the numbers alone."""
+    return _explained(_settled(described, None, trust), None, trust, refit, moves=ADDED)
 
 
 def _better(one: Explanation, other: Explanation) -> Explanation:
@@ -105,30 +108,24 @@ def _elsewhere(found: Explanation, tried: Set[frozenset[Key]]) -> Fit | None:
     return max(sets, key=lambda fit: fit.score, default=None)
 
 
-def _descended(linear: Linearisation, before: Fit | None, trust: str, refit: bool) -> Explanation:
-    """Return the most probable set beside which the linearisation stays.
+def _descended(linear: Linearisation, before: Fit, refit: bool, best: Fit | None = None) -> Explanation:
+    """Return the most probable set beside which the linearisation stays, from one to start from.
 
-    A set that is found at the linearisation of another one counts once it is as probable at its own: there, what acts
-    in the predicted torques is what it holds.
+    Laws without a form and the moves that take long come where the set stays: elsewhere they follow its error. They do
+    not come where it stays less probable than the best one known.
     """
     log: list[str] = []
-    whole, refused, kept = False, set[frozenset[Key]](), None
+    trust, moves = before.model.name, SIMPLE
     for n in range(ROUNDS):
-        here = _settled(linear, before, trust)
-        found = _explained(here, before, trust, refit, whole=whole, refused=refused)
+        linear = _settled(linear, before, trust)
+        found = _explained(linear, before, trust, refit, moves=moves)
         log += [f"{n}: {line}" for line in found.log]
-        if kept is not None and before is not None and before.keys != kept[2] and found.own < kept[0] - WORTH:
-            refused.add(before.keys)
-            _, (linear, before, trust), _ = kept
-            log.append(f"{n}: not as probable at its own linearisation")
-            continue
-        kept = found.own, (here, before, trust), frozenset() if before is None else before.keys
-        same = before is not None and before.keys == found.best.keys and not _far(found.best)
-        if same and whole:
+        stays = before.keys == found.best.keys and not _far(found.best)
+        before, trust = found.best, found.best.model.name
+        if stays and (moves == ALL or (best is not None and before.score < best.score + WORTH)):
             break
-        # Laws without a form and the moves that take long come where the set stays: elsewhere they follow its error.
-        linear, before, trust = here, found.best, found.best.model.name
-        whole = whole or same or n == ROUNDS - 2
+        if stays or n == ROUNDS - 2:
+            moves = ALL
     return replace(found, best=max(found.search.met.values(), key=lambda fit: fit.score), log=tuple(log))
 
 
@@ -182,6 +179,7 @@ def linear_model(linear: Linearisation, trust: str) -> LinearModel:
             np.array([p.is_number for p in linear.problem.numbers], dtype=bool),
             _moving(linear.problem),
             tuple(known_terms(linear)[0]),
+            linear.shares,
             trust,
         )
     return linear.cache["model"].trusting(trust)
@@ -197,19 +195,19 @@ def _screens(linear: Linearisation, model: LinearModel, *, laws: bool) -> list[S
 
 
 def _explained(
-    linear: Linearisation, before: Fit | None, trust: str, refit: bool, *, whole: bool, refused: Set[frozenset[Key]]
+    linear: Linearisation, before: Fit | None, trust: str, refit: bool, *, moves: int
 ) -> Explanation:
     """Return the most probable set at a linearisation, from the one found at another."""
     trusts = {name: one for name, one in TRUST.items() if not (refit and name == "as measured")}
     model, log = linear_model(linear, trust), []
-    screens = _screens(linear, model, laws=whole)
+    screens = _screens(linear, model, laws=moves == ALL)
     first = [] if before is None else _again(before, linear)
     terms: Sequence[Term] = first
     # The trust in the description that is most probable beside the set, and the set beside it, until both stay.
     tried: dict[str, Search] = {}
     while trust not in tried:
-        search = Search(linear, model.trusting(trust), screens, refused)
-        tried[trust], best = search, search.run(terms, whole=whole)
+        search = Search(linear, model.trusting(trust), screens)
+        tried[trust], best = search, search.run(terms, moves=moves)
         log += [f"{trust}: {line}" for line in search.log]
         terms = best.optional
         scores = {
@@ -217,15 +215,15 @@ def _explained(
         }
         trust = max(scores, key=lambda name: scores[name])
     search = tried[trust]
-    best = search.run(terms, whole=whole)
+    best = search.run(terms, moves=moves)
     total = np.logaddexp.reduce(list(scores.values()))
     log.append(f"{trust}, {best.score:.1f}: {', '.join(f'{k[0]} {k[1]}' for k in best.keys) or 'nothing'}")
     shares = {k: float(np.exp(v - total)) for k, v in scores.items()}
-    return Explanation(linear, search, best, search.model.fit(first).score, shares, tuple(log))
+    return Explanation(linear, search, best, shares, tuple(log))
 
 
 def pool_of(linear: Linearisation) -> list[Term]:
-    """Return the effects, numbers and stated effects that may be there, each kind with equal odds among its own."""
+    """Return the effects, numbers and stated effects that may be there."""
     problem = linear.problem
     kinds = (
         effect_terms(linear, linear.placed(problem.candidates)),
@@ -236,8 +234,11 @@ def pool_of(linear: Linearisation) -> list[Term]:
 
 
 def _chosen_among(terms: Sequence[Term]) -> list[Term]:
-    each = float(np.log(max(len({t.key for t in terms}), 1)))
-    return [t.with_odds(each) for t in terms]
+    """Return terms of which each effect is as likely, and each of its places."""
+    places: dict[str, set[Key]] = {}
+    for t in terms:
+        places.setdefault(t.key[0], set()).add(t.key)
+    return [t.with_odds(float(np.log(len(places)) + np.log(len(places[t.key[0]])))) for t in terms]
 
 
 def known_terms(linear: Linearisation) -> tuple[list[Term], list[Term]]:

@@ -1,14 +1,15 @@
 """The most probable sets of terms: moves over sets, each judged by the one score.
 
-Add, drop, exchange, two for one, one for two. What a further term would gain at the noise of the present fit proposes;
+Add, drop, exchange, two for one, one for two, a size on another scale. What a further term would gain at the noise of the present fit proposes;
 the score of the whole set decides. All sets met are kept: probabilities are sums over them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence, Set
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,10 +19,20 @@ from elastic_arm.evidence.changes import CHANGE, possible_changes
 from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.model import Fit, LinearModel, Screen
 from elastic_arm.evidence.nonlinear import is_open, refined
-from elastic_arm.evidence.priors import MOST, RELATED, SHORT, TRIED, WORTH
+from elastic_arm.evidence.priors import MOST, RELATED, SCALES, SHORT, TRIED, WORTH
 from elastic_arm.evidence.term import Key, Term
 
 Array = NDArray[np.float64]
+
+
+ADDED, SIMPLE, ALL = 2, 4, 6  # kinds of moves: more of them take longer
+
+
+class Instead(NamedTuple):
+    """What may take the place of terms: not the sets' own keys, and which terms of each screen."""
+
+    keys: frozenset[Key]
+    among: list[set[int]]
 
 
 @dataclass
@@ -32,32 +43,28 @@ class Search:
     ----------
     linear, model, screens
         The data, and all that may be added.
-    refused
-        Sets that are not as probable at their own linearisation.
     """
 
     linear: Linearisation
     model: LinearModel
     screens: Sequence[Screen]
-    refused: Set[frozenset[Key]] = frozenset()
     met: dict[frozenset[Key], Fit] = field(default_factory=dict)
     _refined: dict[tuple[Key, frozenset[Key]], Term] = field(default_factory=dict)
     _found: dict[Key, Term] = field(default_factory=dict)
     log: list[str] = field(default_factory=list)
-    _whole: bool = True
+    _moves: int = ALL
 
-    def run(self, start: Sequence[Term] = (), *, whole: bool = True) -> Fit:
+    def run(self, start: Sequence[Term] = (), *, moves: int = ALL) -> Fit:
         """Return the most probable set, from a set to start from.
 
         Parameters
         ----------
         start
             The set.
-        whole
-            Whether laws without a form may be there and all moves are tried: elsewhere than at the last linearisation,
-            laws follow its error.
+        moves
+            :data:`ADDED` alone, :data:`SIMPLE` ones, or :data:`ALL`.
         """
-        self._whole, best = whole, self._keep(self.model.fit(start))
+        self._moves, best = moves, self._keep(self.model.fit(start))
         while (better := self._better(best)) is not None:
             came, went = better.keys - best.keys, best.keys - better.keys
             self.log.append(f"{better.score - best.score:+.1f}: {_words(came, went)}")
@@ -66,11 +73,11 @@ class Search:
 
     def _better(self, fit: Fit) -> Fit | None:
         """Return a better set one move away: more terms first, as they are cheap to find."""
-        simple = (self._added, self._dropped, self._exchanged)
-        for moves in (*simple, self._two_for_one, self._one_for_two) if self._whole else simple:
+        each = self._added, self._rescaled, self._dropped, self._exchanged, self._two_for_one, self._one_for_two
+        for moves in each[: self._moves]:
             best = fit
             for one in moves(fit):
-                if one.score > best.score and one.keys not in self.refused:
+                if one.score > best.score:
                     best = one
                     if moves is not self._added and best.score > fit.score + WORTH:
                         break
@@ -83,15 +90,28 @@ class Search:
             for t in (*self.proposals(fit), *possible_changes(self.linear, fit)):
                 yield self._with(fit.optional, t, fit)
 
-    def proposals(
-        self, fit: Fit, count: int = TRIED, without: frozenset[Key] = frozenset(), needed: float = 0.0
-    ) -> list[Term]:
+    def proposals(self, fit: Fit, count: int = TRIED, instead: Instead | None = None, needed: float = 0.0) -> list[Term]:
         """Return the terms that would gain most beside a fit, one of each key.
 
         At the noise of the fit a term gains less than beside its own: as little as a share of what is needed is tried.
+
+        Parameters
+        ----------
+        fit
+            Beside which.
+        count
+            Of terms.
+        instead
+            Of which terms they take the place.
+        needed
+            Nats that a term has to gain.
         """
-        gained = [(gain, screen, t) for screen in self.screens for t, gain in enumerate(screen.gains(fit))]
-        have, found = fit.keys | without, list[Term]()
+        gained = [
+            (gain, screen, t)
+            for k, screen in enumerate(self.screens)
+            for t, gain in enumerate(screen.gains(fit, None if instead is None else instead.among[k]))
+        ]
+        have, found = fit.keys | (frozenset() if instead is None else instead.keys), list[Term]()
         for gain, screen, t in sorted(gained, key=lambda one: -one[0]):
             if len(found) == count or not gain >= SHORT * needed:
                 break
@@ -101,7 +121,25 @@ class Search:
                 have = have | {key}
         return found
 
+    def _instead(self, fit: Fit, *terms: Term) -> Instead:
+        """Return what could take the place of terms of a fit: what is related to each of them."""
+        related = [[screen.related(fit, t) for t in terms] for screen in self.screens]
+        return Instead(fit.keys, [set.intersection(*each) for each in related])
+
     def _with(self, terms: Sequence[Term], more: Term, near: Fit) -> Fit:
+        """Return the fit of a set with one more term, its numbers and its scale where they are most probable."""
+        return self._scaled(self._placed(terms, more, near), more.key)
+
+    def _scaled(self, fit: Fit, key: Key) -> Fit:
+        """Return a fit with the size of a term on the scale on which it is most probable beside the others."""
+        for t in (t for t in fit.optional if t.key == key and t.is_scaled):
+            gains = [fit.gain_of_scale(t, scale) for scale in SCALES]
+            if max(gains) > WORTH:
+                other = t.scaled(float(SCALES[int(np.argmax(gains))]))
+                return self._keep(self.model.fit([other if u is t else u for u in fit.optional], fit))
+        return fit
+
+    def _placed(self, terms: Sequence[Term], more: Term, near: Fit) -> Fit:
         """Return the fit of a set with one more term, its nonlinear numbers where they are most probable."""
         if not is_open(more):
             return self._keep(self.model.fit([*terms, more], near))
@@ -119,7 +157,7 @@ class Search:
 
     def _keep(self, fit: Fit) -> Fit:
         known = self.met.get(fit.keys)
-        if fit.keys not in self.refused and (known is None or fit.score > known.score):
+        if known is None or fit.score > known.score:
             self.met[fit.keys] = fit
         return fit
 
@@ -128,29 +166,38 @@ class Search:
         for fit in fits:
             self._keep(fit)
 
-    def _dropped(self, fit: Fit) -> Iterator[Fit]:
+    def _rescaled(self, fit: Fit) -> Iterator[Fit]:
+        """Yield fits with a size on the scale on which it is most probable beside the others."""
         for t in fit.optional:
-            yield self._keep(self.model.fit(_without(fit, t), fit))
+            yield self._scaled(fit, t.key)
+
+    def _dropped(self, fit: Fit) -> Iterator[Fit]:
+        return (less for _, less in self._left_out(fit))
 
     def _exchanged(self, fit: Fit) -> Iterator[Fit]:
-        for less in list(self._dropped(fit)):
-            for t in self.proposals(less, without=fit.keys, needed=fit.score - less.score):
-                yield self._with(less.optional, t, less)
+        for t, less in self._left_out(fit):
+            for u in self.proposals(less, instead=self._instead(fit, t), needed=fit.score - less.score):
+                yield self._with(less.optional, u, less)
 
     def _two_for_one(self, fit: Fit) -> Iterator[Fit]:
         for pair in combinations(fit.optional, 2):
             if fit.correlation(*pair) < RELATED:
                 continue
             less = self._keep(self.model.fit(_without(fit, *pair), fit))
-            for t in self.proposals(less, count=2, without=fit.keys, needed=fit.score - less.score):
+            for t in self.proposals(less, 2, self._instead(fit, *pair), fit.score - less.score):
                 yield self._with(less.optional, t, less)
 
     def _one_for_two(self, fit: Fit) -> Iterator[Fit]:
-        for less in list(self._dropped(fit)):
-            for t in self.proposals(less, count=2, without=fit.keys):
+        for gone, less in self._left_out(fit):
+            instead = self._instead(fit, gone)
+            for t in self.proposals(less, 2, instead):
                 one = self._with(less.optional, t, less)
-                for u in self.proposals(one, count=2, without=fit.keys, needed=fit.score - one.score):
+                for u in self.proposals(one, 2, instead, fit.score - one.score):
                     yield self._with(one.optional, u, one)
+
+    def _left_out(self, fit: Fit) -> list[tuple[Term, Fit]]:
+        """Return each term of a fit, and the fit without it."""
+        return [(t, self._keep(self.model.fit(_without(fit, t), fit))) for t in fit.optional]
 
     def probabilities(self) -> dict[frozenset[Key], float]:
         """Return the probability of each set met."""

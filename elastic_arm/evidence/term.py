@@ -47,6 +47,8 @@ class Term:
         Coefficient of the law at which its tangents were taken.
     scale
         Factor on the range of the size, whose prior it is.
+    is_scaled
+        Whether it was chosen among others.
     trusted
         Whether the trust in the description scales its prior: of what the description states.
     what
@@ -68,6 +70,7 @@ class Term:
     tangents: tuple[int, ...] = ()
     size: float = 1.0
     scale: float = 1.0
+    is_scaled: bool = False
     trusted: bool = False
     what: Any = None
     ident: Ident = ()
@@ -97,11 +100,11 @@ class Term:
         return self.odds + self.grid
 
     def scaled(self, scale: float) -> Term:
-        """Return an effect or number of another scale."""
-        std = self.std * np.where(np.arange(self.count) < self.linear, scale, 1.0)
-        return replace(
-            self, std=std, scale=scale, grid=self.grid + float(np.log(len(SCALES))), ident=(*self.ident, scale)
-        )
+        """Return an effect or number of another scale of its size."""
+        std = self.std * np.where(np.arange(self.count) < self.linear, scale / self.scale, 1.0)
+        grid = self.grid + (0.0 if self.is_scaled else float(np.log(len(SCALES))))
+        ident = self.ident[:-1] if self.is_scaled else self.ident
+        return replace(self, std=std, scale=scale, grid=grid, is_scaled=True, ident=(*ident, scale))
 
     def with_odds(self, odds: float) -> Term:
         """Return it with other prior odds."""
