@@ -144,15 +144,15 @@ def read_motion(
     clock: ClockChoice,
     namespace: str | None,
     telling: MostTelling,
-    says: Callable[[str, float], None],
+    report: Callable[[str, float], None],
 ) -> Recording:
-    """Read a recording as :func:`read_by_clock` does, but of a long one the motion that tells most alone.
+    """Read a recording as :func:`read_by_clock` does, but of a long one the motion of most information alone.
 
     Parameters
     ----------
     telling
         Chooses it.
-    says
+    report
         Called with what is being read, and the share of it that is.
     """
     from elastic_arm.recording.reading import read_parts
@@ -160,7 +160,7 @@ def read_motion(
     arrival = clock is ClockChoice.arrival
     for part, share in read_parts(path, channels, robot.joint_names, arrival=arrival, namespace=namespace):
         telling.add(part)
-        says(f"reading {path}: {telling.moving:.0f} s of motion", share)
+        report(f"reading {path}: {telling.moving:.0f} s of motion", share)
     return _by_clock(telling.recording(), path, robot, clock)
 
 
