@@ -2,8 +2,7 @@
 
 The arm of the package with dry friction on one joint. First one motion and then standstill, through ``identify`` and
 ``diagnose``; then work: motions of half a minute with rests between them, ``--standing`` of the time. Each case runs in
-a process of its own, on one core; its columns are elapsed seconds, those over the first case's, and the most memory
-that it took.
+a process of its own; its columns are processor seconds, those over the first case's, and the most memory that it took.
 """
 
 from __future__ import annotations
@@ -15,7 +14,6 @@ import shutil
 import subprocess
 import sys
 import tempfile
-import time
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +29,7 @@ from elastic_arm.simulation import SimulationSettings, simulate
 
 Array = NDArray[np.float64]
 LAW, TRUE = "coulomb_friction:joint_2", 10.0
+START = "from elastic_arm.app import main; main()"
 RESULTS = "diagnosis.json", "identification.json"
 
 
@@ -68,14 +67,22 @@ def recorded(folder: Path, work: Work, seconds: float) -> Path:
 
 
 def measured(command: str, bag: Path, out: Path) -> tuple[float, float, str]:
-    """Run a command on a bag; return its seconds, its gigabytes, and the friction that it found."""
+    """Run a command on a bag; return its processor seconds, its gigabytes, and the friction that it found."""
     options = ["--no-propose"] if command == "diagnose" else ["--with", LAW]
-    words = ["-c", "from elastic_arm.app import main; main()", command, str(bag), "--out", str(out), "--force", *options]
-    begin = time.perf_counter()
+    words = [
+        "-c",
+        "from elastic_arm.app import main; main()",
+        command,
+        str(bag),
+        "--out",
+        str(out),
+        "--force",
+        *options,
+    ]
     with subprocess.Popen([sys.executable, *words], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
         _, status, usage = os.wait4(process.pid, 0)
         process.returncode = os.waitstatus_to_exitcode(status)
-    seconds = time.perf_counter() - begin
+    seconds = usage.ru_utime + usage.ru_stime
     return seconds, usage.ru_maxrss / 1e6, found_in(out) if status == 0 else f"exit status {process.returncode}"
 
 
