@@ -290,7 +290,9 @@ def theta_of(term: Term, fit: Fit) -> tuple[float, ...]:
 
 def _acting(fit: Fit) -> tuple[ActingEffect, ...]:
     """Return the effects of a fit that act in the torques."""
-    acting = [t for t in fit.terms if t.kind in ("effect", "stated") and not isinstance(t.feature.effect, SensorEffect)]
+    acting = [
+        t for t in fit.terms if t.kind in ("effect", "stated") and not isinstance(t.feature.effect, SensorEffect)
+    ]
     sizes = [np.ones(1) if t.offset is not None else fit.beta(t)[: t.linear] for t in acting]
     return tuple(
         ActingEffect(t.feature, theta_of(t, fit), size, known=t in fit.model.always)

@@ -64,6 +64,7 @@ class Progress:
 
     samples: int = 0  # Samples in the equations so far
     received: int = 0  # Samples handed in
+    resting: int = 0  # Samples left out because the arm stood still
     refused: int = 0  # Samples left out because their stamps did not advance
     pieces: int = 0  # Runs without a gap
 
@@ -315,6 +316,7 @@ class Identifier:
             if self._rest is None or np.any(np.abs(part - self._rest[0]) >= STILL):
                 self._rest = part[-1], float(motion.t[start + len(part) - 1])
             kept[start : start + length] = motion.t[start] <= self._rest[1] + KEPT
+        self.progress.resting += motion.every * int(np.count_nonzero(~kept))
         edges = np.flatnonzero(np.diff(kept, prepend=False, append=False))
         for first, stop in edges.reshape(-1, 2).tolist():
             yield motion[first:stop]
