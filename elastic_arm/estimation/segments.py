@@ -17,7 +17,7 @@ from scipy.signal import savgol_filter
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.recording import Recording
 from elastic_arm.recording.sides import Side
-from elastic_arm.recording.standstill import moving_spans, standing_note, within
+from elastic_arm.recording.standstill import STANDS, moving_spans, standing_note, within
 from elastic_arm.robot import Robot
 
 Array = NDArray[np.float64]
@@ -28,9 +28,12 @@ DIAGNOSED, IDENTIFIED = 90.0, 600.0
 SEGMENT = 10.0  # s; several swings of an arm
 RATE = 50.0  # Hz at which a motion is looked at, and s over which its derivatives are taken
 WINDOW = 0.2
-# What numbers of a description are off by, of themselves (evidence/priors.py: masses 0.06, springs 0.15), the friction
-# of a joint, Nm at 1 rad/s too, and the torque's noise, all errors of the model included, Nm.
-USUAL, FRICTION, NOISE = 0.1, 5.0, 1.0
+# What numbers of a description are off by, of themselves (evidence/priors.py: masses 0.06, springs 0.15), and the
+# friction of a joint, Nm, at 1 rad/s too.
+USUAL, FRICTION = 0.1, 5.0
+# Errors of a torque: noise, Nm, and what the model misses, of the torque itself. A jump of an encoder, whose torque
+# would be absurd, so tells no more than any other sample.
+NOISE, MISSED = 1.0, 0.02
 
 
 @dataclass
@@ -126,10 +129,11 @@ def _information(side: Side, model: Model) -> Array:
     every = slice(width, -width, max(1, round(1.0 / (RATE * step))))
     q, dq, ddq = (savgol_filter(position, width, 3, deriv=k, delta=step, axis=0)[every] for k in range(3))
     double = (lambda rate: np.hstack([rate, rate])) if model.robot.elastic else (lambda rate: rate)
-    own = model.regressor(double(q), double(dq), double(ddq)) * (USUAL * np.abs(model.Psi))
-    rows = own.reshape(-1, own.shape[-1])
+    terms = model.regressor(double(q), double(dq), double(ddq)) * model.Psi
+    error = np.hypot(NOISE, MISSED * terms.sum(axis=-1))
+    rows = (USUAL * terms / error[:, :, None]).reshape(-1, terms.shape[-1])
     found = np.zeros((rows.shape[1] + 2 * model.n,) * 2)
     found[: rows.shape[1], : rows.shape[1]] = rows.T @ rows
-    friction = FRICTION * np.hstack([np.tanh(dq / 0.01), dq])
+    friction = FRICTION * np.hstack([np.tanh(dq / STANDS), dq]) / np.tile(error[:, -model.n :], 2)
     found[rows.shape[1] :, rows.shape[1] :] = friction.T @ friction
-    return np.asarray(found / NOISE**2 / (RATE * WINDOW))
+    return np.asarray(found / (RATE * WINDOW))

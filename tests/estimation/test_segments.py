@@ -42,6 +42,18 @@ def test_another_motion_tells_more_than_the_same_again() -> None:
     assert motor is not None and motor.stamp_ns[-1] * 1e-9 > 45.0
 
 
+def test_a_jump_of_an_encoder_is_no_motion_that_tells() -> None:
+    """Of seconds in which an arm hardly moves, those with a jump are not preferred to a lively motion."""
+    jump = swinging(0.0, 30.0, 0.01, 1)
+    assert jump.motor is not None and jump.motor.position is not None
+    jump.motor.position[round(5.0 * RATE) :] += 0.2
+    telling = MostTelling(ROBOT, 0.9 * SEGMENT)
+    for part in (jump, swinging(30.0, 10.0, 0.3, 3)):
+        telling.add(part)
+    motor = telling.recording().motor
+    assert motor is not None and motor.stamp_ns[0] * 1e-9 > 25.0
+
+
 def test_a_recording_that_is_short_enough_is_kept_whole() -> None:
     """Every sample of it, and without a word."""
     telling, part = MostTelling(ROBOT, 60.0), swinging(0.0, 30.0, 0.5, 3)
