@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 # s of motion that are taken of one recording of three joints, and less in proportion to more: a diagnosis takes 2 GB
 # beside as much, and an identification two minutes (benchmarks/bench_day.py); deviations fall with its root alone.
-DIAGNOSED, IDENTIFIED = 90.0, 600.0
+DIAGNOSED, IDENTIFIED = 75.0, 600.0
 SEGMENT = 10.0  # s; several swings of an arm
 RATE = 50.0  # Hz at which a motion is looked at, and s over which its derivatives are taken
 WINDOW = 0.2
@@ -88,12 +88,14 @@ class MostTelling:
             self._segments.append(Segment(motion, motion.duration, _information(side, self._model)))
 
     def _chosen(self) -> list[Segment]:
-        """Return the segments that tell most, in the order of their times."""
+        """Return the segments that tell most, one at least, in the order of their times."""
         left, kept, total = list(range(len(self._segments))), list[int](), 0.0
         information = np.eye(len(self._segments[0].information))
-        while left and total < self.seconds:
+        while left:
             gains = [np.linalg.slogdet(information + self._segments[k].information)[1] for k in left]
             best = left.pop(int(np.argmax(gains)))
+            if kept and total + self._segments[best].seconds > self.seconds:
+                break
             information = information + self._segments[best].information
             total += self._segments[best].seconds
             kept.append(best)

@@ -47,8 +47,8 @@ def test_a_jump_of_an_encoder_is_no_motion_that_tells() -> None:
     jump = swinging(0.0, 30.0, 0.01, 1)
     assert jump.motor is not None and jump.motor.position is not None
     jump.motor.position[round(5.0 * RATE) :] += 0.2
-    telling = MostTelling(ROBOT, 0.9 * SEGMENT)
-    for part in (jump, swinging(30.0, 10.0, 0.3, 3)):
+    telling = MostTelling(ROBOT, 0.5 * SEGMENT)
+    for part in (jump, swinging(30.0, 20.0, 0.3, 3)):
         telling.add(part)
     motor = telling.recording().motor
     assert motor is not None and motor.stamp_ns[0] * 1e-9 > 25.0
