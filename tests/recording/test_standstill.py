@@ -5,10 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from elastic_arm.recording import Recording, Side, read_recording, write_recording
 from elastic_arm.recording.reading import read_parts
 from elastic_arm.recording.standstill import KEPT, without_standstill
+from elastic_arm.recording.storage.bag import open_bag
 from tests.helpers.bags import two_sided
 
 RATE = 250.0
@@ -53,6 +55,18 @@ def test_short_rests_and_arms_that_never_move_keep_all() -> None:
     assert whole.motor is not None and whole.motor.position is not None
     still = Recording(("b",), motor=Side(whole.motor.stamp_ns, position=whole.motor.position[:, 1:]))
     assert without_standstill(still) is still
+
+
+@pytest.mark.skipif(not Path("/proc/self/smaps").exists(), reason="Linux says what of a file stands in memory")
+def test_of_a_bag_that_was_read_next_to_nothing_stays_in_memory(tmp_path: Path) -> None:
+    """Its chunks are given back one after another: a day's bag would fill the memory."""
+    path = write_recording(tmp_path / "bag", two_sided(np.random.default_rng(0), 20_000), compression="none")
+    (bag,) = open_bag(path).files
+    for _ in bag.blocks():
+        pass
+    _, _, held = Path("/proc/self/smaps").read_text().partition(str(bag.path))
+    kilobytes = int(held.partition("Rss:")[2].split()[0])
+    assert bag.size > 4e6 and 1e3 * kilobytes < 0.2 * bag.size
 
 
 def test_the_parts_of_a_bag_are_the_recording(tmp_path: Path) -> None:

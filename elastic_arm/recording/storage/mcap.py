@@ -163,7 +163,7 @@ class McapFile:
 
     def _give_back(self, chunk: Chunk) -> None:
         """Have the system take back the memory of a chunk that was read; it comes again from the file when needed."""
-        mapping = getattr(self.buffer, "base", None)
+        mapping = getattr(self.buffer.base, "obj", None)
         if isinstance(mapping, mmap.mmap) and hasattr(mmap, "MADV_DONTNEED"):
             begin = chunk.begin // mmap.PAGESIZE * mmap.PAGESIZE
             mapping.madvise(mmap.MADV_DONTNEED, begin, chunk.end - begin)
