@@ -61,6 +61,11 @@ class Number:
         return None if self.recording is not None else self.feature or self.error
 
     @property
+    def kind(self) -> str:
+        """Whose number it is: of the "arm", of a "sensor", or a "detail" of how a law is met."""
+        return "detail" if not self.is_number else "arm" if self.feature is None else "sensor"
+
+    @property
     def is_number(self) -> bool:
         """Whether it is a number of the arm or of a sensor, and not a detail of how a law is met."""
         return not self.what.startswith(PRESLIDING)

@@ -20,6 +20,8 @@ Array = NDArray[np.float64]
 
 WIDEST = max(one.factor for one in TRUST.values())
 LOOKED_AT = 30  # terms of which first-order gains are made well; numerical
+# A rough description says nothing of sensors; details of how a law is met are in no description.
+KINDS = "arm", "sensor", "detail"
 UNTOLD = 1e-3  # of a prior's precision: what data tell no more of, they tell nothing of; numerical
 
 
@@ -93,7 +95,7 @@ class Fit:
     def number_covariance(self) -> Array:
         """Their covariance (K, K)."""
         (V, _), moves = self.model.basis, self._moves
-        own = np.where(self.model.trusted, self.model.trust, 1.0)
+        own = self.model.factors(self.model.kinds)
         return moves @ self.found.S @ moves.T + np.outer(own, own) * (np.eye(len(V)) - V @ V.T)
 
     @property
@@ -299,8 +301,8 @@ class LinearModel:
         Of the rows.
     mean
         (K,) prior means of the numbers' coefficients, whose standard deviation is the trust.
-    trusted
-        (K,) which of them the trust in the description scales; the others have 1.
+    kinds
+        (K,) of which kind they are (:data:`KINDS`).
     moving
         (K,) at which numbers' values the residuals are made; the others act linearly.
     always
@@ -315,7 +317,7 @@ class LinearModel:
     N: Array
     bands: Bands
     mean: Array
-    trusted: NDArray[np.bool_]
+    kinds: NDArray[np.intp]
     moving: NDArray[np.bool_]
     always: tuple[Term, ...] = ()
     shares: tuple[Term, ...] = ()
@@ -323,21 +325,25 @@ class LinearModel:
     _fits: dict[object, Fit] = field(default_factory=dict, init=False)
 
     @cached_property
-    def basis(self) -> tuple[Array, NDArray[np.bool_]]:
-        """Combinations (K, k) of the numbers that the data tell anything of, and which of them the trust scales.
+    def basis(self) -> tuple[Array, NDArray[np.intp]]:
+        """Combinations (K, k) of the numbers that the data tell anything of, and of which kind they are.
 
         Priors of equal width stay so in any orthonormal basis; of the rest the posterior is the prior.
         """
-        found, scaled = [], []
-        for which, widest in ((self.trusted, WIDEST), (~self.trusted, 1.0)):
-            own = np.flatnonzero(which)
+        found, kinds = [], []
+        for kind in np.unique(self.kinds):
+            own = np.flatnonzero(self.kinds == kind)
             e, U = np.linalg.eigh(self.N[:, own].T @ self.N[:, own])
-            told = e * widest**2 > UNTOLD
+            told = e * (WIDEST if kind == KINDS.index("arm") else 1.0) ** 2 > UNTOLD
             V = np.zeros((len(self.mean), int(told.sum())))
             V[own] = U[:, told]
             found.append(V)
-            scaled.append(np.full(V.shape[1], widest == WIDEST))
-        return np.hstack(found), np.concatenate(scaled)
+            kinds.append(np.full(V.shape[1], kind))
+        return np.hstack([np.zeros((len(self.mean), 0)), *found]), np.concatenate([np.zeros(0, dtype=int), *kinds])
+
+    def factors(self, kinds: NDArray[np.intp]) -> Array:
+        """Return the factors of the trust on the standard deviations of numbers of some kinds."""
+        return np.array([self.trust, min(self.trust, 1.0), 1.0])[kinds]
 
     @cached_property
     def grams(self) -> Grams:
@@ -388,12 +394,12 @@ class LinearModel:
         terms = tuple(terms)
         key = frozenset(t.ident for t in terms)
         if key not in self._fits:
-            whole, (V, scaled) = (*self.always, *terms), self.basis
+            whole, (V, kinds) = (*self.always, *terms), self.basis
             free = np.full(V.shape[1], np.inf)
             prior = Prior(
                 np.concatenate([V.T @ self.mean, *(t.mean for t in whole)]),
                 np.concatenate(
-                    [np.where(scaled, self.trust, 1.0), *(t.std * (self.trust if t.trusted else 1.0) for t in whole)]
+                    [self.factors(kinds), *(t.std * (self.trust if t.trusted else 1.0) for t in whole)]
                 ),
                 np.concatenate([-free, *(t.low for t in whole)]),
                 np.concatenate([free, *(t.high for t in whole)]),

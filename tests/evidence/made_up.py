@@ -37,7 +37,7 @@ def model(y: Array, N: Array | None = None, **more: Any) -> LinearModel:
     N = np.zeros((len(y), 0)) if N is None else N
     count = N.shape[1]
     own = np.ones(count, dtype=bool)
-    more = {"mean": np.zeros(count), "trusted": own, "moving": own, "name": "as built", **more}
+    more = {"mean": np.zeros(count), "kinds": np.zeros(count, dtype=int), "moving": own, "name": "as built", **more}
     return LinearModel(y, N, bands(len(y) // (2 * HARMONICS)), **more)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -55,6 +56,46 @@ def test_what_a_screen_foresees_is_what_the_fit_gains() -> None:
         each = [data.fit([*first.terms, screen.term(k)]) for k in range(len(terms))]
         assert all((fit.found.v == 1.0).all() for fit in each)
         np.testing.assert_allclose(gains, [fit.score - first.score for fit in each], atol=1e-6)
+
+
+def test_what_explains_itself_by_what_is_there_gains_nothing() -> None:
+    """A column within those of the numbers takes nothing off the noise, however large its size could be."""
+    y = quiet(RNG) + 40.0 * RNG.standard_normal(ROWS) * (np.arange(ROWS) < ROWS // 2)
+    data = model(y, N)
+    near = N @ [1.0, -1.0] + 1e-4 * COLUMNS[:, 0]
+    screen, nothing = Screen(data.grams, [term("near", near, 1e4)]), data.fit([])
+    assert screen.gains(nothing)[0] < 3.0
+
+
+def test_terms_that_could_stand_for_one_another_are_related() -> None:
+    """Of three terms only the one that resembles the one in the fit is related to it."""
+    beside = term("beside", COLUMNS[:, 0])
+    terms = [term("alike", COLUMNS[:, 0] + COLUMNS[:, 1]), term("other", COLUMNS[:, 2]), term("third", COLUMNS[:, 3])]
+    data = model(RNG.standard_normal(ROWS) + COLUMNS[:, 0], N)
+    assert Screen(data.grams, terms).related(data.fit([beside]), beside) == {0}
+
+
+def test_a_size_on_another_scale_gains_what_is_foreseen() -> None:
+    """The gain of another scale of a prior is the difference of the scores, to rounding."""
+    data, fits = model(quiet(RNG) + 2.0 * COLUMNS[:, 0], N), {}
+    for scale in (1.0, 0.1, 0.01):
+        (t,) = data.fit([term("one", COLUMNS[:, :2], 30.0).scaled(scale)]).optional
+        fits[scale] = data.fit([t])
+    (t,) = fits[1.0].optional
+    for scale in (0.1, 0.01):
+        assert fits[1.0].gain_of_scale(t, scale) == pytest.approx(fits[scale].score - fits[1.0].score, abs=1e-6)
+
+
+def test_a_set_without_an_effect_has_no_share_of_it_in_the_numbers() -> None:
+    """Without the effect that acts in a gain's column, a set scores as if the column had been made without it."""
+    effect = term("friction", COLUMNS[:, 0], 3.0)
+    share = replace(effect, kind="share", columns=COLUMNS[:, [1]], std=np.zeros(1), what=[1], ident=("share",))
+    y, other = quiet(RNG) + 0.5 * N[:, 1], term("other", COLUMNS[:, 2])
+    acting, without = model(y, N + COLUMNS[:, [1]] * [0.0, 1.0], shares=(share,)), model(y, N)
+    assert acting.fit([other]).score == pytest.approx(without.fit([other]).score, abs=1e-6)
+    assert acting.fit([effect]).score != pytest.approx(without.fit([effect]).score, abs=1e-3)
+    gains = [Screen(data.grams, [other]).gains(data.fit([]))[0] for data in (acting, without)]
+    assert gains[0] == pytest.approx(gains[1], abs=1e-6)
 
 
 def test_a_law_without_a_form_is_screened_over_its_sizes() -> None:
