@@ -1,7 +1,7 @@
 # Two commands: `make demo` and `make test`. Both set up what they need; `make help` lists the rest.
 SHELL := /bin/bash
 .DELETE_ON_ERROR:
-.PHONY: help demo test quick oldest fuzz soak judge paper setup lint types unit clean
+.PHONY: help demo test docs quick oldest fuzz soak judge paper setup lint types unit clean
 
 DONE := .venv/.done
 RUN := . tools/env.sh &&
@@ -16,6 +16,9 @@ demo: $(DONE)/packages ## set up, run the live arm, identify it, diagnose anothe
 	@$(RUN) elastic-arm demo
 
 test: lint types unit ## set up, then lint, type check and run all tests
+
+docs: ## build the documentation as a website, build/site
+	@tools/docs.sh
 
 quick: $(DONE)/packages $(DONE)/tests ## the tests that need no ROS graph, no browser and little time
 	@$(RUN) $(PYTEST) -m "not graph and not slow and not browser"
@@ -55,7 +58,7 @@ unit: $(DONE)/packages $(DONE)/tests
 	@$(RUN) tools/unit.sh
 
 clean: ## remove all that the set-up made
-	rm -rf .venv .venv-oldest build install log dist *.egg-info
+	rm -rf .venv .venv-docs .venv-oldest build install log dist *.egg-info
 
 # A step is done again when what it was made from changes.
 $(DONE)/environment: requirements.txt requirements-ros.txt constraints.txt

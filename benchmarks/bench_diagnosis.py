@@ -29,9 +29,9 @@ from elastic_arm.excitation import MotionLimits, Shape, random_trajectories
 from elastic_arm.memory import keep_memory
 from elastic_arm.recording import Recording
 from elastic_arm.robot import Robot, load_robot
-from elastic_arm.robot.synthetic import random_arm
 from elastic_arm.sensors import Sensors
 from elastic_arm.simulation import SimulationSettings, simulate
+from tests.helpers.random_arms import random_arm
 
 ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 FRICTION = ("coulomb_friction", "stribeck_friction", "load_dependent_friction", "viscous_friction")

@@ -34,8 +34,8 @@ from elastic_arm.identification.least_squares import Blocks, fit
 from elastic_arm.memory import keep_memory
 from elastic_arm.recording import Recording, Side, read_recording, write_recording
 from elastic_arm.robot import load_robot
-from elastic_arm.robot.synthetic import random_arm
 from tests.helpers.periodic_arm import record
+from tests.helpers.random_arms import random_arm
 
 REPEATS = 5
 PEER_REPEATS = 3

@@ -19,8 +19,8 @@ import pinocchio as pin
 
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.robot import Robot, load_robot
-from elastic_arm.robot.synthetic import random_arm
 from tests.helpers.full_tree import FullTree
+from tests.helpers.random_arms import random_arm
 
 REPEATS = 7
 LOOP_SAMPLES = 1000
@@ -126,7 +126,7 @@ def first_and_later_use() -> None:
     code = (
         "import time, numpy as np; from elastic_arm.dynamics import build_model;"
         "from elastic_arm.robot import load_robot;"
-        "from elastic_arm.robot.synthetic import random_arm; arm = {arm}; start = time.perf_counter();"
+        "from tests.helpers.random_arms import random_arm; arm = {arm}; start = time.perf_counter();"
         "m = build_model(arm, 'mod3', bearings={bearings}); m.regressor(*np.zeros((3, 8, m.dof)));"
         "m.inverse_dynamics(*np.zeros((3, 8, m.dof))); print(time.perf_counter() - start)"
     )

@@ -19,10 +19,10 @@ import numpy as np
 
 from elastic_arm.effects import EffectInstance, parse
 from elastic_arm.robot import Robot, load_robot
-from elastic_arm.robot.synthetic import random_arm
 from elastic_arm.sensors import Sensors
 from elastic_arm.simulation import SimulationSettings, Simulator
 from elastic_arm.studies.paper.virtual_prototype.mechanism import BUSHING, Bushing, build_spec
+from tests.helpers.random_arms import random_arm
 
 REPEATS = 7
 STEP = 1e-4
@@ -179,7 +179,7 @@ def by_length(robot: Robot) -> list[tuple[int, float]]:
 def uses(n: int) -> tuple[float, float, float]:
     """Times to make a simulator: with an empty cache, in a new process after it, and again there."""
     code = (
-        "import time, numpy as np; from elastic_arm.robot.synthetic import random_arm;"
+        "import time, numpy as np; from tests.helpers.random_arms import random_arm;"
         f"from elastic_arm.simulation import Simulator; arm = random_arm({n}, np.random.default_rng({n}));"
         "start = time.perf_counter(); Simulator(arm); middle = time.perf_counter(); Simulator(arm);"
         "print(middle - start, time.perf_counter() - middle)"

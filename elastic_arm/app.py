@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = ["SUBCOMMANDS", "app", "load", "main"]
 
-__getattr__ = lazily(__name__, dict.fromkeys(("SUBCOMMANDS", "app", "load"), "elastic_arm.cli.application"))
+__getattr__, __dir__ = lazily(__name__, dict.fromkeys(("SUBCOMMANDS", "app", "load"), "elastic_arm.cli.application"))
 # Libraries swallow what is raised while they call Python, as CasADi does: interrupts are raised again after so long, s.
 AGAIN = 3.0
 
@@ -50,13 +50,7 @@ def main() -> None:
 
 
 class _Interrupts:
-    """The signals that end a command.
-
-    Attributes
-    ----------
-    came
-        The first one.
-    """
+    """The signals that end a command."""
 
     def __init__(self) -> None:
         self.came: int | None = None

@@ -13,11 +13,6 @@ def one_blas_thread(environment: MutableMapping[str, str]) -> None:
     Its threads wait for each other by spinning, thousands of times in a diagnosis. Beside other work, two on two cores
     take three times as long as one; on a quiet machine they gain nothing. The project's own kernels share samples out
     among the cores as before (:mod:`elastic_arm.codegen.parallel`).
-
-    Parameters
-    ----------
-    environment
-        Of the process; changed in place.
     """
     if "OMP_NUM_THREADS" in environment:  # which these libraries go by where their own variable is not there
         return

@@ -19,12 +19,7 @@ _LONGEST = 1000  # characters of a problem, a remedy or a finding
 class ElasticArmError(Exception):
     """Base of all errors that a user can mend.
 
-    Parameters
-    ----------
-    problem
-        What is wrong, naming the file, field, topic, joint or time.
-    remedy
-        What to do about it.
+    problem: what is wrong, naming the file, field, topic, joint or time.
     """
 
     def __init__(self, problem: str, remedy: str = "") -> None:
@@ -50,19 +45,9 @@ def _sentence(text: str) -> str:
 def require_kind(value: object, kind: type, name: str, error: type[ElasticArmError], remedy: str) -> None:
     """Refuse an argument of another type where a user's program hands it in, not deep inside.
 
-    Parameters
-    ----------
-    value, kind
-        What was given, and the class that it has to be of.
-    name
-        Of the argument, as the error calls it.
-    error, remedy
-        What is raised, and what to do.
+    value, kind: what was given, and the class that it has to be of.
 
-    Raises
-    ------
-    ElasticArmError
-        As `error`, if the value is of another type.
+    Raises an ElasticArmError as `error`, if the value is of another type.
     """
     if not isinstance(value, kind):
         found = "None" if value is None else f"of type {type(value).__name__}"

@@ -28,18 +28,10 @@ def linear_unit(unit: str) -> str:
 
 @dataclass(frozen=True)
 class JointUnits:
-    """Units of quantities at the joints of an arm, of which some may be prismatic.
+    """Units of quantities at the joints of an arm, of which some may be prismatic."""
 
-    Parameters
-    ----------
-    joints
-        Names of all.
-    prismatic
-        Names of those that slide.
-    """
-
-    joints: Sequence[str]
-    prismatic: Collection[str] = ()
+    joints: Sequence[str]  # names of all
+    prismatic: Collection[str] = ()  # names of those that slide
 
     def at(self, joint: str | None, unit: str) -> str:
         """Return the unit at one joint, from that at a revolute one; unchanged for the whole arm."""

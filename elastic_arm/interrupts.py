@@ -27,13 +27,7 @@ def interrupts_held() -> Iterator[None]:
 
 
 def take_interrupts(handler: Callable[..., Any] | signal.Handlers) -> None:
-    """Take SIGINT from now on in a process that was spawned so, one that came meanwhile too.
-
-    Parameters
-    ----------
-    handler
-        As for `signal.signal`.
-    """
+    """Take SIGINT from now on in a process that was spawned so, one that came meanwhile too."""
     signal.signal(signal.SIGINT, handler)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
 

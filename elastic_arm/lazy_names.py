@@ -7,20 +7,15 @@ from importlib import import_module
 from typing import Any
 
 
-def lazily(package: str, modules: Mapping[str, str]) -> Callable[[str], Any]:
-    """Return the `__getattr__` of a package (PEP 562).
-
-    Parameters
-    ----------
-    package
-        Its name.
-    modules
-        Exported name -> full name of its module.
-    """
+def lazily(package: str, modules: Mapping[str, str]) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
+    """Return the `__getattr__` and `__dir__` of a package (PEP 562), by exported name and its module."""
 
     def get(name: str) -> Any:
         if name not in modules:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
         return getattr(import_module(modules[name]), name)
 
-    return get
+    def names() -> list[str]:
+        return sorted({*modules, *(name for name in vars(import_module(package)) if name.startswith("__"))})
+
+    return get, names

@@ -13,11 +13,10 @@ from typing import Any
 
 import numpy as np
 import scipy  # its parts are loaded when they are used
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.errors import SensorError
 
-Array = NDArray[np.float64]
 PerJoint = float | tuple[float, ...]
 
 # Interpolation at a fraction of a sample is exact to about 3e-4 up to this share of the sample rate.

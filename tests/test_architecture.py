@@ -78,30 +78,29 @@ def imported_modules(path: Path) -> set[str]:
 
 MODULES = sorted(path for path in PACKAGE.rglob("*.py") if path != PACKAGE / "__init__.py")
 KNOWN = {module_name(path) for path in PACKAGE.rglob("*.py")}
-named = pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(PACKAGE)))
 
 
-@named
-def test_a_module_imports_only_from_packages_above_its_own(path: Path) -> None:
+def test_a_module_imports_only_from_packages_above_its_own() -> None:
     """Imports follow the flow of the data: only from the module's own package and those listed before it."""
     order = packages_in_order()
-    own = package_of(path)
-    assert own in order, f"{own} has no row in the table of docs/architecture.md"
-    closed = {name for name, allowed in ENTRANCES.items() if own != name and own not in allowed}
-    allowed = {*order[: order.index(own) + 1]} - closed
-    for line, name in imports_of(path):
-        parts = name.split(".")
-        if parts[0] == "elastic_arm" and (len(parts) > 1 and parts[1] in order):
-            assert parts[1] in allowed, f"{path}:{line} imports {name}, which stands below {own}"
+    for path in MODULES:
+        own = package_of(path)
+        assert own in order, f"{own} has no row in the table of docs/architecture.md"
+        closed = {name for name, allowed in ENTRANCES.items() if own != name and own not in allowed}
+        allowed = {*order[: order.index(own) + 1]} - closed
+        for line, name in imports_of(path):
+            parts = name.split(".")
+            if parts[0] == "elastic_arm" and (len(parts) > 1 and parts[1] in order):
+                assert parts[1] in allowed, f"{path}:{line} imports {name}, which stands below {own}"
 
 
-@named
-def test_outside_libraries_stay_in_their_package(path: Path) -> None:
+def test_outside_libraries_stay_in_their_package() -> None:
     """Only the nodes know ROS, only the storage of recordings knows its formats, only reports draw."""
-    place = path.relative_to(PACKAGE).as_posix()
-    for line, name in imports_of(path):
-        kept_to = KEPT_TO.get(name.split(".")[0])
-        assert kept_to is None or place.startswith(kept_to), f"{path}:{line} imports {name}; that belongs to {kept_to}"
+    for path in MODULES:
+        place = path.relative_to(PACKAGE).as_posix()
+        for line, name in imports_of(path):
+            kept_to = KEPT_TO.get(name.split(".")[0])
+            assert kept_to is None or place.startswith(kept_to), f"{path}:{line} imports {name}: not of {kept_to}"
 
 
 def test_imports_form_no_circle() -> None:
@@ -112,3 +111,19 @@ def test_imports_form_no_circle() -> None:
         TopologicalSorter(with_packages).prepare()
     except CycleError as error:
         pytest.fail(f"imports form a circle: {' <- '.join(error.args[1])}")
+
+
+def test_no_package_outgrows_its_lines() -> None:
+    """No part has more lines of Python than the table of docs/architecture.md allows, and each belongs to one part."""
+    text = (ROOT / "docs" / "architecture.md").read_text().split("## Lines")[1].split("\n## ")[0]
+    allowed = {
+        part: int(most.replace(",", "")) for part, most in re.findall(r"^\| ([a-z].*?) \| ([\d,]+) \|", text, re.M)
+    }
+    part_of = {name: part for part in allowed for name in part.split(", ")}
+    lines = dict.fromkeys(allowed, 0)
+    for path in [*PACKAGE.rglob("*.py"), *(ROOT / "tests").rglob("*.py")]:
+        name = path.relative_to(PACKAGE).parts[0] if path.is_relative_to(PACKAGE) else "tests"
+        top = "the other modules at the top" if name.endswith(".py") else None
+        lines[part_of.get(name) or top or name] += path.read_text().count("\n")
+    grown = {part: (count, allowed[part]) for part, count in lines.items() if count > allowed[part]}
+    assert not grown, f"lines, and lines at most: {grown}; shorten, or decide in docs/architecture.md"

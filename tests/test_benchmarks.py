@@ -8,7 +8,7 @@ import pytest
 
 import benchmarks
 from elastic_arm.effects.equations import ArmEquations
-from elastic_arm.robot.synthetic import random_arm
+from tests.helpers.random_arms import random_arm
 
 NAMES = sorted(module.name for module in pkgutil.iter_modules(benchmarks.__path__))
 

@@ -15,10 +15,10 @@ from typing import Any, NamedTuple, cast
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from elastic_arm import __version__
 from elastic_arm.cli.console import print_error
 from elastic_arm.cli.several_values import SeveralValues
 from elastic_arm.errors import ElasticArmError, OutputError
+from elastic_arm.version import __version__
 
 
 class Subcommand(NamedTuple):

@@ -13,7 +13,7 @@ import math
 import os
 import re
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from typing import Any, ParamSpec, TypeVar
 
 from rich.console import Console
@@ -29,7 +29,6 @@ R = TypeVar("R")
 
 UNLIMITED = 10_000  # columns where no screen ends the line
 _CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f]")
-LEAST = 12  # columns of a name that is cut
 
 
 class SafeConsole(Console):
@@ -131,12 +130,6 @@ def progress_bar(*columns: ProgressColumn, transient: bool = True) -> Progress:
     return Progress(*columns, console=err, transient=transient, disable=not err.is_terminal)
 
 
-def columns_left(rows: Sequence[Sequence[str]]) -> int:
-    """Return how many columns of the screen a table of these cells leaves to one more; a few in any case."""
-    taken = sum(2 + max(len(cell) for cell in column) for column in zip(*rows, strict=True))
-    return max(out.width - taken, LEAST)
-
-
 def reports_errors(command: Callable[P, R]) -> Callable[P, R]:
     """Turn an :class:`ElasticArmError` into one clear line on stderr and exit code 2."""
 
@@ -163,17 +156,7 @@ def print_json(data: dict[str, Any]) -> None:
 
 
 def finite(data: Any, found: list[str], place: str = "") -> Any:
-    """Return data with null for every number that is not finite.
-
-    Parameters
-    ----------
-    data
-        Plain data.
-    found
-        Gets the place and value of each number replaced: `causes[0].size: nan`.
-    place
-        Of the data itself.
-    """
+    """Return data with null for every number that is not finite."""
     match data:
         case float() if not math.isfinite(data):
             found.append(f"{place}: {data}")

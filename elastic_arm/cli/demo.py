@@ -18,7 +18,7 @@ from rich.rule import Rule
 from rich.table import Table
 from scipy.stats import chi2
 
-from elastic_arm.cli.console import columns_left, out, progress_bar, reports_errors
+from elastic_arm.cli.console import out, progress_bar, reports_errors
 from elastic_arm.cli.describe import base_of
 from elastic_arm.cli.processes import Nodes
 from elastic_arm.cli.withheld import diagnose_withheld
@@ -74,7 +74,7 @@ def demo(
     recording = read_recording(folder / "bag")
     offline = identify(recording, nominal)
     out.print(f"{offline.samples} samples, derivatives by {', '.join(offline.derivatives)}")
-    _heading("4  estimates beside the truth")
+    _heading("4  estimates and the truth")
     truth = _truth(offline, true_arm)
     _compare(offline, course, truth)
     report = _report(folder / "report.html", search, course, offline, truth, recording)
@@ -190,9 +190,9 @@ def _compare(offline: Identification, course: EstimateHistory, truth: np.ndarray
     )
     for heading in headings:
         table.add_column(heading, justify="right", no_wrap=True)
-    table.add_column("base parameter", no_wrap=True, overflow="ellipsis", max_width=columns_left([headings, *rows]))
+    table.add_column("base parameter")
     for e, row in zip(offline.estimates, rows, strict=True):
-        table.add_row(*row, escape(e.name))
+        table.add_row(*row, escape(e.short))
     out.print(table)
     out.print(
         f"true value within two standard deviations: online {int((np.abs(on) < 2).sum())}, "

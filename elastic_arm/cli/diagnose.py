@@ -33,25 +33,25 @@ from elastic_arm.cli.options import (
     read_motion,
     require_bags,
 )
-from elastic_arm.cli.outputs import Force, claim_folder
+from elastic_arm.cli.outputs import Csv, Force, claim_bag, claim_folder
 from elastic_arm.diagnosis import Priors, Question, diagnose, follow_up
 from elastic_arm.diagnosis.comparison import SimulationComparison, compare
 from elastic_arm.diagnosis.corrected_robot import deviations, repaired_robot
 from elastic_arm.diagnosis.result import SEPARATING, Cause, Diagnosis, Proposal
 from elastic_arm.diagnosis.words import (
     alone_text,
-    cause_sentence,
     cause_size,
     change_text,
     effect_at,
     gap_at,
+    listed,
     listed_alternatives,
     log_likelihood_text,
     prediction_sentence,
     probability_text,
     sides_text,
+    summary,
     trust_text,
-    verdict_sentence,
 )
 from elastic_arm.effects import Catalogue
 from elastic_arm.effects.text import known_effects
@@ -61,12 +61,13 @@ from elastic_arm.evidence.priors import read_priors
 from elastic_arm.memory import keep_memory
 from elastic_arm.mujoco import Exported, Replay
 from elastic_arm.output_files import write_result
-from elastic_arm.recording import Recording, load_channels
+from elastic_arm.recording import Recording, load_channels, write_recording
 from elastic_arm.recording.inspection.differences import differences
 from elastic_arm.robot import Robot, save_robot
 
 ROBOT = "robot.yaml"
 COMPARISON = "comparison.json"
+TABLES = ("causes.csv", "gap.csv", "parameters.csv", "residuals.csv")
 RESULTS = ("diagnosis.json", "report.html", ROBOT, SEPARATING, COMPARISON)
 COLOURS = {"none": "green", "explained": "cyan", "unknown": "yellow"}
 
@@ -100,6 +101,10 @@ def diagnose_command(
     against: Annotated[Path | None, typer.Option(metavar="BAG", help="The same commands, simulated.")] = None,
     out_dir: Annotated[Path, typer.Option("--out", help="Folder for the results.")] = Path("diagnosis"),
     replayed: Annotated[bool, typer.Option("--replay", help="Replay in MuJoCo, before and after (MJCF).")] = False,
+    mcap: Annotated[
+        Path | None, typer.Option(metavar="BAG", help="Bag of what judged, with its residuals before and after.")
+    ] = None,
+    csv: Csv = False,
     force: Force = False,
     json: Annotated[bool, typer.Option("--json", help="Print diagnosis.json.")] = False,
     quiet: Annotated[
@@ -128,7 +133,10 @@ def diagnose_command(
     keep_memory()
     check_gate(fail_on or ())
     require_bags([*bags, *(validate or [])])
-    claim_folder(out_dir, RESULTS, force=force)
+    claim_folder(out_dir, [*RESULTS, *(TABLES if csv else ())], force=force)
+    residual_bags = _numbered(mcap, len(validate or bags))
+    for bag in residual_bags:
+        claim_bag(bag, "--mcap")
     catalogue = Catalogue.default().with_files(effects_files or ())
     robot = load_arm(robot_file, chain, at, catalogue)
     correction = Correction(robot_file, chain, at, catalogue)
@@ -162,6 +170,11 @@ def diagnose_command(
         replays = replay_both(correction, out_dir, (judges or recordings)[0]) if replayed else []
         comparison = compare(found, simulated, question, difference) if simulated and difference else None
         write_diagnosis(found, robot, out_dir, replays, comparison)
+        if csv:
+            found.to_csv(out_dir)
+        for k, bag in enumerate(residual_bags):
+            one = (judges or recordings)[k].select(robot.joint_names)
+            write_recording(bag, one, further=found.residual_sides(k, one.start_ns))
     if json:
         print_json(found.to_dict())
     elif not quiet:
@@ -169,7 +182,15 @@ def diagnose_command(
         print_correction(corrected)
         print_replays(replays)
         print_comparison(comparison)
+        also = [*(TABLES if csv else ()), *map(str, residual_bags)]
+        if also:
+            out.print(f"also written: {escape(', '.join(also))}")
     pass_gate(found, fail_on or ())
+
+
+def _numbered(bag: Path | None, count: int) -> list[Path]:
+    """Return names of bags for so many recordings; none where none is asked for."""
+    return [] if bag is None else [bag, *(bag.with_name(f"{bag.name}_{k}") for k in range(2, count + 1))]
 
 
 def correct(found: Diagnosis, robot: Robot, folder: Path, correction: Correction) -> Exported | str | None:
@@ -212,9 +233,10 @@ def _further(found: Diagnosis) -> list[str]:
 
 def print_diagnosis(found: Diagnosis, folder: Path) -> None:
     """Print what was found in words, then causes, changes, what is left, and notes."""
-    out.print(f"[bold {COLOURS[found.verdict]}]{found.verdict}[/]: {escape(verdict_sentence(found))}")
-    for cause in found.causes:
-        out.print(escape(cause_sentence(cause, found.model)))
+    first, *more = summary(found)
+    out.print(f"[bold {COLOURS[found.verdict]}]{found.verdict}[/]{escape(first.removeprefix(found.verdict))}")
+    for sentence in more:
+        out.print(escape(sentence))
     if found.causes:
         _print_causes(found.causes)
     if found.shrink_by_place:
@@ -250,6 +272,7 @@ def _print_causes(causes: Sequence[Cause]) -> None:
         size, shares = escape(cause_size(cause, between)), (alone_text(cause), probability_text(cause.confidence))
         table.add_row(escape(cause.effect), *at, size, *shares)
     out.print(table)
+    out.print("[dim]gap: share that goes with this cause alone; probability: that it is there[/]")
 
 
 def _print_alternatives(cause: Cause) -> None:
@@ -263,20 +286,23 @@ def _print_alternatives(cause: Cause) -> None:
 
 
 def _print_places(found: Diagnosis) -> None:
-    """Print how far the gap of every joint and side shrinks by itself."""
+    """Print how far the gap of every joint that has one shrinks by itself."""
     sides = [side for side in SIDES if any((joint, side) in found.before.rmse for joint in found.joints)]
-    table = Table(box=None, header_style="bold", pad_edge=False)
-    table.add_column("joint", no_wrap=True)
-    for side in sides:
-        table.add_column(side, no_wrap=True, justify="right")
-    for joint in found.joints:
-        cells = [gap_at(found, joint, side) for side in sides]
-        # On a screen the share stands below the sizes: three sides and a long name would not fit otherwise.
-        table.add_row(escape(joint), *(cell.replace(" (", "\n(") if out.is_terminal else cell for cell in cells))
-    sizes = "before → after" if found.causes else "size"
-    unit = found.units.over("Nm")
-    out.print(f"residuals in {unit} below {found.band:.3g} Hz, {sizes} (share of its own gap that is gone):")
-    out.print(table)
+    apart = [joint for joint in found.joints if any(found.shrink_by_place.get((joint, s)) is not None for s in sides)]
+    sizes = "without → with the causes" if found.causes else "size"
+    if apart:
+        table = Table(box=None, header_style="bold", pad_edge=False)
+        table.add_column("joint", no_wrap=True)
+        for side in sides:
+            table.add_column(f"{side} side", no_wrap=True, justify="right")
+        for joint in apart:
+            cells = [gap_at(found, joint, side) for side in sides]
+            # On a screen the share stands below the sizes: three sides and a long name would not fit otherwise.
+            table.add_row(escape(joint), *(cell.replace(" (", "\n(") if out.is_terminal else cell for cell in cells))
+        out.print(f"residuals in {found.units.over('Nm')} below {found.band:.3g} Hz, {sizes} (share of its own gap):")
+        out.print(table)
+    if agreeing := [joint for joint in found.joints if joint not in apart]:
+        out.print(f"no clear gap at {escape(listed(agreeing))}")
 
 
 def print_comparison(comparison: SimulationComparison | None) -> None:
@@ -297,9 +323,9 @@ def print_comparison(comparison: SimulationComparison | None) -> None:
 
 def _print_proposal(proposal: Proposal) -> None:
     for pair in proposal.pairs:
-        names = " or ".join(effect_at(*place) for place in (pair.cause, pair.alternative))
+        names = " and ".join(effect_at(*place) for place in (pair.cause, pair.alternative))
         here, expected = log_likelihood_text(pair.here), log_likelihood_text(pair.expected)
-        outlook = f"the best motion found by {expected}, which would not decide it"
+        advice = f"no motion was found that tells {names} apart"
         if pair.decides:
-            outlook = f"the {proposal.seconds:g} s of {SEPARATING} by {expected}: record that"
-        out.print(f"next: {escape(names)}: this recording tells them apart by a log-likelihood of {here}, {outlook}")
+            advice = f"record {SEPARATING} ({proposal.seconds:g} s), which is to tell {names} apart"
+        out.print(f"next: {escape(advice)} (log-likelihood {expected}; this recording {here})")

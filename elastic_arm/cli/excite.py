@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -25,8 +26,11 @@ from elastic_arm.excitation import (
     find_criterion,
     optimise,
 )
+from elastic_arm.excitation.setpoints import write_csv, write_goal
 from elastic_arm.formatting import JointUnits
 from elastic_arm.identification.base_parameters import BaseParameters
+from elastic_arm.identification.planned import judged
+from elastic_arm.identification.verdict import Excitation
 from elastic_arm.robot import Robot
 
 Limit = Annotated[float | None, typer.Option(help="Lower the limit of all joints to this.", show_default=False)]
@@ -41,7 +45,12 @@ def excite(
     model: Annotated[str, typer.Option(help="mod1, mod2 or mod3.")] = "mod3",
     harmonics: Annotated[int, typer.Option(help="Of the Fourier series of every joint.")] = 5,
     period: Annotated[float, typer.Option(help="Of the series, s.")] = 10.0,
-    periods: Annotated[int, typer.Option(help="Whole periods between start and stop.")] = 1,
+    periods: Annotated[
+        int | None,
+        typer.Option(
+            help="Whole periods between start and stop; as many as `identify` needs otherwise.", show_default=False
+        ),
+    ] = None,
     ramp: Annotated[float | None, typer.Option(help="Smooth start and stop, s each; a quarter period.")] = None,
     criterion: Annotated[str, typer.Option(help="condition, d_optimal or a_optimal.")] = "condition",
     evaluations: Annotated[int, typer.Option(help="Budget of the search.")] = 3000,
@@ -52,6 +61,11 @@ def excite(
     floor: Annotated[float, typer.Option(help="Height of the floor above the ground frame, m.")] = 0.0,
     margin: Annotated[float, typer.Option(help="Gap that links keep to the floor and to each other, m.")] = MARGIN,
     json: Annotated[bool, typer.Option("--json", help="Print JSON, for scripts.")] = False,
+    csv: Annotated[Path | None, typer.Option(help="Also write set-points as a CSV file.")] = None,
+    goal: Annotated[
+        Path | None, typer.Option(help="Also write a goal of joint_trajectory_controller (YAML), for `ros2 action`.")
+    ] = None,
+    rate: Annotated[float, typer.Option(help="Set-points a second of these files.")] = 20.0,
     report: Annotated[Path | None, typer.Option(help="Write report.html with figures into this folder.")] = None,
     force: Force = False,
 ) -> None:
@@ -66,8 +80,11 @@ def excite(
     claim_file(file, force=force)
     if report is not None:
         claim_folder(report, ["report.html"], force=force, option="--report")
+    for further, option in ((csv, "--csv"), (goal, "--goal")):
+        if further is not None:
+            claim_file(further, force=force, option=option)
     find_criterion(criterion)
-    shape = Shape(harmonics, period, ramp, periods)
+    shape = Shape(harmonics, period, ramp, periods or 1)
     robot = load_arm(robot_file, chain, at)
     told = build_model(robot, model)
     base = base_of(told)
@@ -80,15 +97,32 @@ def excite(
         margin=margin,
     )
     result = _search(told, limits, base, shape, criterion, evaluations, seed)
+    done, judgement = judged(told, result.trajectory, periods)
+    result = replace(result, trajectory=result.trajectory.repeated(done))
     result.trajectory.save(file)
+    for further, write in ((csv, write_csv), (goal, write_goal)):
+        if further is not None:
+            write(further, result.trajectory, robot.joint_names, rate)
     if report is not None:
         _write_report(report, robot, limits, result, indistinct_words(result, base, told))
     if json:
-        print_json({"robot": robot.name, "model": model, "trajectory": str(file), **result.to_dict()})
+        said = {"periods": done, "poor": judgement.poor, "reasons": list(judgement.reasons)}
+        arm = {"robot": robot.name, "model": model, "trajectory": str(file)}
+        print_json({**arm, **result.to_dict(), "excitation": said})
     else:
         _print_result(result, limits, base, told, file)
+        _print_judgement(judgement, done)
         if report is not None:
             out.print(f"report: {escape(str(report / 'report.html'))}")
+
+
+def _print_judgement(judgement: Excitation, periods: int) -> None:
+    times = f"{periods} period{'s' * (periods > 1)}"
+    if not judgement.poor:
+        out.print(f"`identify` will find this motion [green]good[/] ({times})")
+        return
+    out.print(f"`identify` will find this motion [yellow]poor[/] ({times}): {escape('; '.join(judgement.reasons))}")
+    out.print("  give it faster motion (--period 5, higher limits of the arm), or another --criterion (a_optimal)")
 
 
 def _search(
@@ -140,17 +174,7 @@ def _print_result(
 
 
 def indistinct_words(result: ExcitationResult, base: BaseParameters, model: Model) -> list[str]:
-    """Return the names of the base parameters that were left out of the search.
-
-    Parameters
-    ----------
-    result
-        Of the search.
-    base
-        Base parameters of the model.
-    model
-        Whose columns the result counts.
-    """
+    """Return the names of the base parameters that were left out of the search."""
     names = dict(zip((int(c) for c in base.columns), base.names, strict=True))
     return [names.get(c, model.parameters[c].name) for c in result.indistinct]
 

@@ -11,7 +11,7 @@ from rich.markup import escape
 from rich.progress import BarColumn, TextColumn
 from rich.table import Table
 
-from elastic_arm.cli.console import columns_left, out, print_json, progress_bar, reports_errors
+from elastic_arm.cli.console import out, print_json, progress_bar, reports_errors
 from elastic_arm.cli.mujoco.corrected import Correction, print_correction
 from elastic_arm.cli.options import (
     AtOption,
@@ -26,7 +26,7 @@ from elastic_arm.cli.options import (
     read_motion,
     require_bags,
 )
-from elastic_arm.cli.outputs import Force, claim_folder
+from elastic_arm.cli.outputs import Csv, Force, claim_folder
 from elastic_arm.effects import Catalogue
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.estimation.segments import IDENTIFIED, MostTelling
@@ -37,6 +37,7 @@ from elastic_arm.memory import keep_memory
 from elastic_arm.mujoco import Exported
 from elastic_arm.recording import Recording, load_channels
 
+TABLES = ("parameters.csv", "residuals.csv")
 RESULTS = ("identification.json", "report.html", "robot.yaml")
 COLOURS = {"well": "green", "poorly": "yellow", "not": "red"}
 
@@ -65,6 +66,7 @@ def identify(
     consistent: Annotated[bool, typer.Option(help="Also find all parameters, physically consistent.")] = True,
     out_dir: Annotated[Path, typer.Option("--out", help="Folder for the results.")] = Path("identified"),
     json: Annotated[bool, typer.Option("--json", help="Print the result as JSON, for scripts.")] = False,
+    csv: Csv = False,
     force: Force = False,
 ) -> None:
     """Identify an arm's parameters from recordings.
@@ -82,7 +84,7 @@ def identify(
     """
     keep_memory()
     require_bags([*bags, *(validate or [])])
-    claim_folder(out_dir, RESULTS, force=force)
+    claim_folder(out_dir, [*RESULTS, *(TABLES if csv else ())], force=force)
     catalogue = Catalogue.default().with_files(effects_files or ())
     robot = load_arm(robot_file, chain, at, catalogue)
     laws = parse_laws(with_ or (), robot, catalogue)
@@ -102,6 +104,8 @@ def identify(
         result, identifier, motion = identify_with(recordings, robot, settings, validate=held_out, progress=says)
         says("report", 1.0)
         _write(result, sections_of=(identifier.equations, motion), out_dir=out_dir)
+        if csv:
+            result.to_csv(out_dir)
         corrected = Correction(robot_file, chain, at, catalogue).write(result.identified, out_dir)
     if json:
         print_json(result.to_dict())
@@ -128,7 +132,9 @@ def _print(result: Identification, out_dir: Path, corrected: Exported | str | No
     if result.excitation["poor"]:
         reasons = "; ".join(result.excitation["reasons"])
         out.print(f"[bold yellow]the excitation is poor[/] (known from the motion alone): {escape(reasons)}")
-    _print_estimates(result.estimates)
+    for sentence in result.summary():
+        out.print(escape(sentence))
+    _print_estimates(sorted(result.estimates, key=lambda e: not e.is_friction))
     methods = ", ".join(dict.fromkeys(result.derivatives))
     out.print(f"{result.samples} samples, {methods}, condition number {result.condition:.3g}")
     for note in result.notes:
@@ -144,28 +150,18 @@ def _print(result: Identification, out_dir: Path, corrected: Exported | str | No
             shown.add_row(escape(name), *("–" if value is None else f"{value:.3g}" for value in values))
         out.print(shown)
     written = ["identification.json", "report.html", *(["robot.yaml"] if result.identified is not None else [])]
-    out.print(f"results in {escape(str(out_dir))}: {', '.join(written)}")
+    out.print(f"results in {escape(str(out_dir))}: {', '.join(written)}; combinations of parameters in full there")
     print_correction(corrected)
 
 
 def _print_estimates(estimates: Sequence[Estimate]) -> None:
-    rows = [(*rounded(e.value, e.std), f"{e.nominal:.6g}", e.unit, e.verdict) for e in estimates]
-    headings = ("identified", "± std", "nominal", "unit", "verdict")
     table = Table(box=None, header_style="bold", pad_edge=False)
-    for heading in headings:
-        table.add_column(heading, no_wrap=True, justify="left" if heading in ("unit", "verdict") else "right")
-    table.add_column("parameter", overflow="fold")
-    width = columns_left([headings, *rows])
-    for e, (*numbers, verdict) in zip(estimates, rows, strict=True):
-        table.add_row(*numbers, f"[{COLOURS[verdict]}]{verdict}[/]", escape(_fitted(e.name, width)))
+    for heading in ("parameter", "identified", "± std", "nominal", "unit", "determined"):
+        table.add_column(heading, justify="right" if heading in ("identified", "± std", "nominal") else "left")
+    for e in estimates:
+        numbers = (*rounded(e.value, e.std), f"{e.nominal:.6g}", e.unit)
+        table.add_row(escape(e.short), *numbers, f"[{COLOURS[e.verdict]}]{e.verdict}[/]")
     out.print(table)
-
-
-def _fitted(name: str, width: int) -> str:
-    """Return a name for a column: that of a combination is cut, that of a law continues on the next line."""
-    if len(name) <= width:
-        return name
-    return f"{name[: width - 1]}…" if " " in name else name.replace(".", ".\n  ")
 
 
 def _of_joints(values: Mapping[str, float], joints: Sequence[str]) -> list[float | None]:

@@ -88,17 +88,6 @@ def load_arm(
 ) -> Robot:
     """Read a robot description, of a URDF or MJCF the part that `chain` names, and check that its effects exist.
 
-    Parameters
-    ----------
-    path
-        Arm file, URDF or MJCF; the nominal arm when None.
-    chain
-        First and last link of the arm in a URDF or MJCF, "base:tip".
-    at
-        Where joints of an MJCF outside the chain are held.
-    catalogue
-        Where effects are looked up; the default one when None.
-
     Raises
     ------
     RobotError, EffectError
@@ -146,14 +135,9 @@ def read_motion(
     telling: MostTelling,
     report: Callable[[str, float], None],
 ) -> Recording:
-    """Read a recording as :func:`read_by_clock` does, but of a long one the motion of most information alone.
+    """Read a recording as :func:`read_by_clock` does, but of a long one the motion alone that `telling` chooses.
 
-    Parameters
-    ----------
-    telling
-        Chooses it.
-    report
-        Called with what is being read, and the share of it that is.
+    report: called with what is being read, and the share of it that is.
     """
     from elastic_arm.recording.reading import read_parts
 
@@ -172,19 +156,6 @@ def read_by_clock(
     namespace: str | None = None,
 ) -> Recording:
     """Read a recording whose stamps mean what the user demands, with notes on what cannot be right of it.
-
-    Parameters
-    ----------
-    path
-        Of a bag.
-    channels
-        Of a foreign bag.
-    robot
-        The description: names of its joints in order, and the gravity that torques are compared with.
-    clock
-        What times of samples are.
-    namespace
-        Of the arm.
 
     Raises
     ------

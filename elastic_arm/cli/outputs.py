@@ -19,20 +19,11 @@ SHOWN = 60  # characters of a name that is too long
 LONGEST_NAME = 240
 Force = Annotated[bool, typer.Option("--force", help="Overwrite the results of an earlier run.")]
 
+Csv = Annotated[bool, typer.Option("--csv", help="Also write tables of the results as CSV files.")]
+
 
 def claim_folder(folder: Path, names: Sequence[str], *, force: bool, option: str = "--out") -> None:
     """Check that the files `names` may be written into `folder`, which need not exist.
-
-    Parameters
-    ----------
-    folder
-        Of the results; need not exist.
-    names
-        Files that will be written.
-    force
-        Whether files of an earlier run may be overwritten.
-    option
-        Option that the error refers to.
 
     Raises
     ------
@@ -51,15 +42,6 @@ def claim_folder(folder: Path, names: Sequence[str], *, force: bool, option: str
 
 def claim_file(path: Path, *, force: bool, option: str = "--out") -> None:
     """Check that `path` may be written; its folder need not exist.
-
-    Parameters
-    ----------
-    path
-        File that will be written.
-    force
-        Whether it may be overwritten.
-    option
-        Option that the error refers to.
 
     Raises
     ------

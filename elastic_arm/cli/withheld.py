@@ -20,17 +20,7 @@ from elastic_arm.simulation import SimulationSettings, simulate
 
 
 def diagnose_withheld(folder: Path, nominal: Robot, motion: FourierTrajectory, rng: np.random.Generator) -> None:
-    """Record an arm with a drawn effect on two motions, diagnose the bags, and print what was drawn afterwards.
-
-    Parameters
-    ----------
-    folder
-        Of the bags and the diagnosis; must not exist.
-    nominal, motion
-        The arm as described, and the motion that causes are fitted on; another judges them.
-    rng
-        Draws effect, joint, sizes, the other motion and the noise.
-    """
+    """Record an arm with a drawn effect on two motions, diagnose the bags, and print what was drawn afterwards."""
     drawn = _draw(nominal, rng)
     other = random_trajectories(build_model(nominal), MotionLimits.of(nominal), 1, rng=rng)[0]
     with err.status("recording the arm on two motions"):

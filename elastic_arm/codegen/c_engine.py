@@ -28,10 +28,7 @@ _ARRAY = ctypes.c_void_p
 class CEngine:
     """Runs a program over arrays of samples.
 
-    Raises
-    ------
-    KernelError
-        If there is no compiler, or it fails.
+    Raises a KernelError if there is no compiler, or it fails.
     """
 
     name = "c"
@@ -48,14 +45,8 @@ class CEngine:
     def run(self, arrays: Sequence[np.ndarray], outputs: Sequence[np.ndarray], *, fresh: bool) -> None:
         """Fill `outputs` (N, size) from `arrays`: (N, k), or (k,) where shared; `fresh` ones are just allocated.
 
-        Parameters
-        ----------
-        arrays
-            (N, k) values of each argument; (k,) where it is shared by all samples.
-        outputs
-            (N, size) each, to be filled.
-        fresh
-            Whether the outputs were just allocated.
+        arrays: (N, k) values of each argument; (k,) where it is shared by all samples; outputs: (N, size) each,
+        to be filled.
         """
         prepared = self.prepare(arrays)
         way = _way(outputs, fresh)
@@ -74,16 +65,10 @@ class CEngine:
 
         The order, and so every bit of the sum, does not depend on which thread ends first.
 
-        Parameters
-        ----------
-        arrays
-            (N, k) values of each argument; (k,) where it is shared by all samples.
-        y
-            (N, rows) a further entry of each row, the last.
-        entries
-            Products in all: the lower triangle of each row's matrix, row after row.
-        rounded
-            Whether values may be rounded to 51 bits below the largest of their column, which is faster.
+        arrays: (N, k) values of each argument; (k,) where it is shared by all samples; y: (N, rows) a further
+        entry of each row, the last; entries: products in all: the lower triangle of each row's matrix, row
+        after row; rounded: whether values may be rounded to 51 bits below the largest of their column, which is
+        faster.
         """
         prepared = self.prepare(arrays)
         accumulate = _accumulator(rounded=rounded)

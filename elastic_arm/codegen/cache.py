@@ -30,10 +30,7 @@ def cache_folder() -> Path:
     What lies there is loaded and run. A folder that is not the user's alone, or that cannot be used, gives way to a
     private one for the life of this process, with a warning.
 
-    Raises
-    ------
-    OSError
-        If no temporary folder can be made either.
+    Raises an OSError if no temporary folder can be made either.
     """
     chosen = os.environ.get(CACHE_VARIABLE)
     folder = (Path(chosen) if chosen else Path(platformdirs.user_cache_dir("elastic_arm"))).absolute()
@@ -51,17 +48,7 @@ def cache_folder() -> Path:
 def replace_folder(folder: Path, problem: str) -> Path:
     """Return a private folder that :func:`cache_folder` gives in place of another one from now on.
 
-    Parameters
-    ----------
-    folder
-        What cannot serve as the cache.
-    problem
-        Why, in words that follow its name.
-
-    Raises
-    ------
-    OSError
-        If no temporary folder can be made, or `folder` is one that was made here.
+    Raises an OSError if no temporary folder can be made, or `folder` is one that was made here.
     """
     if folder in _REPLACED.values():
         raise OSError(f"the folder for temporary files {problem}")
@@ -95,10 +82,7 @@ def is_own_file(path: Path) -> bool:
 def _problem(folder: Path) -> str:
     """Return why a folder is not this user's alone, in words that follow its name; empty where it is.
 
-    Raises
-    ------
-    OSError
-        If it cannot be looked at.
+    Raises an OSError if it cannot be looked at.
     """
     found = folder.stat()
     if not stat.S_ISDIR(found.st_mode):
@@ -128,10 +112,7 @@ def _way(path: Path) -> Iterator[Path]:
 def whole(path: Path) -> Iterator[Path]:
     """Give a passing file to write, which then becomes `path`: another process must never read half a file.
 
-    Raises
-    ------
-    OSError
-        If the folder cannot be made or written.
+    Raises an OSError if the folder cannot be made or written.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, name = tempfile.mkstemp(dir=path.parent, suffix=".part")

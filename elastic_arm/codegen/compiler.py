@@ -28,10 +28,7 @@ _LIBRARIES = {"-DVECTOR_MATH": ("-lmvec",)}
 def find_compiler() -> tuple[str, ...] | None:
     """Command of $CC, cc, gcc or clang, the first that is there; None without one. An empty $CC means none.
 
-    Raises
-    ------
-    KernelError
-        If $CC cannot be split into words, as a shell would.
+    Raises a KernelError if $CC cannot be split into words, as a shell would.
     """
     asked = os.environ.get("CC")
     try:
@@ -51,15 +48,10 @@ def build(source: str, *, flags: tuple[str, ...] = ("-ffp-contract=fast",)) -> c
 
     Safe among processes that build the same source at once: a library appears under its name only when complete.
 
-    Parameters
-    ----------
-    flags
-        Added to the usual ones (``-O2``, for this machine's processor).
+    flags: added to the usual ones (``-O2``, for this machine's processor).
 
-    Raises
-    ------
-    KernelError
-        If there is no compiler, $CC is no command, it refuses the source, or there is no folder at all to write to.
+    Raises a KernelError if there is no compiler, $CC is no command, it refuses the source, or there is no folder at
+    all to write to.
     """
     return build_once(source, lambda: source, flags=flags)
 
@@ -69,19 +61,9 @@ def build_once(
 ) -> ctypes.CDLL:
     """As :func:`build`, but print the source only when no library of this `identity` is in the cache.
 
-    Parameters
-    ----------
-    identity
-        What the source depends on; part of the library's name in the cache.
-    source
-        Prints the C code.
-    flags
-        Of the compiler.
+    identity: what the source depends on; part of the library's name in the cache.
 
-    Raises
-    ------
-    KernelError
-        As :func:`build`.
+    Raises a KernelError as :func:`build`.
     """
     compiler = find_compiler()
     if compiler is None:
@@ -150,12 +132,7 @@ def processor() -> str:
 def _compiled(source: str, compiler: tuple[str, ...], flags: tuple[str, ...]) -> bytes:
     """Return the library that the compiler makes of a source.
 
-    Raises
-    ------
-    KernelError
-        If it refuses the source, or does not end.
-    OSError
-        If there is no room for it.
+    Raises a KernelError if it refuses the source, or does not end; an OSError if there is no room for it.
     """
     messages = []
     with tempfile.TemporaryDirectory(prefix="elastic_arm_") as folder:

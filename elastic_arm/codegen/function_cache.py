@@ -15,14 +15,9 @@ from elastic_arm.codegen.cache import cache_folder, is_own_file, source_digest, 
 def stored(key: str, derive: Callable[[], list[ca.Function]], sources: Sequence[Path]) -> list[ca.Function]:
     """Return the functions known under `key`, derived and stored where they are not known yet.
 
-    Parameters
-    ----------
-    key
-        Everything that `derive` depends on besides source.
-    derive
-        Called where the functions are not in the cache.
-    sources
-        Python files, or folders of them, that shape the functions: a changed law must not find what the old one gave.
+    key: everything that `derive` depends on besides source; derive: called where the functions are not in the
+    cache; sources: Python files, or folders of them, that shape the functions: a changed law must not find what the
+    old one gave.
 
     Notes
     -----

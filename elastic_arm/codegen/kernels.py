@@ -40,14 +40,8 @@ class Engine(Protocol):
     def run(self, arrays: Sequence[np.ndarray], outputs: Sequence[np.ndarray], *, fresh: bool) -> None:
         """Fill `outputs` from `arrays`; `fresh` ones come from :meth:`allocate`, others hold anything.
 
-        Parameters
-        ----------
-        arrays
-            (N, k) values of each argument; (k,) where it is shared by all samples.
-        outputs
-            (N, size) each, to be filled.
-        fresh
-            Whether the outputs come from :meth:`allocate`; others hold anything.
+        arrays: (N, k) values of each argument; (k,) where it is shared by all samples; outputs: (N, size) each,
+        to be filled; fresh: whether the outputs come from :meth:`allocate`; others hold anything.
         """
 
 
@@ -68,18 +62,11 @@ class Kernel:
     ) -> np.ndarray | tuple[np.ndarray, ...]:
         """Evaluate at all samples.
 
-        Parameters
-        ----------
-        *arrays
-            The inputs.
-        out
-            Arrays to write to, one an output, of the shapes returned: spares the system's clearing of new memory, which
-            for large arrays costs more than the evaluation.
+        out: arrays to write to, one an output, of the shapes returned: spares the system's clearing of new
+        memory, which for large arrays costs more than the evaluation.
 
-        Raises
-        ------
-        ValueError
-            If an array's shape is not the input's, or the numbers of samples differ, or `out` does not fit.
+        Raises a ValueError if an array's shape is not the input's, or the numbers of samples differ, or `out`
+        does not fit.
         """
         ready, samples = self.check(arrays)
         if out is None:
@@ -98,23 +85,12 @@ class Kernel:
 
         The matrix itself, the first output, is never stored.
 
-        Parameters
-        ----------
-        arrays
-            Inputs as :meth:`check` returns them.
-        y : (N, rows)
-            A further entry of each row, the last.
-        entries
-            Products in all: those of the lower triangle of each row's matrix, row after row.
-        rounded
-            Whether values may be rounded to 51 bits below the largest of their column, which is nearly twice as fast
-            where the processor multiplies integers. The products of what is rounded are exact.
+        entries: products in all: those of the lower triangle of each row's matrix, row after row; rounded:
+        whether values may be rounded to 51 bits below the largest of their column, which is nearly twice as
+        fast where the processor multiplies integers. The products of what is rounded are exact.
 
-        Returns
-        -------
-        list of (hi, lo), or None
-            Each (entries, lanes), of parts of the samples; the sum over parts and lanes is hi + lo. None where the
-            engine has no such sum.
+        Returns hi and lo, (entries, lanes) each, of parts of the samples; the sum over parts and
+        lanes is hi + lo. None where the engine has no such sum.
         """
         if not isinstance(self.engine, CEngine):
             return None
@@ -132,10 +108,7 @@ class Kernel:
     def check(self, arrays: Sequence[np.ndarray]) -> tuple[list[np.ndarray], int]:
         """Return contiguous arrays of the inputs' shapes, and the number of samples.
 
-        Raises
-        ------
-        ValueError
-            If an array's shape is not the input's, or the numbers of samples differ.
+        Raises a ValueError if an array's shape is not the input's, or the numbers of samples differ.
         """
         if len(arrays) != len(self.program.inputs):
             names = ", ".join(name for name, _ in self.program.inputs)
@@ -157,17 +130,10 @@ class Kernel:
 def compile(function: casadi.Function, engine: str | None = None, shared: Sequence[str] = ()) -> Kernel:
     """Make a kernel of a CasADi SX function.
 
-    Parameters
-    ----------
-    engine
-        ``"c"``, ``"numpy"``, or None for the fastest that this machine has.
-    shared
-        Names of inputs that are the same for all samples.
+    engine: ``"c"``, ``"numpy"``, or None for the fastest that this machine has; shared: names of inputs that are
+    the same for all samples.
 
-    Raises
-    ------
-    KernelError
-        If there is no engine of that name, or "c" is asked for and cannot be had.
+    Raises a KernelError if there is no engine of that name, or "c" is asked for and cannot be had.
     """
     return make(from_casadi(function), engine, shared)
 
@@ -175,14 +141,8 @@ def compile(function: casadi.Function, engine: str | None = None, shared: Sequen
 def make(program: Program, engine: str | None = None, shared: Sequence[str] = ()) -> Kernel:
     """Make a kernel of a program; see :func:`compile`.
 
-    Parameters
-    ----------
-    program
-        What is to be run.
-    engine
-        "c", "numpy", or None for the faster one that this machine has.
-    shared
-        Arguments that have one value for all samples.
+    engine: "c", "numpy", or None for the faster one that this machine has; shared: arguments that have one value
+    for all samples.
     """
     return Kernel(program, _choose(program, engine, shared), shared)
 

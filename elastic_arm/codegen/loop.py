@@ -19,22 +19,12 @@ def build_loop(
 ) -> ctypes.CDLL:
     """Compile a loop and its step to one library, in which the compiler inlines the step.
 
-    Parameters
-    ----------
-    step
-        What is evaluated once a pass, for one sample.
-    name
-        Under which `loop` calls it: ``name(const double* in, double* out)``, all inputs of `step` one after another,
-        and all outputs, dense, matrices row by row.
-    loop
-        C source, with functions that are not static for the caller.
-    sizes
-        Integer constants of `loop`, defined before it.
+    step: what is evaluated once a pass, for one sample; name: under which `loop` calls it: ``name(const double* in,
+    double* out)``, all inputs of `step` one after another, and all outputs, dense, matrices row by row; loop: C
+    source, with functions that are not static for the caller; sizes: integer constants of `loop`, defined before
+    it.
 
-    Raises
-    ------
-    KernelError
-        If there is no compiler, or it refuses the source.
+    Raises a KernelError if there is no compiler, or it refuses the source.
     """
     program = step if isinstance(step, Program) else from_casadi(step)
     defines = [f"#define {constant} {size}" for constant, size in (sizes or {}).items()]

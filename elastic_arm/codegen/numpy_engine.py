@@ -62,12 +62,7 @@ _UFUNCS: dict[str, Callable[..., np.ndarray]] = {
 class NumpyEngine:
     """Runs a program over arrays of samples.
 
-    Parameters
-    ----------
-    program
-        What to run.
-    shared
-        Names of inputs that are the same for all samples.
+    shared: names of inputs that are the same for all samples.
     """
 
     name = "numpy"
@@ -81,14 +76,8 @@ class NumpyEngine:
     def run(self, arrays: Sequence[np.ndarray], outputs: Sequence[np.ndarray], *, fresh: bool) -> None:
         """Fill `outputs` (N, size) from `arrays`: (N, k), or (k,) where shared; `fresh` ones hold zeros.
 
-        Parameters
-        ----------
-        arrays
-            (N, k) values of each argument; (k,) where it is shared by all samples.
-        outputs
-            (N, size) each, to be filled.
-        fresh
-            Whether the outputs hold zeros.
+        arrays: (N, k) values of each argument; (k,) where it is shared by all samples; outputs: (N, size) each,
+        to be filled.
         """
         for out in () if fresh else outputs:
             out.fill(0.0)

@@ -57,12 +57,7 @@ def share_out(work: Callable[[Item], Result], items: Iterable[Item]) -> list[Res
     It pays where NumPy, BLAS, transforms and kernels let go of the interpreter for most of the time. Results do not
     depend on the threads. After an error nothing further is begun; of several that fail, any one's is raised.
 
-    Parameters
-    ----------
-    work
-        Of one item. What it reads must not be changed by another's.
-    items
-        All parts of the job.
+    work: of one item. What it reads must not be changed by another's.
     """
     parts, cores = list(items), threads()
     count = min(cores, len(parts))

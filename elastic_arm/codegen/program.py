@@ -47,26 +47,16 @@ class Output:
 
 @dataclass(frozen=True, eq=False)
 class Program:
-    """Operations in order; value k is what operation k makes.
+    """Operations in order; value k is what operation k makes."""
 
-    Parameters
-    ----------
-    inputs
-        Names and sizes.
-    outputs
-        See :class:`Output`.
-    op, a, b : (K,) int
-        Code (:data:`CODES`) and operands: values, or for a leaf ``input`` its input's index and element.
-    constant : (K,) float
-        Of the leaves ``const``.
-    """
-
-    inputs: tuple[tuple[str, int], ...]
-    outputs: tuple[Output, ...]
+    inputs: tuple[tuple[str, int], ...]  # names and sizes
+    outputs: tuple[Output, ...]  # see :class:`Output`
+    # op, a, b: (K,) int, Code (:data:`CODES`) and operands: values, or for a leaf ``input`` its input's index and
+    # element
     op: np.ndarray
     a: np.ndarray
     b: np.ndarray
-    constant: np.ndarray
+    constant: np.ndarray  # (K,) float, of the leaves ``const``
 
     def __len__(self) -> int:
         return len(self.op)

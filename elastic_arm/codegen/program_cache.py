@@ -22,14 +22,8 @@ _READER = Path(__file__).with_name("program.py")
 def cached_program(key: str, derive: Callable[[], casadi.Function], sources: Sequence[Path]) -> Program:
     """Return the program of `derive()`, from the cache where it is there.
 
-    Parameters
-    ----------
-    key
-        Everything that `derive` depends on besides source.
-    derive
-        Called where the program is not in the cache.
-    sources
-        Python files, or folders of them, that shape what `derive` returns.
+    key: everything that `derive` depends on besides source; sources: Python files, or folders of them, that shape
+    what `derive` returns.
 
     Notes
     -----

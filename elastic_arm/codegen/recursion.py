@@ -21,10 +21,7 @@ _STEPS = 200  # in one call of CasADi: calling a function costs more than a step
 class Recursion:
     """A recursion z, arguments, constants -> next z.
 
-    Parameters
-    ----------
-    step
-        CasADi function of z (s,), the arguments of one sample (a,), and constants (c,).
+    step: CasADi function of z (s,), the arguments of one sample (a,), and constants (c,).
     """
 
     def __init__(self, step: ca.Function) -> None:
@@ -39,12 +36,7 @@ class Recursion:
     def run(self, arguments: Array, constants: Array, start: float = 0.0) -> Array:
         """Return the states (N, s) at all samples.
 
-        Parameters
-        ----------
-        arguments, constants
-            (N, a) and (c,).
-        start
-            Of all states at the first sample.
+        arguments, constants: (N, a) and (c,).
         """
         if self._compiled is not None:
             z, states = np.full(self._states, start), np.empty((len(arguments), self._states))

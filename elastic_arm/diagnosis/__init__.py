@@ -30,4 +30,4 @@ _MODULES = {
     "follow_up": "elastic_arm.diagnosis.following_up",
 }
 
-__getattr__ = lazily(__name__, _MODULES)
+__getattr__, __dir__ = lazily(__name__, _MODULES)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.diagnosis.estimates import estimated
 from elastic_arm.diagnosis.result import Change
 from elastic_arm.evidence.changes import CHANGE
@@ -14,8 +14,6 @@ from elastic_arm.evidence.model import Fit
 from elastic_arm.evidence.problem import Problem
 from elastic_arm.evidence.relinearise import Explanation
 from elastic_arm.evidence.term import Term
-
-Array = NDArray[np.float64]
 
 
 def changes_between(explanation: Explanation, problem: Problem) -> tuple[Change, ...]:

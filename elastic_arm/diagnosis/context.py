@@ -54,6 +54,12 @@ class DiagnosisContext:
         """The recordings that judge."""
         return self.judging.data
 
+    def over_time(self, recording: int) -> tuple[Array, Array, Array]:
+        """Return times (N') s from where a recording begins to judge, and its residuals (N', R) before and after."""
+        own = [k for k, part in enumerate(self.validate.parts) if part.recording == recording]
+        t = np.concatenate([self.validate.parts[k].stretch.t for k in own])
+        return t, np.concatenate([self.before[k] for k in own]), np.concatenate([self.after[k] for k in own])
+
     @property
     def model(self) -> Model:
         """The arm at the numbers that were found."""

@@ -15,55 +15,34 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.diagnosis.changes import SizedTerm, sizes_of
 from elastic_arm.diagnosis.result import Diagnosis
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.evidence.changes import change_key, change_of
 
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True)
 class Step:
-    """A change between two recordings.
+    """A change between two recordings."""
 
-    Parameters
-    ----------
-    after
-        Index of the last recording before it.
-    before_value, before_std, after_value, after_std
-        Size before and after it.
-    probability
-        That it happened there, if there was one change.
-    """
-
-    after: int
+    after: int  # index of the last recording before it
+    # before_value, before_std, after_value, after_std: size before and after it
     before_value: float
     before_std: float
     after_value: float
     after_std: float
-    probability: float
+    probability: float  # that it happened there, if there was one change
 
 
 @dataclass(frozen=True)
 class Course:
-    """A number of the arm over the recordings.
+    """A number of the arm over the recordings."""
 
-    Parameters
-    ----------
-    sized
-        What, with its size in each recording.
-    changed
-        Probability that it is not the same in all.
-    step
-        Where it changed most probably; None where it is likelier the same in all.
-    """
-
-    sized: SizedTerm
-    changed: float
-    step: Step | None
+    sized: SizedTerm  # what, with its size in each recording
+    changed: float  # probability that it is not the same in all
+    step: Step | None  # where it changed most probably; None where it is likelier the same in all
 
     def to_dict(self, recordings: tuple[str, ...]) -> dict[str, Any]:
         """Return it as in `history.json`."""
@@ -88,13 +67,7 @@ class Course:
 
 
 def courses(found: Diagnosis) -> tuple[Course, ...]:
-    """Return every number that a diagnosis of several recordings found or knew, over these, those that changed first.
-
-    Raises
-    ------
-    DiagnosisError
-        If there is one recording alone.
-    """
+    """Return every number that a diagnosis of several recordings found or knew, over these, those that changed first."""
     if found.context is None or len(found.identify) < 2:
         raise DiagnosisError("a history needs two recordings or more", "Name them, or the folder that they are in.")
     explanation = found.context.explanation

@@ -50,10 +50,14 @@ class Window:
         s; of 15 s, two thirds are fitted and the last third judges.
     source
         Source that recordings made of it name.
+    currents
+        The torque channels that are currents times a torque constant.
     """
 
-    def __init__(self, joints: Sequence[str], length: float = 15.0, source: str = "live") -> None:
-        self.joints, self.length, self.source = tuple(joints), length, source
+    def __init__(
+        self, joints: Sequence[str], length: float = 15.0, source: str = "live", currents: Sequence[str] = ()
+    ) -> None:
+        self.joints, self.length, self.source, self.currents = tuple(joints), length, source, tuple(currents)
         self._batches: deque[Samples] = deque()
 
     def add(self, samples: Samples) -> None:
@@ -106,7 +110,7 @@ class Window:
             }
             if channels:
                 sides[side] = Side(stamps[first:], **channels)
-        return Recording(self.joints, **sides, source=self.source)
+        return Recording(self.joints, **sides, source=self.source, currents=self.currents)
 
 
 def _recorded(samples: Samples) -> list[str]:

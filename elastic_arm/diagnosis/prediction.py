@@ -70,6 +70,17 @@ class Prediction:
             "reason": self.reason or None,
         }
 
+    @staticmethod
+    def from_dict(data: Mapping[str, Any]) -> Prediction:
+        """Return what :meth:`to_dict` wrote."""
+        before, after = (None if data[name] is None else _flat(data[name]) for name in ("before", "after"))
+        return Prediction(tuple(data["horizons_s"]), data["starts"], before, after, data["reason"] or "")
+
+
+def _flat(nested: Mapping[str, Mapping[str, Sequence[float | None]]]) -> dict[Place, tuple[float, ...]]:
+    values = {(joint, side): v for joint, by_side in nested.items() for side, v in by_side.items()}
+    return {place: tuple(np.nan if v is None else v for v in row) for place, row in values.items()}
+
 
 def _nested(size: Mapping[Place, tuple[float, ...]]) -> dict[str, dict[str, list[float | None]]]:
     found: dict[str, dict[str, list[float | None]]] = {}

@@ -103,13 +103,13 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
     layout, band = common_equations([*observed[0], *observed[1]], build_model(robot, question.model))
     still = [joint for joint in names if all(joint in standing(r) for r in parts[0])]
     equations = ArmEquations(robot, question.model)
-    own = {(instance.effect.id, instance.joint) for instance in question.given}
+    own = {(instance.effect.id, instance.joint) for instance in question.known}
     stated = [i for i in robot_effects(robot, question.catalogue) if (i.effect.id, i.joint) not in own]
-    acting = [[i for i in part if feature_of(i, equations).acts] for part in (stated, question.given)]
+    acting = [[i for i in part if feature_of(i, equations).acts] for part in (stated, question.known)]
     seen = [tuple(i for i in part if _is_seen(feature_of(i, equations), layout)) for part in acting]
     unseen = tuple(i for part, kept in zip(acting, seen, strict=True) for i in part if i not in kept)
     largest = _largest_torques(observed[0], robot.n)
-    given = {i.effect.id for i in question.given}
+    given = {i.effect.id for i in question.known}
     uncertain = [e for e in question.catalogue.values() if (e.prior is not None or e.number) and e.id not in given]
     numbers, directions = uncertain_numbers(
         robot, question.model, observed, layout, uncertain, [*seen[0], *seen[1]], largest, priors, held_back
@@ -175,7 +175,7 @@ def _observed(
 
 def _mounted(question: Question, observed: Sequence[Observation]) -> tuple[Robot, Mounting | None]:
     """Return the arm as its torques show it mounted, with that; as it is described where they show nothing else."""
-    known = (*robot_effects(question.robot, question.catalogue), *question.given)
+    known = (*robot_effects(question.robot, question.catalogue), *question.known)
     asked = any(effect.id == TILT for effect in question.candidates)
     if not asked or any(instance.effect.id == TILT for instance in known):
         return question.robot, None

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from elastic_arm.effects import Catalogue, Effect, EffectInstance
+from elastic_arm.effects.text import known_effects, read_effects
 from elastic_arm.evidence.priors import Priors
 from elastic_arm.robot import Robot, require_robot
 
@@ -22,9 +24,9 @@ class Question:
     refit
         Say that the description cannot be as measured.
     given
-        Effects that the user knows to be there, their sizes open.
+        Effects that the user knows to be there, their sizes open; as text, too ("coulomb_friction").
     effects
-        What may explain the gap; all of the catalogue when None.
+        What may explain the gap, or their ids; all of the catalogue when None.
     catalogue
         Where the ids of the description's effects are looked up.
     priors
@@ -34,15 +36,26 @@ class Question:
     robot: Robot
     model: str = "mod3"
     refit: bool = False
-    given: tuple[EffectInstance, ...] = ()
-    effects: tuple[Effect, ...] | None = None
+    given: Sequence[EffectInstance | str] = ()
+    effects: Sequence[Effect | str] | None = None
     catalogue: Catalogue = field(default_factory=Catalogue.default)
     priors: Priors = field(default_factory=Priors)
 
     def __post_init__(self) -> None:
         require_robot(self.robot)
+        known = read_effects(self.given, lambda text: known_effects([text], self.robot, self.catalogue))
+        object.__setattr__(self, "given", known)
+        if self.effects is not None:
+            found = tuple(self.catalogue.find(e) if isinstance(e, str) else e for e in self.effects)
+            object.__setattr__(self, "effects", found)
 
     @property
     def candidates(self) -> tuple[Effect, ...]:
         """What may explain the gap."""
-        return tuple(e for e in self.catalogue.values() if e.searched) if self.effects is None else self.effects
+        asked = [e for e in self.catalogue.values() if e.searched] if self.effects is None else self.effects
+        return tuple(e for e in asked if isinstance(e, Effect))
+
+    @property
+    def known(self) -> tuple[EffectInstance, ...]:
+        """What the user knows to be there."""
+        return tuple(i for i in self.given if isinstance(i, EffectInstance))

@@ -11,11 +11,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from elastic_arm.diagnosis.estimates import ParameterEstimate
+from elastic_arm.effects import Catalogue
 from elastic_arm.effects.model import MODELS, EffectInstance
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.equations import SIDES
 from elastic_arm.formatting import JointUnits
 from elastic_arm.output_files import write_result
+from elastic_arm.recording import Side
+from elastic_arm.results import Result, Row
 
 if TYPE_CHECKING:
     from elastic_arm.diagnosis.context import DiagnosisContext
@@ -297,7 +300,7 @@ class Proposal:
 
 
 @dataclass(frozen=True)
-class Diagnosis:
+class Diagnosis(Result):
     """The gap between a recording and a model, explained as far as it can be.
 
     Parameters
@@ -338,6 +341,8 @@ class Diagnosis:
         What figures are drawn from; not written.
     """
 
+    _report = "elastic_arm.report.diagnosis"
+
     model: str
     robot: str
     joints: tuple[str, ...]
@@ -369,6 +374,56 @@ class Diagnosis:
     def units(self) -> JointUnits:
         """Units of quantities at the joints."""
         return JointUnits(self.joints, self.prismatic)
+
+    def tables(self) -> dict[str, Sequence[Row]]:
+        """Return "causes", a row a parameter; "gap", a row a residual; "parameters", and "residuals" over time."""
+        causes = [
+            {"effect": c.effect, "joint": c.joint, "sides": "+".join(c.sides), "probability": c.confidence,
+             "share_of_gap": c.shrink, "parameter": name, "value": e.value, "std": e.std, "unit": e.unit}
+            for c in self.causes
+            for name, e in (c.parameters or {"": ParameterEstimate(None, None, "")}).items()
+        ]  # fmt: skip
+        sizes = {"rmse_before": self.before.rmse, "rmse_after": self.after.rmse, "max_before": self.before.peak,
+                 "max_after": self.after.peak, "own_gap_gone": self.shrink_by_place}  # fmt: skip
+        gap = [
+            {"joint": joint, "side": side, "noise": noise, **{k: v.get((joint, side)) for k, v in sizes.items()}}
+            for (joint, side), noise in self.noise.items()
+        ]
+        parameters = [{"recording": None, **one.to_dict()} for one in self.imperfections]
+        return {"causes": causes, "gap": gap, "parameters": parameters, "residuals": self._residuals()}
+
+    def _residuals(self) -> list[Row]:
+        if self.context is None:
+            return []
+        rows: list[Row] = []
+        places = [f"{joint}.{side}" for side in self.context.validate.layout.sides for joint in self.joints]
+        names = [f"{place}.{when}" for when in ("before", "after") for place in places]
+        for k, (source, (begin, _)) in enumerate(self.judged.items()):
+            t, *residuals = self.context.over_time(k)
+            values = zip((begin + t).tolist(), np.hstack(residuals).tolist(), strict=True)
+            rows += [{"recording": source, "t": at, **dict(zip(names, row, strict=True))} for at, row in values]
+        return rows
+
+    def residual_sides(self, recording: int, start_ns: int) -> dict[str, Side]:
+        """Return the residuals of a recording that judged as topics, `/residuals/motor/before`, with torques as effort.
+
+        Parameters
+        ----------
+        recording
+            Its position among those that judged.
+        start_ns
+            Where the recording begins.
+        """
+        if self.context is None:
+            return {}
+        t, *residuals = self.context.over_time(recording)
+        begin, n = list(self.judged.values())[recording][0], len(self.joints)
+        stamps = start_ns + np.round(1e9 * (begin + t)).astype(np.int64)
+        return {
+            f"/residuals/{side}/{when}": Side(stamps, effort=values[:, n * s : n * (s + 1)])
+            for when, values in zip(("before", "after"), residuals, strict=True)
+            for s, side in enumerate(self.context.validate.layout.sides)
+        }
 
     def to_dict(self) -> dict[str, Any]:
         """Return the content of `diagnosis.json`."""
@@ -414,6 +469,28 @@ class Diagnosis:
         text = json.dumps(self.to_dict(), indent=2, allow_nan=False)
         return write_result(path, f"{text}\n", DiagnosisError, "Choose another --out")
 
+    @staticmethod
+    def load(path: str | Path, catalogue: Catalogue | None = None) -> Diagnosis:
+        """Read a result that :meth:`save` wrote, with the motion proposed beside it; figures over time are not in it.
+
+        Raises
+        ------
+        DiagnosisError
+            If the file is not such a result.
+        """
+        remedy = "Give a diagnosis.json of `elastic-arm diagnose`."
+        try:
+            data = json.loads(Path(path).read_text(encoding="utf-8"))
+        except (OSError, ValueError) as error:
+            raise DiagnosisError(f"{path} cannot be read: {error}", remedy) from None
+        if not isinstance(data, dict) or data.get("schema") != SCHEMA:
+            raise DiagnosisError(f"{path} is no diagnosis", f"Its schema must be {SCHEMA}.")
+        try:
+            return _from_dict(data, Path(path).parent, Catalogue.default() if catalogue is None else catalogue)
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            what = f"{path} is no whole diagnosis ({type(error).__name__}: {error})"
+            raise DiagnosisError(what, remedy) from None
+
     def _table(self, values: Mapping[Place, float | None]) -> dict[str, Any]:
         return {joint: {side: _plain(values.get((joint, side))) for side in SIDES} for joint in self.joints}
 
@@ -437,3 +514,75 @@ def _plain(value: Any) -> Any:
         return [_plain(v) for v in value]
     number = float(value)
     return float(f"{number:.7g}") if np.isfinite(number) else None
+
+
+def _from_dict(data: Mapping[str, Any], folder: Path, catalogue: Catalogue) -> Diagnosis:
+    # Most results are made, not read: what they hold besides is slow to import.
+    from elastic_arm.diagnosis.prediction import Prediction
+
+    def places(nested: Mapping[str, Any]) -> dict[Place, Any]:
+        return {(joint, side): v for joint, by_side in nested.items() for side, v in by_side.items()}
+
+    def sizes(when: str) -> ResidualSizes:
+        there = {place: v for place, v in places(data["gap"][when]).items() if v is not None}
+        return ResidualSizes({p: v["rmse"] for p, v in there.items()}, {p: v["max"] for p, v in there.items()})
+
+    noise = {place: v for place, v in places(data["noise"]).items() if v is not None}
+    recordings, interval, prediction = data["recordings"], data["shrink_interval"], data["prediction"]
+    changes = [{**one, "values": tuple(map(_change_value, one["values"]))} for one in data["changes"]]
+    return Diagnosis(
+        **{name: data[name] for name in ("model", "robot", "verdict", "trust", "shrink")},
+        joints=tuple(data["noise"]),
+        prismatic=tuple(data.get("prismatic", ())),
+        identify=tuple(recordings["identify"]),
+        validate=tuple(recordings["validate"]),
+        independent_motion=recordings["independent_motion"],
+        judged={name: tuple(span) for name, span in recordings["judged_s"].items()},
+        band=data["band_hz"][1],
+        noise=noise,
+        before=sizes("before"),
+        after=sizes("after"),
+        shrink_interval=None if interval is None else tuple(interval),
+        shrink_by_place={place: v for place, v in places(data["shrink_by_place"]).items() if place in noise},
+        causes=tuple(_cause(one, catalogue) for one in data["causes"]),
+        unexplained=tuple(UnexplainedResidual(**one) for one in data["unexplained"]),
+        imperfections=tuple(Imperfection(**one, neutral=float(one["unit"] == "1")) for one in data["imperfections"]),
+        changes=tuple(Change(**one) for one in changes),
+        known=tuple(data["known"]),
+        notes=tuple(data["notes"]),
+        prediction=None if prediction is None else Prediction.from_dict(prediction),
+        proposal=None if data["next_motion"] is None else _proposal(data["next_motion"], folder),
+    )
+
+
+def _cause(one: Mapping[str, Any], catalogue: Catalogue) -> Cause:
+    effect, given = catalogue.find(one["effect"]), one["parameters"]
+    values = {name: tuple(v) if isinstance(v := p["value"], list) else v for name, p in given.items()}
+    side = {"side": one["sides"][0]} if "side" in effect.names else {}
+    return Cause(
+        **{name: one[name] for name in ("effect", "joint", "regime", "shrink", "confidence")},
+        sides=tuple(one["sides"]),
+        parameters={p.name: ParameterEstimate(**given[p.name]) for p in effect.parameters if p.name in given},
+        alternatives=tuple(Alternative(**a) for a in one["alternatives"]),
+        instance=EffectInstance(effect, one["joint"], {**values, **side}),
+        stated=one["from"],
+        is_number=one["held_as"] == "number",
+    )
+
+
+def _change_value(one: Mapping[str, Any]) -> tuple[str, float, float]:
+    return one["recording"], one["value"], one["std"]
+
+
+def _proposal(data: Mapping[str, Any], folder: Path) -> Proposal:
+    from elastic_arm.excitation import load_trajectory
+
+    def place(one: Mapping[str, Any]) -> tuple[str, str | None]:
+        return one["effect"], one["joint"]
+
+    pairs = []
+    for pair in data["pairs"]:
+        here, expected = (pair["log_likelihood"][name] for name in ("this_recording", "proposed"))
+        pairs.append(PairSeparation(place(pair["cause"]), place(pair["alternative"]), here, expected, pair["decides"]))
+    trajectory = load_trajectory(folder / data["file"]) if data["file"] and (folder / data["file"]).exists() else None
+    return Proposal(trajectory, tuple(pairs), data["candidates"], tuple(data["notes"]))

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from elastic_arm.effects.model import MODELS, SensorEffect
 from elastic_arm.formatting import JointUnits, rounded
 
@@ -17,7 +19,7 @@ if TYPE_CHECKING:
 
 DOUBT = 0.001  # that stays with every confidence and every alternative
 WORTH_A_LINE = 0.05  # probability of an alternative that has a line of its own
-NAMED = 4  # causes that the verdict names
+NAMED = 4  # alternatives that a line names
 
 LOW_PASSED = (
     "residuals are compared below that, as the motion's torques are missing above, with noise of 0.5 % of the torque, "
@@ -145,15 +147,12 @@ def unseen_notes(instances: Sequence[EffectInstance], bare: Sequence[str]) -> li
 
 def law_note(joint: str, law: GeneralLaw) -> str:
     """Return the note on a law without a form."""
-    return (
-        f"A torque of {joint} ({law.side}) that follows {law.argument} is likelier there than not, and no effect of "
-        "the catalogue has this form."
-    )
+    return f"A torque of {joint} ({law.side}) follows {law.argument}, and no effect of the catalogue has this form."
 
 
 def shape_note(joint: str, side: str) -> str:
     """Return the note on a residual that keeps more power than its sensors have as noise."""
-    return f"What is left at {joint} ({side}) is larger than the noise of its sensors, and no effect explains it."
+    return f"What is left at {joint} ({side} side) is larger than the noise of its sensors, and no effect explains it."
 
 
 def no_separation(effect: str, other: str) -> str:
@@ -161,46 +160,65 @@ def no_separation(effect: str, other: str) -> str:
     return f"a motion in which {effect} and {other} act differently"
 
 
-def verdict_sentence(found: Diagnosis) -> str:
-    """Return the verdict as a sentence."""
+def summary(found: Diagnosis) -> list[str]:
+    """Return what was found as sentences: the verdict, each cause, and how far the model is off without and with them.
+
+    Parameters
+    ----------
+    found
+        The diagnosis.
+    """
+    first, *more = [*(cause_sentence(cause, found.model) for cause in found.causes), _verdict_sentence(found)]
+    return [f"{found.verdict}: {first}", *more]
+
+
+def _verdict_sentence(found: Diagnosis) -> str:
     if found.verdict == "none":
         return "recording and model agree within the noise of the sensors."
     if not found.causes:
-        places = ", ".join(f"{p.joint} ({p.side})" for p in found.unexplained[:3])
-        return f"there is a gap, but no effect of the catalogue explains it; it is largest at {places}."
-    named = listed([_with_rival(cause) for cause in found.causes[:NAMED]], len(found.causes) - NAMED)
-    verb = "explains" if len(found.causes) == 1 else "explain"
-    sentence = f"{named} {verb} {percent(found.shrink)} of the gap on motion that no fit has seen"
-    return f"{sentence}." if found.verdict == "explained" else f"{sentence}; what is left has another cause."
-
-
-def _with_rival(cause: Cause) -> str:
-    """Return a cause by name, with the strongest alternative where the recording leaves it in doubt."""
-    name = effect_at(cause.effect, cause.joint)
-    other = max(cause.alternatives, key=lambda a: a.confidence, default=None)
-    if other is None or other.confidence < WORTH_A_LINE:
-        return name
-    return f"{name} (or {effect_at(other.effect, other.joint)}: this recording does not separate them)"
+        places = ", ".join(f"{p.joint} ({p.side} side)" for p in found.unexplained[:3])
+        return f"recording and model differ, and no effect of the catalogue explains it; most at {places}."
+    causes = "it" if len(found.causes) == 1 else f"these {len(found.causes)} causes"
+    motion = "on another motion" if found.independent_motion else "when the motion is repeated"
+    joint, side = place = max(found.before.rmse, key=lambda p: found.before.rmse[p] / (found.noise.get(p) or np.inf))
+    before, after, noise = found.before.rmse[place], found.after.rmse[place], found.noise.get(place)
+    unit, verb = found.units.at(joint, "Nm"), "falls" if after < before else "rises"
+    where = f"at {joint} ({side} side{f', noise {noise:.3g} {unit}' if noise else ''})"
+    sentence = (
+        f"With {causes}, the model's largest error {motion} {verb} from {before:.3g} to {after:.3g} {unit} {where}; "
+        f"{percent(found.shrink)} of the gap is gone"
+    )
+    return f"{sentence}." if found.verdict == "explained" else f"{sentence}, and what is left has another cause."
 
 
 def cause_sentence(cause: Cause, model: str) -> str:
-    """Return in plain words what the arm or its recording has that the description lacks, and how far that goes."""
-    where = cause.joint or "the whole arm"
-    bearer = "the recording" if isinstance(cause.instance.effect, SensorEffect) else "the arm"
-    first = next(iter(cause.instance.effect.parameters), None)
+    """Return in plain words what the arm or its recording has that the model lacks, and what it may be instead."""
+    effect, sizes = cause.instance.effect, {n: _short(e.value, e.unit) for n, e in cause.parameters.items()}
+    values = cause.instance.parameters
+    given = {c.name: chosen(values[c.name]).replace("_", " ") for c in effect.choices}
+    given |= {p.name: _short(values[p.name], p.unit) for p in effect.parameters}
+    generic = f"has {effect.id.replace('_', ' ')} of {listed([f'{n} {size}' for n, size in sizes.items()] or ['it'])}"
+    what = effect.plain.format(**{**given, **sizes}) if effect.plain else generic
     if cause.stated is not None:
-        what = f"the description states {_stated_text(cause)}, {bearer} has {estimates_text(cause.parameters)}"
-    elif first is None:
-        what = f"the arm has it, {model} does not ({_richer(cause)} does)"
-    elif first.neutral == 1.0:
-        size = cause.parameters[first.name]
-        what = f"{bearer} has {size_text(size.value, size.std)} times what {model} has"
-    else:
-        what = f"{bearer} has {estimates_text(cause.parameters)} that {model} lacks"
-    share = percent(cause.shrink)
-    alone = f"with it alone, {share} of the gap is gone"
-    gone = "it helps only beside other causes" if share.startswith("-") else alone
-    return f"{cause.effect.replace('_', ' ').capitalize()} of {where}: {what}; {gone}."
+        what += f", where the description states {_stated_text(cause)}"
+    elif not effect.parameters:
+        what += f", which {model} lacks ({_richer(cause)} has it)"
+    elif not isinstance(effect, SensorEffect) and effect.parameters[0].neutral != 1.0:
+        what += ", which the model lacks"
+    other = max(cause.alternatives, key=lambda a: a.confidence, default=None)
+    if other is not None and other.confidence >= WORTH_A_LINE:
+        what += f" (or {effect_at(other.effect, other.joint)}: this recording does not separate them)"
+    subject = (cause.joint or "the arm").replace("_", " ")
+    return f"{subject[:1].upper()}{subject[1:]} {what}."
+
+
+def _short(value: Any, unit: str) -> str:
+    """Return a number, or several, in words: three digits at most, and no deviation; small ones with a prefix."""
+    values = list(value) if isinstance(value, list | tuple) else [value]
+    prefix, factor = _prefix(max(map(abs, values))) if unit in ("rad", "m", "s") else ("", 1.0)
+    numbers = [f"{factor * v:.3g}" for v in values]
+    number = numbers[0] if len(numbers) == 1 else f"({', '.join(numbers)})"
+    return number if unit == "1" else f"{number} {prefix}{unit}"
 
 
 def _richer(cause: Cause) -> str:
@@ -238,8 +256,8 @@ def sides_text(cause: Cause) -> str:
 
 
 def alone_text(cause: Cause) -> str:
-    """Return by how much a cause shrinks the gap alone; one that helps only beside the others has no number."""
-    return "only beside others" if percent(cause.shrink).startswith("-") else percent(cause.shrink)
+    """Return by how much a cause shrinks the gap alone; one that helps only with the others has no number."""
+    return "only with others" if percent(cause.shrink).startswith("-") else percent(cause.shrink)
 
 
 def listed_alternatives(cause: Cause) -> tuple[list[Alternative], str]:
@@ -288,17 +306,16 @@ def prediction_sentence(found: Diagnosis, prediction: Prediction) -> str:
         return f"{prediction.reason[0].upper()}{prediction.reason[1:]}."
     joint, side = max(before, key=lambda place: before[place][-1])
     unit = found.units.at(joint, "rad")
-    errors = [_travel(size[joint, side][-1], unit) for size in (before, after)]
+    errors = [_short(size[joint, side][-1], unit) for size in (before, after)]
     horizon = f"{1e3 * prediction.horizons[-1]:g} ms"
     sentence = f"Driven by the measured torque, the model errs by {errors[0]} after {horizon} at the worst angle"
     added = f"; with the causes added, by {errors[1]}" if any(c.acts for c in found.causes) else ""
     return f"{sentence} ({joint}, {side}){added}."
 
 
-def _travel(value: float, unit: str) -> str:
-    """Return an angle, or the travel of a prismatic joint, with the prefix that suits it."""
-    prefix, factor = next(((p, f) for p, f in (("", 1.0), ("m", 1e3)) if value * f >= 1.0), ("µ", 1e6))
-    return f"{value * factor:.3g} {prefix}{unit}"
+def _prefix(value: float) -> tuple[str, float]:
+    """Return the prefix that suits a size, and by what numbers are multiplied for it."""
+    return next(((p, f) for p, f in (("", 1.0), ("m", 1e3)) if value * f >= 1.0 or value == 0.0), ("µ", 1e6))
 
 
 def change_text(change: Change) -> str:

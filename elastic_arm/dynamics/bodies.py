@@ -35,48 +35,25 @@ class ModelParameter:
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """A frame that turns about one axis or slides along it: parent . before . R or T(axis, coordinate) . after.
+    """A frame that turns about one axis or slides along it: parent . before . R or T(axis, coordinate) . after."""
 
-    Parameters
-    ----------
-    parent
-        Index of the parent frame, :data:`GROUND` for the base.
-    before, after : (4, 4)
-        Constant placements on either side of the turn or the slide.
-    axis
-        0, 1, 2 for x, y, z.
-    coordinate
-        Index into the generalized coordinates.
-    slides
-        Whether it slides (a prismatic joint).
-    """
-
-    parent: int
+    parent: int  # index of the parent frame, :data:`GROUND` for the base
+    # before, after: (4, 4), constant placements on either side of the turn or the slide
     before: np.ndarray
-    axis: int
-    coordinate: int
+    axis: int  # 0, 1, 2 for x, y, z
+    coordinate: int  # index into the generalized coordinates
     after: np.ndarray
-    slides: bool = False
+    slides: bool = False  # whether it slides (a prismatic joint)
 
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """A body at rest in a frame.
-
-    Parameters
-    ----------
-    frame
-        Index of the frame that carries it; :data:`GROUND` where it enters no equation.
-    placement : (4, 4)
-        Of the body's own frame in the carrier's.
-    parameters
-        Indices into Psi: ten of a link, or four of a solid of revolution.
-    """
+    """A body at rest in a frame."""
 
     name: str
-    frame: int
-    placement: np.ndarray
-    parameters: tuple[int, ...]
+    frame: int  # index of the frame that carries it; :data:`GROUND` where it enters no equation
+    placement: np.ndarray  # (4, 4), of the body's own frame in the carrier's
+    parameters: tuple[int, ...]  # indices into Psi: ten of a link, or four of a solid of revolution
 
     @property
     def inertia_map(self) -> np.ndarray:
@@ -113,22 +90,11 @@ class Spring:
 
 @dataclass(frozen=True, eq=False)
 class Bodies:
-    """A mechanism: everything the recursion needs.
+    """A mechanism: everything the recursion needs."""
 
-    Parameters
-    ----------
-    gravity : (3,)
-        In the base frame ``O_0``, m/s^2.
-    base_height
-        g . p of the base frame's origin, for the potential energy's zero at the ground.
-    coordinates
-        Names of the generalized coordinates.
-    link_side, motor_side
-        Indices of the coordinates in the first and second row of (1).
-    """
-
-    gravity: np.ndarray
-    coordinates: tuple[str, ...]
+    gravity: np.ndarray  # (3,), in the base frame ``O_0``, m/s^2
+    coordinates: tuple[str, ...]  # names of the generalized coordinates
+    # link_side, motor_side: indices of the coordinates in the first and second row of (1)
     link_side: tuple[int, ...]
     motor_side: tuple[int, ...]
     frames: tuple[Frame, ...]
@@ -136,6 +102,7 @@ class Bodies:
     spins: tuple[Spin, ...] = ()
     springs: tuple[Spring, ...] = ()
     parameters: tuple[ModelParameter, ...] = ()
+    # g . p of the base frame's origin, for the potential energy's zero at the ground
     base_height: float = field(default=0.0)
 
     @property
@@ -185,14 +152,7 @@ def tensor_of(six: np.ndarray) -> np.ndarray:
 def inertial_parameters(mass: float, com: np.ndarray, inertia: np.ndarray) -> np.ndarray:
     """(10,) about the frame's origin, from mass, centre of mass and the tensor (3, 3) about it.
 
-    Parameters
-    ----------
-    mass
-        kg.
-    com
-        (3,) centre of mass in the frame, m.
-    inertia
-        (3, 3) about the centre of mass, kg m².
+    com: (3,) centre of mass in the frame, m; inertia: (3, 3) about the centre of mass, kg m².
     """
     about_com = np.array([mass, 0.0, 0.0, 0.0, *(inertia[index] for index in TENSOR)])
     placement = np.eye(4)

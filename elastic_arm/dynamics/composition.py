@@ -112,19 +112,9 @@ def compose(robot: Robot, name: str, *, bearings: bool = False) -> Bodies:
 
     A robot without transmissions is its links and armatures, whichever the name.
 
-    Parameters
-    ----------
-    robot
-        The arm.
-    name
-        mod1, mod2 or mod3.
-    bearings
-        Whether bearings tilt, which adds two coordinates a joint.
+    bearings: whether bearings tilt, which adds two coordinates a joint.
 
-    Raises
-    ------
-    RobotError
-        If there is no such model, or bearings are wanted of an arm that describes none.
+    Raises a RobotError if there is no such model, or bearings are wanted of an arm that describes none.
     """
     if name not in COMPOSITIONS:
         raise RobotError(f"there is no model {name!r}", f"Choose one of {', '.join(COMPOSITIONS)}")
@@ -228,10 +218,7 @@ def with_spline(joint: Joint) -> Inertia:
 def inertia_from(ten: np.ndarray) -> Inertia:
     """Inertia of a body whose ten parameters about its frame's origin are given.
 
-    Raises
-    ------
-    RobotError
-        If no body has them.
+    Raises a RobotError if no body has them.
     """
     mass = float(ten[0])
     if mass <= 0.0:

@@ -98,11 +98,6 @@ def solve(matrix: ca.SX, right: ca.SX) -> ca.SX:
     """Solve a symmetric positive definite system by L D LT without square roots, as straight-line code.
 
     Rows are eliminated in the order of least fill (minimum degree), so structural zeros cost nothing.
-
-    Parameters
-    ----------
-    matrix : (n, n)
-    right : (n,)
     """
     n = matrix.shape[0]
     entries = {

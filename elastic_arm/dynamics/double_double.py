@@ -13,12 +13,11 @@ from collections.abc import Callable
 from importlib import resources
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.codegen.compiler import build
 from elastic_arm.errors import KernelError
 
-Array = NDArray[np.float64]
 Pair = tuple[Array, Array]
 
 # A pivot below this share of its column's square is nothing but the rounding of its products (2^-76).
@@ -52,14 +51,10 @@ def divide(a: Pair, b: Pair) -> Pair:
 def cholesky(gram: Pair) -> Array:
     """Return the triangular factor R with R'R = hi + lo, rounded to working precision.
 
-    Parameters
-    ----------
-    gram
-        hi, lo (..., k, k), positive semidefinite.
+    gram: hi, lo (..., k, k), positive semidefinite.
 
-    Returns
-    -------
-    (..., k, k) upper triangular; a column that is a combination of those before it has a zero pivot and a zero row.
+    Returns (..., k, k) upper triangular; a column that is a combination of those before it has a zero pivot and a
+    zero row.
     """
     hi, lo = (np.array(part, dtype=float, order="C") for part in gram)
     compiled = _compiled()

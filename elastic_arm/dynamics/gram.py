@@ -27,14 +27,10 @@ _SLICES = 4
 class Information:
     """Sum over samples of [Phi_r, y_r]T [Phi_r, y_r] for every row r of a regressor.
 
-    Parameters
-    ----------
-    kernel
-        Whose first output is Phi (rows, P); further outputs are ignored.
-    rounded
-        Whether entries may be rounded to 51 bits below the largest of their column. That changes Phi by no more than
-        its own rounding, and is nearly twice as fast where the processor has 52-bit multiplications; it is no sum of
-        *these* products to 77 bits any more, but the exact one of a matrix that close.
+    kernel: whose first output is Phi (rows, P); further outputs are ignored; rounded: whether entries may be
+    rounded to 51 bits below the largest of their column. That changes Phi by no more than its own rounding, and is
+    nearly twice as fast where the processor has 52-bit multiplications; it is no sum of *these* products to 77 bits
+    any more, but the exact one of a matrix that close.
 
     Attributes
     ----------
@@ -58,17 +54,7 @@ class Information:
     def add(self, *arrays: np.ndarray, y: np.ndarray) -> None:
         """Add samples.
 
-        Parameters
-        ----------
-        *arrays
-            The kernel's inputs.
-        y : (N, rows)
-            Measured left side of each equation.
-
-        Raises
-        ------
-        ValueError
-            If shapes or numbers of samples disagree.
+        Raises a ValueError if shapes or numbers of samples disagree.
         """
         ready, samples = self._kernel.check(arrays)
         measured = np.ascontiguousarray(y, dtype=float)

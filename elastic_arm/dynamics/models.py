@@ -98,12 +98,7 @@ class Model:
     ) -> np.ndarray:
         """Left side of (1) with K and D: (N, dof), [0; tau_m] for a true motion.
 
-        Parameters
-        ----------
-        x, dx, ddx
-            (N, dof) rad, rad/s and rad/s².
-        Psi
-            (P,) parameters; the description's when None.
+        x, dx, ddx: (N, dof) rad, rad/s and rad/s²; Psi: (P,) parameters; the description's when None.
         """
         return self._run("inverse_dynamics", x, dx, ddx, self._psi(Psi))[0]
 
@@ -117,14 +112,7 @@ class Model:
     ) -> np.ndarray:
         """Phi of (10), (N, dof, P), or only its `columns`; written to `out`, if given, of that shape.
 
-        Parameters
-        ----------
-        x, dx, ddx
-            (N, dof) rad, rad/s and rad/s².
-        columns
-            Which of the P; all when None.
-        out
-            Array of the result's shape to write to.
+        x, dx, ddx: (N, dof) rad, rad/s and rad/s².
         """
         kernel = self.kernel("regressor", columns)
         width = len(self.parameters) if columns is None else len(columns)
@@ -137,24 +125,14 @@ class Model:
     def bias(self, x: np.ndarray, dx: np.ndarray, Psi: np.ndarray | None = None) -> np.ndarray:
         """All of the left side of (1) that is not acceleration, K and D included: (N, dof).
 
-        Parameters
-        ----------
-        x, dx
-            (N, dof) rad and rad/s.
-        Psi
-            (P,) parameters; the description's when None.
+        x, dx: (N, dof) rad and rad/s; Psi: (P,) parameters; the description's when None.
         """
         return self._run("bias", x, dx, self._psi(Psi))[0]
 
     def terms(self, x: np.ndarray, dx: np.ndarray, Psi: np.ndarray | None = None) -> dict[str, np.ndarray]:
         """M, S, B, c, c1, c2, g of (1) by name, samples first; the tilts count as link side.
 
-        Parameters
-        ----------
-        x, dx
-            (N, dof) rad and rad/s.
-        Psi
-            (P,) parameters; the description's when None.
+        x, dx: (N, dof) rad and rad/s; Psi: (P,) parameters; the description's when None.
         """
         values = self._run("terms", x, dx, self._psi(Psi))
         rows, columns = len(self.bodies.link_side), len(self.bodies.motor_side)
@@ -168,26 +146,15 @@ class Model:
     ) -> np.ndarray:
         """Accelerations ddx (N, dof) under generalized forces f (N, dof).
 
-        Parameters
-        ----------
-        x, dx
-            (N, dof) rad and rad/s.
-        f
-            (N, dof) generalized forces, Nm.
-        Psi
-            (P,) parameters; the description's when None.
+        x, dx: (N, dof) rad and rad/s; f: (N, dof) generalized forces, Nm; Psi: (P,) parameters; the
+        description's when None.
         """
         return self._run("forward_dynamics", x, dx, f, self._psi(Psi))[0]
 
     def energy(self, x: np.ndarray, dx: np.ndarray, Psi: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Kinetic and potential energy, (N,) each, J; springs included, gravity counted from the ground's origin.
 
-        Parameters
-        ----------
-        x, dx
-            (N, dof) rad and rad/s.
-        Psi
-            (P,) parameters; the description's when None.
+        x, dx: (N, dof) rad and rad/s; Psi: (P,) parameters; the description's when None.
         """
         kinetic, potential = self._run("energy", x, dx, self._psi(Psi))
         return kinetic[:, 0], potential[:, 0]
@@ -204,19 +171,10 @@ class Model:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Sum over samples of [Phi_r, y_r]T [Phi_r, y_r] of every equation r; Phi is never stored.
 
-        Parameters
-        ----------
-        x, dx, ddx
-            (N, dof) rad, rad/s and rad/s².
-        y
-            (N, dof) right side, Nm; the last column of the sums.
-        columns
-            Which of the P; all when None.
+        x, dx, ddx: (N, dof) rad, rad/s and rad/s²; y: (N, dof) right side, Nm; the last column of the sums.
 
-        Returns
-        -------
-        hi, lo : (dof, P + 1, P + 1)
-            The sums are hi + lo, to some 77 bits of the columns' norms; `y` (N, dof) comes last.
+        Returns hi and lo, (dof, P + 1, P + 1) each: the sums are hi + lo, to some 77 bits of the columns' norms; `y`
+        (N, dof) comes last.
         """
         total = self.accumulator(columns)
         total.add(x, dx, ddx, y=y)

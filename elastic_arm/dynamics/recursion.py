@@ -65,14 +65,8 @@ def inverse_dynamics(
 ) -> list[Scalar]:
     """Generalized forces, the left side of (1) without springs: M ddx + c + g.
 
-    Parameters
-    ----------
-    x, dx, ddx
-        Generalized coordinates and derivatives, `bodies.dof` scalars each.
-    Psi
-        One scalar a parameter.
-    gravity
-        Of the base frame, m/s^2; that of `bodies` when None.
+    x, dx, ddx: generalized coordinates and derivatives, `bodies.dof` scalars each; gravity: of the base frame,
+    m/s^2; that of `bodies` when None.
     """
     weight = bodies.gravity if gravity is None else gravity
     motions = _outward(bodies, x, dx, ddx, [-1.0 * g for g in weight], trig)
@@ -96,17 +90,7 @@ def inverse_dynamics(
 
 
 def spring_forces(bodies: Bodies, x: Sequence[Scalar], dx: Sequence[Scalar], Psi: Sequence[Scalar]) -> list[Scalar]:
-    """K (q - theta) + D (dq - dtheta) on the link side of (1), the opposite on the motor side; bearings likewise.
-
-    Parameters
-    ----------
-    bodies
-        The arm.
-    x, dx
-        dof scalars each, rad and rad/s.
-    Psi
-        P parameters.
-    """
+    """K (q - theta) + D (dq - dtheta) on the link side of (1), the opposite on the motor side; bearings likewise."""
     forces: list[Scalar] = [0.0] * bodies.dof
     for s in bodies.springs:
         d, dd = x[s.coordinate], dx[s.coordinate]
@@ -122,19 +106,7 @@ def spring_forces(bodies: Bodies, x: Sequence[Scalar], dx: Sequence[Scalar], Psi
 def energy(
     bodies: Bodies, x: Sequence[Scalar], dx: Sequence[Scalar], Psi: Sequence[Scalar], trig: Trig
 ) -> tuple[Scalar, Scalar]:
-    """Kinetic and potential energy; the latter counts springs, and gravity from the ground frame's origin.
-
-    Parameters
-    ----------
-    bodies
-        The arm.
-    x, dx
-        dof scalars each, rad and rad/s.
-    Psi
-        P parameters.
-    trig
-        Sine and cosine of these scalars.
-    """
+    """Kinetic and potential energy; the latter counts springs, and gravity from the ground frame's origin."""
     kinetic: Scalar = 0.0
     potential: Scalar = 0.0
     angular: list[Vec] = []

@@ -15,12 +15,16 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import casadi as ca
+
 from elastic_arm.effects import library
-from elastic_arm.effects.law_check import check_law
+from elastic_arm.effects.effect_set import EffectSet
+from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.effects.model import Effect, EffectInstance
+from elastic_arm.effects.motion import SymbolicMotion
 from elastic_arm.errors import EffectError
 from elastic_arm.input_files import read_text
-from elastic_arm.robot import Robot
+from elastic_arm.robot import Robot, load_robot
 
 GROUP = "elastic_arm.effects"  # entry points of installed packages: NAME = "module:EFFECT"
 # What executing a file may raise; EffectError is a ValueError, CasADi raises RuntimeError and NotImplementedError.
@@ -143,11 +147,24 @@ def _of_file(path: Path) -> list[Effect]:
         raise EffectError(f"{path}: {what}", f"Write EFFECT = Effect(id=…, …); {_EXAMPLE}")
     for effect in held:
         try:
-            check_law(effect)
+            _tried(effect)
         except _RAISED as error:
             values = ", ".join((*effect.names, *effect.states)) or "nothing: the effect has no parameter"
             raise _located(path, error, f"Mend the law of {effect.id}; p holds {values}.") from error
     return held
+
+
+def _tried(effect: Effect) -> None:
+    """Write a law over the symbols of the nominal arm, with exact signs of velocities, before an arm needs it."""
+    robot = load_robot(None)
+    equations = ArmEquations(robot, effect.lacked_by[-1])
+    n, dof = robot.n, equations.dof
+    x, dx, ddx = (ca.SX.sym(name, dof) for name in ("x", "dx", "ddx"))
+    tau_J, tau_m, dtau_J, dtau_m = (ca.SX.sym(name, n) for name in ("tau_J", "tau_m", "dtau_J", "dtau_m"))
+    speeds = {"link": dx[:n], "motor": dx[dof - n :]}
+    sign = lambda side, i: ca.sign(speeds[side][i])  # noqa: E731
+    motion = SymbolicMotion(equations, x, dx, ddx, tau_J, tau_m, dtau_J, dtau_m, sign)
+    EffectSet([next(effect.candidates(robot))], robot, duration=1.0).contribution(motion)
 
 
 def _located(path: Path, error: Exception, remedy: str) -> EffectError:

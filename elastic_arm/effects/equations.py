@@ -9,15 +9,14 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.dynamics import recursion
 from elastic_arm.dynamics.bodies import Bodies, Body
 from elastic_arm.dynamics.composition import compose
 from elastic_arm.dynamics.derivation import TRIG, nominal
 from elastic_arm.robot import Robot
 
-Array = NDArray[np.float64]
 SX = ca.SX
 ARRAYS = recursion.Trig(np.sin, np.cos)
 

@@ -16,6 +16,11 @@ def amount(name: str, unit: str, low: float, high: float, meaning: str, **more: 
     return Parameter(name, unit, low, high, neutral=0.0, least=0.0, meaning=meaning, **more)
 
 
+def signed(name: str, unit: str, most: float, meaning: str, **more: Any) -> Parameter:
+    """Return a number of either sign, and at zero no effect."""
+    return Parameter(name, unit, -most, most, neutral=0.0, meaning=meaning, **more)
+
+
 def ratio(name: str, low: float, high: float, meaning: str, **more: Any) -> Parameter:
     """Return a ratio to the model's number, 1 for no effect."""
     return Parameter(name, "1", low, high, neutral=1.0, meaning=meaning, **more)
@@ -33,5 +38,5 @@ def phase(example: tuple[float, float] | None = None) -> Parameter:
 
 __all__ = [
     "Choice", "Confusion", "Contribution", "Effect", "Law", "Numbers", "Ordinary", "Parameter", "Plant", "Role",
-    "Scope", "SensorEffect", "StructuralEffect", "SymbolicMotion", "amount", "phase", "ratio", "searched",
+    "Scope", "SensorEffect", "StructuralEffect", "SymbolicMotion", "amount", "phase", "ratio", "searched", "signed",
 ]  # fmt: skip

@@ -15,6 +15,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum
+from string import Formatter
 from typing import Any
 
 import casadi as ca
@@ -99,6 +100,8 @@ class Effect:
     scope: Scope = Scope.EACH
     sides: tuple[str, ...] = ()
     regime: str = "always"
+    # what a joint with it does, with its numbers by name: "loses {torque} of dry friction"; its name where empty
+    plain: str = ""
     # names of internal states, which stay within -1 and 1; they start at zero in a simulation
     states: tuple[str, ...] = ()
     # for a transmission error: (motion, joint index, parameters) -> e(theta) and its rate, which all laws of the joint
@@ -156,6 +159,8 @@ class Effect:
                 yield f"{what} holds {unknown[0]!r}", f"Take of {', '.join(known) or 'nothing: it has no parameter'}."
         if not self.sides or not self.lacked_by:
             yield "it shows in no equation or no model", f"Name sides, of {', '.join(SIDES)}, and models that lack it."
+        if unknown := [name for _, name, *_ in Formatter().parse(self.plain) if name and name not in self.names]:
+            yield f"its plain words name {unknown[0]!r}", f"Take of {', '.join(self.names) or 'nothing'}."
         linear = [p for p in self.parameters if p.role is Role.LINEAR]
         phases = [p for p in self.parameters if p.role is Role.PHASE]
         if phases and (len(linear) != 1 or linear[0].size != 1 or len(phases) > 1):
@@ -165,11 +170,6 @@ class Effect:
             )
         if self.regressor is not None and phases:
             yield "a regressor of its own has no phase", "Give it role=Role.SEARCHED."
-
-    @property
-    def is_friction(self) -> bool:
-        """Whether it is friction or changes friction."""
-        return self.friction or self.scales_friction
 
     def parameter(self, name: str) -> Parameter:
         """Return a parameter by name."""

@@ -132,24 +132,6 @@ class Parameter:
                 return math.inf
         return (self.neutral or 0.0) + coefficient
 
-    def is_within(self, value: float, margin: float) -> bool:
-        """Whether a value is within its range, or beyond it by no more than a share of the limit."""
-        return self.low - margin * abs(self.low) <= value <= self.high + margin * abs(self.high)
-
-    def believable(self, value: float, ratio_factor: float, std: float = 0.0) -> bool:
-        """Return whether an arm may have a value: a ratio near its range, a size of the right sign."""
-        low, high = self.believable_range(ratio_factor)
-        uncertain = 2.0 * std if self.neutral else 0.0
-        return low < value + uncertain and value - uncertain < high
-
-    def believable_range(self, ratio_factor: float) -> tuple[float, float]:
-        """Return between which values an arm may have it: a ratio near its range, a size of the right sign."""
-        if self.neutral == 0.0 and self.low > 0.0:
-            return 0.0, math.inf
-        if self.neutral:
-            return self.low / ratio_factor, self.high * ratio_factor
-        return self.above, math.inf
-
     def checked(self, value: Any, of: str) -> float | tuple[float, ...]:
         """Return `value` as a number, or a tuple of them for a vector; EffectError where it makes no sense."""
         numbers = tuple(value) if isinstance(value, list | tuple) else (value,)

@@ -9,12 +9,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any, Protocol, TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
-
+from elastic_arm.arrays import Array
 from elastic_arm.effects.equations import ArmEquations
 
-Array = NDArray[np.float64]
 Made = TypeVar("Made")
 
 

@@ -7,7 +7,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,6 +18,24 @@ from elastic_arm.errors import EffectError, ElasticArmError, IdentificationError
 from elastic_arm.robot import Robot
 
 _GRAMMAR = "Write EFFECT[:JOINT][:NAME=VALUE,NAME=VALUE]."
+
+
+def read_effects(
+    given: str | EffectInstance | Iterable[str | EffectInstance], read: Callable[[str], Iterable[EffectInstance]]
+) -> tuple[EffectInstance, ...]:
+    """Return effects, those that are text read by one of the functions below.
+
+    Raises
+    ------
+    EffectError
+        If one is neither.
+    """
+    found: list[EffectInstance] = []
+    for one in [given] if isinstance(given, str | EffectInstance) else given:
+        if not isinstance(one, str | EffectInstance):
+            raise EffectError(f"{one!r} is no effect", _GRAMMAR)
+        found += read(one) if isinstance(one, str) else [one]
+    return tuple(found)
 
 
 @dataclass(frozen=True)

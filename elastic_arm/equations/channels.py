@@ -1,43 +1,27 @@
-"""Lags and gains of channels at values of the nuisance parameters."""
+"""Lags and gains of channels at values of the numbers."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.equations.numbers import Number
-
-Array = NDArray[np.float64]
 
 
 def lags(parameters: Sequence[Number], values: Array, joints: Sequence[str]) -> dict[str, Array]:
-    """Return by how much each channel is late, (n,) s by channel, at these values of the nuisance parameters.
+    """Return by how much each channel is late, (n,) s by channel, at these values of the numbers.
 
-    Parameters
-    ----------
-    parameters
-        The nuisance parameters.
-    values
-        (k,) in units of the priors' standard deviations.
-    joints
-        Names, in order.
+    values: (k,) in units of the priors' standard deviations.
     """
     return _by_channel([p.is_lag for p in parameters], parameters, values, joints)
 
 
 def gains(parameters: Sequence[Number], values: Array, joints: Sequence[str]) -> dict[str, Array]:
-    """Return the gains of torque channels, (n,) by channel, at these values of the nuisance parameters.
+    """Return the gains of torque channels, (n,) by channel, at these values of the numbers.
 
-    Parameters
-    ----------
-    parameters
-        The nuisance parameters.
-    values
-        (k,) in units of the priors' standard deviations.
-    joints
-        Names, in order.
+    values: (k,) in units of the priors' standard deviations.
     """
     return _by_channel([p.is_gain for p in parameters], parameters, values, joints)
 

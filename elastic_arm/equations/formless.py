@@ -10,15 +10,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 from scipy.signal import lfilter
 
+from elastic_arm.arrays import Array
 from elastic_arm.estimation.regressors import Signals
 from elastic_arm.estimation.whitening import WhitenedData
 from elastic_arm.robot import Transmission
 
-Array = NDArray[np.float64]
 Argument = Callable[[Signals], Array]
 
 # Numbers of cubic splines over the root of a speed, the recording, an angle (of friction, of a torque) and a load: each
@@ -33,27 +32,13 @@ MEAN = 30.0  # prior standard deviation of a law's mean over that of a spline; c
 
 @dataclass(frozen=True)
 class GeneralLaw:
-    """Functions of the motion whose sum with any coefficients is a law.
+    """Functions of the motion whose sum with any coefficients is a law."""
 
-    Parameters
-    ----------
-    joint
-        Index of the joint on which it acts.
-    side
-        "link", "drive", "motor", or "sensor" for what a torque sensor reads.
-    argument
-        What it depends on, in words.
-    shapes
-        Signals -> (N, k) functions.
-    friction
-        Whether it is a general form of friction: dry friction of one size is among its functions.
-    """
-
-    joint: int
-    side: str
-    argument: str
-    shapes: Callable[[Signals], Array]
-    friction: bool = False
+    joint: int  # index of the joint on which it acts
+    side: str  # "link", "drive", "motor", or "sensor" for what a torque sensor reads
+    argument: str  # what it depends on, in words
+    shapes: Callable[[Signals], Array]  # signals -> (N, k) functions
+    friction: bool = False  # whether it is a general form of friction: dry friction of one size is among its functions
 
     def plain(self, data: WhitenedData) -> list[Array]:
         """Return its columns (N', R, k) in the band, one array a stretch; coefficients of 1 make about 1 Nm."""
@@ -64,14 +49,8 @@ class GeneralLaw:
 def general_laws(sets: Sequence[WhitenedData], joint: int, gear: Transmission | None = None) -> list[GeneralLaw]:
     """Return the general laws of a joint.
 
-    Parameters
-    ----------
-    sets
-        Of the recordings: they span the functions' arguments.
-    joint
-        Its index.
-    gear
-        Its transmission: some laws repeat with its turns.
+    sets: of the recordings: they span the functions' arguments; gear: its transmission: some laws repeat with its
+    turns.
     """
     n, sides = sets[0].layout.n, sets[0].layout.sides
     found = []
@@ -107,13 +86,7 @@ def general_laws(sets: Sequence[WhitenedData], joint: int, gear: Transmission | 
 
 
 def changing_friction(sets: Sequence[WhitenedData], joint: int) -> list[GeneralLaw]:
-    """Return the general laws in which friction changes over time, one of each side.
-
-    Parameters
-    ----------
-    sets, joint
-        As of :func:`general_laws`.
-    """
+    """Return the general laws in which friction changes over time, one of each side."""
     over_time, found = _splines(sets, _signal("progress", 0), TIMES), []
     for side in (side for side in ("link", "motor") if side in sets[0].layout.sides):
         shapes = _times(_signal(f"sign_{side}", joint), over_time)
@@ -174,14 +147,7 @@ def _splines(sets: Sequence[WhitenedData], argument: Argument, count: int) -> Ar
 
     The mean has a wider prior than the bends: a large constant does not have to be paid for by each spline.
 
-    Parameters
-    ----------
-    sets
-        The recordings.
-    argument
-        Signals -> (N,).
-    count
-        Number of splines.
+    argument: signals -> (N,).
     """
     values = np.concatenate([argument(part.signals) for data in sets for part in data.parts])
     low, high = float(values.min()), float(values.max())
@@ -201,12 +167,7 @@ def _splines(sets: Sequence[WhitenedData], argument: Argument, count: int) -> Ar
 def _relaxed(load: Argument, constants: Sequence[float]) -> Argument:
     """Return a load behind first-order lags: what a drive that creeps or remembers follows.
 
-    Parameters
-    ----------
-    load
-        Signals -> (N,) Nm.
-    constants
-        s.
+    load: signals -> (N,) Nm.
     """
 
     def shapes(signals: Signals) -> Array:
@@ -223,16 +184,7 @@ def _relaxed(load: Argument, constants: Sequence[float]) -> Argument:
 def placed(data: WhitenedData, side: str, joint: int, shapes: Sequence[Array]) -> list[Array]:
     """Return shapes as columns (N', R, k) of the residuals in which a side of a joint shows, treated as those are.
 
-    Parameters
-    ----------
-    data
-        Of a recording.
-    side
-        "link", "drive", "motor", or "sensor" for all that share a torque sensor.
-    joint
-        Its index.
-    shapes
-        (N', k) of each stretch.
+    side: "link", "drive", "motor", or "sensor" for all that share a torque sensor; shapes: (N', k) of each stretch.
     """
     layout = data.layout
     columns = [np.zeros((thin.shape[1], layout.rows, len(thin))).T for thin in shapes]

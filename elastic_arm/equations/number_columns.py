@@ -1,4 +1,4 @@
-"""Columns of nuisance parameters: what one standard deviation of each prior changes in the residuals.
+"""Columns of uncertain numbers: what one standard deviation of each prior changes in the residuals.
 
 A measured torque enters an equation with the coefficient one: whatever scales a torque (a sensor's gain, a stiffness)
 has a column of torque that the model predicts. With the measured torque in its place, no torque sensor and a massless
@@ -11,8 +11,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.equations.numbers import Number
@@ -27,14 +27,12 @@ from elastic_arm.estimation.residuals import predicted_torques
 from elastic_arm.estimation.whitening import NoiseModel, Part, WhitenedData
 from elastic_arm.robot import Robot
 
-Array = NDArray[np.float64]
-
 STEP = 1e-4  # of a prior's standard deviation, for derivatives of Psi; numerical
 BLOCK = 512  # samples of the regressor that are evaluated at once: what the caches hold
 MOST = 2.5e8  # bytes of columns at the recording's rate that are made at once
 
 
-def nuisance_columns(
+def number_columns(
     model: Model,
     nominal: Robot,
     data: WhitenedData,
@@ -45,22 +43,8 @@ def nuisance_columns(
 ) -> list[Array]:
     """Return columns (N', R, k) of each stretch, Nm for one standard deviation of each prior.
 
-    Parameters
-    ----------
-    model
-        At the present values of the arm's numbers.
-    nominal
-        The description, to which relative changes refer.
-    data
-        Whitened residuals of the model.
-    parameters
-        The nuisance parameters.
-    inertial
-        Of :func:`inertial_columns`, of each stretch.
-    features
-        Of :func:`features_at`.
-    recordings
-        Number of each of the data's recordings; those of zeros that are others in each act on its own alone.
+    nominal: the description, to which relative changes refer; recordings: number of each of the data's recordings;
+    those of zeros that are others in each act on its own alone.
     """
     result = [columns.copy(order="K") for columns in inertial]
     for k, feature in features.items():
@@ -97,20 +81,14 @@ def shared_columns(
 
     A gain scales what the effect adds to the torque. Where the effect is not there, neither is this.
 
-    Parameters
-    ----------
-    data
-        Whitened residuals, in whose predicted torques it acts.
-    parameters, features
-        The numbers, and the effects that some of them are, as of :func:`features_at`.
-    which
-        Number of the effect among those that act.
+    data: whitened residuals, in whose predicted torques it acts; parameters, features: the numbers, and the effects
+    that some of them are, as of :func:`features_at`.
     """
     effect, found, numbers = data.acting[which], [list[Array]() for _ in data.parts], list[int]()
     for k, feature in features.items():
         parameter = parameters[k]
         j = feature.equations.robot.joint_names.index(str(parameter.joint))
-        own = "tau_J tau_m".split().index(feature.read_torque) if parameter.is_torque_gain else None
+        own = ["tau_J", "tau_m"].index(str(feature.read_torque)) if parameter.is_torque_gain else None
         if own is None or not any(part.shares[which][own][:, j].any() for part in data.parts):
             continue
         numbers.append(k)
@@ -136,16 +114,10 @@ def _transmitted(equations: ArmEquations, data: WhitenedData, part: Part, effect
 
 
 def features_at(model: Model, parameters: Sequence[Number], acting: Sequence[ActingEffect] = ()) -> dict[int, Feature]:
-    """Return the effects that nuisance parameters are, by number of the parameter; each compiled once for all data.
+    """Return the effects that uncertain numbers are, by place in the list; each compiled once for all data.
 
-    Parameters
-    ----------
-    model
-        At the present values of the arm's numbers: a wrong zero of an encoder is wound by the stiffness where it is.
-    parameters
-        The nuisance parameters.
-    acting
-        Known effects: the friction that changes with temperature is among them.
+    model: at the present values of the arm's numbers: a wrong zero of an encoder is wound by the stiffness where it
+    is; acting: known effects: the friction that changes with temperature is among them.
     """
     equations = ArmEquations(model.robot, model.name)
     return {
@@ -160,16 +132,7 @@ def inertial_columns(model: Model, data: WhitenedData, parameters: Sequence[Numb
 
     They are linear in Psi and depend on the motion alone.
 
-    Parameters
-    ----------
-    model
-        Of the residuals.
-    data
-        Whitened residuals of the model.
-    parameters
-        The nuisance parameters.
-    directions
-        (P, k) of :func:`directions_of`.
+    directions: (P, k) of :func:`directions_of`.
     """
     chosen = [k for k, parameter in enumerate(parameters) if parameter.is_inertial]
     found = []
@@ -188,16 +151,8 @@ def inertial_columns(model: Model, data: WhitenedData, parameters: Sequence[Numb
 def calibrated_parameters(model: Model, nominal: Robot, values: Array, directions: Array) -> Array:
     """Return Psi (P,) with inertial numbers at these values, linear in them whether or not bodies are physical.
 
-    Parameters
-    ----------
-    model
-        Its stiffness and damping are kept.
-    nominal
-        The description, to which relative changes refer.
-    values
-        (k,) deviations from the description, in units of the priors' standard deviations.
-    directions
-        (P, k) of :func:`directions_of`.
+    nominal: the description, to which relative changes refer; values: (k,) deviations from the description, in
+    units of the priors' standard deviations; directions: (P, k) of :func:`directions_of`.
     """
     moved = build_model(nominal, model.name).Psi + directions @ values
     springs = _springs(model)
@@ -310,17 +265,7 @@ def _turnover(w: Array, t: Array, speeds: Sequence[float]) -> Array:
 
 
 def directions_of(nominal: Robot, model: str, parameters: Sequence[Number]) -> Array:
-    """Return the derivative (P, k) of Psi by the numbers of the arm, for one standard deviation of each prior.
-
-    Parameters
-    ----------
-    nominal
-        The description, where it is evaluated.
-    model
-        The variant of the model.
-    parameters
-        The nuisance parameters.
-    """
+    """Return the derivative (P, k) of Psi by the numbers of the arm, for one standard deviation of each prior."""
     base = build_model(nominal, model).Psi
     found = np.zeros((len(base), len(parameters)))
     for k, parameter in enumerate(parameters):

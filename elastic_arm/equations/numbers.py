@@ -13,46 +13,22 @@ PRESLIDING = "presliding"  # how gradually dry friction changes its sign: no num
 
 @dataclass(frozen=True)
 class Number:
-    """One number that may differ from what the description states.
+    """One number that may differ from what the description states."""
 
-    Parameters
-    ----------
-    what
-        Which, e.g. "link_mass"; the id of an effect for what an effect's file states.
-    joint
-        Of the joint, or of the link behind it.
-    unit
-        "1" for a ratio.
-    prior_std
-        Of its deviation from the description.
-    neutral
-        Its value as described: 1 for a ratio, else 0.
-    feature
-        The effect of a sensor or of warming friction; None for a number of the arm.
-    error
-        The effect of a number of the arm that is off; None where the catalogue has none.
-    limit
-        Largest deviation about which the model is made, in standard deviations of the prior.
-    speeds
-        Of presliding alone: widths, rad/s, of the two sign functions between which friction turns over, or the width
-        within which it does so early or late.
-    side
-        Of presliding alone: "link" or "motor", on which friction turns over.
-    recording
-        Number of the recording in which alone it acts: by how much a zero is another one there than in the first; None
-        of what is the same in all.
-    """
-
-    what: str
-    joint: str
-    unit: str
-    prior_std: float
-    neutral: float
-    feature: Feature | None = None
-    error: Feature | None = None
-    limit: float = np.inf
+    what: str  # which, e.g. "link_mass"; the id of an effect for what an effect's file states.
+    joint: str  # of the joint, or of the link behind it
+    unit: str  # "1" for a ratio
+    prior_std: float  # of its deviation from the description
+    neutral: float  # its value as described: 1 for a ratio, else 0
+    feature: Feature | None = None  # the effect of a sensor or of warming friction; None for a number of the arm
+    error: Feature | None = None  # the effect of a number of the arm that is off; None where the catalogue has none
+    limit: float = np.inf  # largest deviation about which the model is made, in standard deviations of the prior
+    # of presliding alone: widths, rad/s, of the two sign functions between which friction turns over, or the width
+    # within which it does so early or late
     speeds: tuple[float, ...] | None = None
-    side: str = ""
+    side: str = ""  # of presliding alone: "link" or "motor", on which friction turns over
+    # number of the recording in which alone it acts: by how much a zero is another one there than in the first; None
+    # of what is the same in all
     recording: int | None = None
 
     @property

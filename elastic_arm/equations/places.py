@@ -37,12 +37,7 @@ def _possible(feature: Feature) -> bool:
 def recorded_features(found: Iterable[Feature], motion: Motion) -> list[Feature]:
     """Return the features without those of sensors that were not recorded; of several channels those that were.
 
-    Parameters
-    ----------
-    found
-        Every effect at every place.
-    motion
-        Of the recordings: its channels, among q, theta, tau_J and tau_m, may be those of some joints alone.
+    motion: of the recordings: its channels, among q, theta, tau_J and tau_m, may be those of some joints alone.
     """
     kept: dict[tuple[object, ...], Feature] = {}
     for feature in found:
@@ -81,12 +76,7 @@ def largest_value(feature: Feature, parameter: Parameter, sets: Sequence[Whitene
 
     Beyond it a law is another one: a drive whose play is wider than it is ever wound transmits no torque.
 
-    Parameters
-    ----------
-    feature, parameter
-        The effect at its place, and which of its numbers.
-    sets
-        The recordings.
+    feature, parameter: the effect at its place, and which of its numbers.
     """
     if not parameter.exceeded_by or feature.joint is None:
         return np.inf

@@ -1,4 +1,4 @@
-"""The arm whose numbers are off by what the nuisance parameters say."""
+"""The arm whose numbers are off by deviations from its description."""
 
 from __future__ import annotations
 
@@ -6,14 +6,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.dynamics.bodies import TENSOR
 from elastic_arm.equations.numbers import Number
 from elastic_arm.errors import RobotError
 from elastic_arm.robot import Component, Inertia, Joint, Robot
-
-Array = NDArray[np.float64]
 
 LINK_SHARES = (1.0, 0.75, 0.5, 0.25)  # of the links' deviations, tried until the bodies are physical
 
@@ -21,19 +19,9 @@ LINK_SHARES = (1.0, 0.75, 0.5, 0.25)  # of the links' deviations, tried until th
 def calibrated_robot(robot: Robot, parameters: Sequence[Number], values: Array) -> Robot:
     """Return the arm with its numbers at these values.
 
-    Parameters
-    ----------
-    robot
-        The description.
-    parameters
-        The nuisance parameters.
-    values
-        (k,) deviations from the description, in units of the priors' standard deviations.
+    values: (k,) deviations from the description, in units of the priors' standard deviations.
 
-    Raises
-    ------
-    RobotError
-        If no physical body has such inertia.
+    Raises a RobotError if no physical body has such inertia.
     """
     deviations: dict[str, dict[str, float]] = {}
     for parameter, value in zip(parameters, values, strict=True):
@@ -45,14 +33,7 @@ def calibrated_robot(robot: Robot, parameters: Sequence[Number], values: Array) 
 def nearest_robot(robot: Robot, parameters: Sequence[Number], values: Array) -> Robot:
     """Return the arm with its numbers at these values, its links only as far as they are physical bodies.
 
-    Parameters
-    ----------
-    robot
-        The description.
-    parameters
-        The nuisance parameters.
-    values
-        (k,) deviations from the description, in units of the priors' standard deviations.
+    values: (k,) deviations from the description, in units of the priors' standard deviations.
     """
     of_links = np.array([parameter.what.startswith("link_") for parameter in parameters])
     for share in LINK_SHARES:

@@ -5,45 +5,32 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
 from scipy.signal import firwin, kaiserord, oaconvolve, upfirdn
 
-Array = NDArray[np.float64]
+from elastic_arm.arrays import Array
 
-STOP_ATTENUATION = 70.0  # dB; what lies above the band would fold into it
-NARROW_ATTENUATION = 60.0  # dB; noise above the narrow band is stronger, but nothing folds into it
-OVERSAMPLING = 2.5  # kept samples per second over the band
-SLOWEST_KEPT = 40.0  # kept samples per second at least: fewer would make the filters of narrow bands long
-PRODUCTS_FROM = 4  # thinning from which products of matrices are faster than a polyphase filter
-SPECTRA_FROM = 60  # taps for each sample of thinning from which spectra of the whole are faster than such products
 COLUMNS = 8  # filtered at once: what the caches hold
 
 
 @dataclass(frozen=True)
 class Band:
-    """A low pass with its decimation.
+    """A low pass with its decimation."""
 
-    Parameters
-    ----------
-    cutoff
-        Upper edge, Hz.
-    rate
-        Samples per second before.
-    """
-
-    cutoff: float
-    rate: float
+    cutoff: float  # upper edge, Hz
+    rate: float  # samples per second before
     step: int = field(init=False)
     taps: Array = field(init=False, repr=False)
     _responses: dict[int, Array] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        step = max(1, int(self.rate / max(OVERSAMPLING * self.cutoff, SLOWEST_KEPT)))
+        # 2.5 kept samples a second for each Hz of the band, and 40 at least: fewer make filters of narrow bands long
+        step = max(1, int(self.rate / max(2.5 * self.cutoff, 40.0)))
         # What folds back lands between the band's edge and the new Nyquist frequency, where nobody looks.
         stop = min(self.rate / step - self.cutoff, 2.0 * self.cutoff)
         nyquist = self.rate / 2
-        count, beta = kaiserord(STOP_ATTENUATION, (min(stop, nyquist) - self.cutoff) / nyquist)
+        # 70.0 dB; what lies above the band would fold into it
+        count, beta = kaiserord(70.0, (min(stop, nyquist) - self.cutoff) / nyquist)
         taps = firwin(count | 1, (self.cutoff + min(stop, 0.98 * nyquist)) / 2, window=("kaiser", beta), fs=self.rate)
         object.__setattr__(self, "step", step)
         object.__setattr__(self, "taps", taps)
@@ -59,11 +46,12 @@ class Band:
         if len(values) < length:
             return np.empty((0, *values.shape[1:]))
         first = -(-(length - 1) // self.step)
-        if self.step < PRODUCTS_FROM:
+        if self.step < 4:  # 4 thinning from which products of matrices are faster than a polyphase filter
             full = upfirdn(self.taps, values, up=1, down=self.step, axis=0)
             return full[first : first + self._kept(len(values))]
         kept, begin = self._kept(len(values)), first * self.step - (length - 1)
-        if length >= SPECTRA_FROM * self.step:
+        # 60 taps for each sample of thinning from which spectra of the whole are faster than such products
+        if length >= 60 * self.step:
             return self._by_spectra(values[begin:], kept)
         thin = np.empty((kept, values.shape[1]))
         for k in range(0, values.shape[1], COLUMNS):
@@ -134,24 +122,17 @@ class Band:
 
 @dataclass(frozen=True)
 class LowPass:
-    """A zero-phase low pass without decimation, for looking at a narrower band of what a :class:`Band` kept.
+    """A zero-phase low pass without decimation, for looking at a narrower band of what a :class:`Band` kept."""
 
-    Parameters
-    ----------
-    cutoff
-        Upper edge, Hz; beyond twice as much nothing is left.
-    rate
-        Samples per second.
-    """
-
-    cutoff: float
-    rate: float
+    cutoff: float  # upper edge, Hz; beyond twice as much nothing is left
+    rate: float  # samples per second
     taps: Array = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         nyquist = self.rate / 2
         stop = min(2.0 * self.cutoff, 0.999 * nyquist)
-        count, beta = kaiserord(NARROW_ATTENUATION, (stop - self.cutoff) / nyquist)
+        # 60.0 dB; noise above the narrow band is stronger, but nothing folds into it
+        count, beta = kaiserord(60.0, (stop - self.cutoff) / nyquist)
         taps = firwin(count | 1, (self.cutoff + stop) / 2, window=("kaiser", beta), fs=self.rate)
         object.__setattr__(self, "taps", taps)
 

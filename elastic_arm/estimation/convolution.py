@@ -14,16 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
 
+from elastic_arm.arrays import Array
 from elastic_arm.codegen.parallel import threads
-
-Array = NDArray[np.float64]
 
 # Blocks this many times as long as the response waste little on overlap and stay in the cache.
 BLOCK_OVER_RESPONSE = 6
 SHORTEST_BLOCK = 4096
 COLUMNS = 16  # filtered at once: what the caches hold
 FEW = 4  # rows in which a column acts, up to which sums of spectra are faster than products of matrices
-NEXT_TO_NOTHING = 1e-14  # of a direction's squares, if all of it is in samples that do not count; numerical
 # Threads pay from this many samples on.
 THREADS_FROM = 30_000
 MOST_THREADS = 2
@@ -36,18 +34,10 @@ def convolve(signals: Sequence[Array], responses: Array, every: int = 1) -> Arra
     response: transforms are shorter, and what is not kept is never made (polyphase decomposition; P. P. Vaidyanathan,
     Multirate Systems and Filter Banks, 1993).
 
-    Parameters
-    ----------
-    signals
-        I arrays (N, m): columns with the same responses.
-    responses
-        (O, I, K): the response of output o to signal i, its centre in the middle.
-    every
-        One of so many samples is kept, the first one first.
+    signals: I arrays (N, m): columns with the same responses; responses: (O, I, K): the response of output o to
+    signal i, its centre in the middle; every: one of so many samples is kept, the first one first.
 
-    Returns
-    -------
-    (O, M, m): M = N - K + 1 samples, or one of `every` of them.
+    Returns (O, M, m): M = N - K + 1 samples, or one of `every` of them.
     """
     outputs, _, taps = responses.shape
     samples, columns = signals[0].shape
@@ -79,41 +69,18 @@ class Harmonics:
     Real and imaginary parts of the harmonics 0 to H - 1, in units in which products of two signals are those of their
     samples (Parseval). Where samples at the ends do not count, as a circular filter spoils them, products are those of
     (1 - E'E)^(1/2) c, E giving these samples by coefficients c: c less a part in few directions.
-
-    Parameters
-    ----------
-    samples
-        N.
-    edge
-        Samples that do not count at either end.
-    scale
-        (H,) factor on the coefficients of `numpy.fft.rfft`.
-    ends
-        (2 H, r) directions that show in the samples that do not count, orthonormal.
-    left
-        (r,) share of each that is left without these.
     """
 
-    samples: int
-    edge: int
-    scale: Array
-    ends: Array
-    left: Array
+    samples: int  # N
+    edge: int  # samples that do not count at either end
+    scale: Array  # (H,) factor on the coefficients of `numpy.fft.rfft`
+    ends: Array  # (2 H, r) directions that show in the samples that do not count, orthonormal
+    left: Array  # (r,) share of each that is left without these
 
     @staticmethod
     @lru_cache(maxsize=32)
     def of(samples: int, count: int, edge: int) -> Harmonics:
-        """Return the first harmonics of a number of samples; made once.
-
-        Parameters
-        ----------
-        samples
-            Their number.
-        count
-            Of the harmonics, the mean among them.
-        edge
-            Samples that do not count at either end.
-        """
+        """Return the first harmonics of a number of samples; made once."""
         k = np.arange(count)
         # Mean and Nyquist frequency have one sign only.
         scale = np.sqrt(np.where(2 * k % samples == 0, 1.0, 2.0) / samples)
@@ -121,7 +88,8 @@ class Harmonics:
         phase = 2 * np.pi / samples * np.outer(dropped, k)
         shown = np.stack([np.cos(phase) * scale, -np.sin(phase) * scale], axis=2).reshape(len(dropped), -1)
         _, size, ends = np.linalg.svd(shown, full_matrices=False)
-        left = np.sqrt(np.maximum(1.0 - size**2, NEXT_TO_NOTHING))
+        # 1e-14 of a direction's squares, if all of it is in samples that do not count; numerical
+        left = np.sqrt(np.maximum(1.0 - size**2, 1e-14))
         return Harmonics(samples, edge, scale, np.ascontiguousarray(ends.T), left)
 
     @property
@@ -134,47 +102,21 @@ class Harmonics:
         own = np.ascontiguousarray(spectra).view(float)
         return np.asarray(own - ((own @ self.ends) * (1.0 - self.left)) @ self.ends.T)
 
-    def signals(self, coordinates: Array) -> Array:
-        """Return the samples that count (..., N - 2 edge) of signals with these coordinates (..., 2 H)."""
-        acting = coordinates.any(axis=-1)
-        own = coordinates[acting]
-        own += ((own @ self.ends) * (1.0 / self.left - 1.0)) @ self.ends.T
-        out = np.zeros((*acting.shape, self.samples - 2 * self.edge))
-        out[acting] = irfft(own.view(complex) / self.scale, self.samples)[:, self.edge : self.samples - self.edge]
-        return out
-
 
 class CircularGains(NamedTuple):
-    """Spectra of responses of one row to another, up to the edge of a band.
+    """Spectra of responses of one row to another, up to the edge of a band."""
 
-    Parameters
-    ----------
-    harmonics
-        Of what they leave.
-    by_frequency
-        (H, R, R), lower triangular: no row acts on those before it.
-    by_row
-        The same, (R, R, H).
-    """
-
-    harmonics: Harmonics
-    by_frequency: NDArray[np.complexfloating]
-    by_row: NDArray[np.complexfloating]
+    harmonics: Harmonics  # of what they leave
+    by_frequency: NDArray[np.complexfloating]  # (H, R, R), lower triangular: no row acts on those before it
+    by_row: NDArray[np.complexfloating]  # the same, (R, R, H)
 
 
 def filtered_circularly(values: Array, gains: CircularGains) -> Array:
     """Convolve columns circularly with the responses of one row to another.
 
-    Parameters
-    ----------
-    values
-        (N, R, k), columns of R rows at N samples.
-    gains
-        Of :func:`circular_gains`.
+    values: (N, R, k), columns of R rows at N samples.
 
-    Returns
-    -------
-    (k, R, 2 H) coordinates of the harmonics.
+    Returns (k, R, 2 H) coordinates of the harmonics.
     """
     harmonics = gains.harmonics
     out = np.zeros((values.shape[2], values.shape[1], harmonics.size))
@@ -196,15 +138,8 @@ def filtered_circularly(values: Array, gains: CircularGains) -> Array:
 def circular_gains(gains: NDArray[np.complexfloating], samples: int, edge: int) -> CircularGains:
     """Return gains as :func:`filtered_circularly` takes them.
 
-    Parameters
-    ----------
-    gains
-        (H, R, R) at the first frequencies of `numpy.fft.rfft` of these samples, lower triangular, beyond which there is
-        nothing.
-    samples
-        Their number.
-    edge
-        Samples that do not count at either end.
+    gains: (H, R, R) at the first frequencies of `numpy.fft.rfft` of these samples, lower triangular, beyond which
+    there is nothing.
     """
     harmonics = Harmonics.of(samples, len(gains), edge)
     scaled = gains * harmonics.scale[:, None, None]
@@ -230,12 +165,7 @@ def _phases(signal: Array, early: int, windows: tuple[int, int, int], every: int
 
     Phase p has the samples p before each of the `every`-th ones, the first of which is `early` before the signal's.
 
-    Parameters
-    ----------
-    signal, early, every
-        See above.
-    windows
-        Their number, by how much each overlaps the one before, and their size.
+    windows: their number, by how much each overlaps the one before, and their size.
     """
     blocks, overlap, size = windows
     length = (blocks - 1) * (size - overlap) + size

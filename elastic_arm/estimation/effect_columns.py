@@ -12,8 +12,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.effects.catalogue import Catalogue
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.effects.model import Effect, EffectInstance, Scope, SensorEffect
@@ -24,37 +24,24 @@ from elastic_arm.estimation.regressors import CompiledColumns, Entries, Signals,
 from elastic_arm.robot import Robot
 from elastic_arm.sensors import Sensors
 
-Array = NDArray[np.float64]
-
-USUAL_START = 0.5  # standard deviation of an internal state, which stays within -1 and 1, where a recording begins
 WIDTHS = (1.0, 0.1)  # of the starts between which a column is taken as linear
 # The channels of a recording that sensors make.
 SENSED = {"link_encoder": "q", "motor_encoder": "theta", "joint_torque": "tau_J", "motor_torque": "tau_m"}
 READINGS = ("1", "Nm", "Nm/s")  # units of what a torque sensor reads too much: of its gain, its zero, its drift
-COLOUR = 20.0  # samples of a residual's misfit that count as one independent one
 
 
 @dataclass(frozen=True, eq=False)
 class Feature:
-    """One effect at one place in one choice, ready to be evaluated.
+    """One effect at one place in one choice, ready to be evaluated."""
 
-    Parameters
-    ----------
-    effect, joint, choices
-        What, where (None for the whole arm), and which of its choices.
-    equations
-        Of the model that lacks it.
-    friction
-        The friction that it scales, where it does: effects as their laws, and the values of all their parameters.
-    shared
-        What was compiled of this effect, also for the arm with other numbers.
-    """
-
+    # effect, joint, choices: what, where (None for the whole arm), and which of its choices
     effect: Effect
     joint: str | None
     choices: Mapping[str, Any]
-    equations: ArmEquations = field(repr=False)
+    equations: ArmEquations = field(repr=False)  # of the model that lacks it
+    # the friction that it scales, where it does: effects as their laws, and the values of all their parameters
     friction: tuple[tuple[Feature, tuple[float, ...]], ...] = field(default=(), repr=False)
+    # what was compiled of this effect, also for the arm with other numbers
     shared: dict[tuple[type, Any], CompiledColumns] = field(default_factory=dict, repr=False)
 
     @cached_property
@@ -81,11 +68,6 @@ class Feature:
     def fixed(self) -> bool:
         """Whether the coefficient of its one column is 1: no parameter acts linearly."""
         return not self.linear
-
-    @property
-    def scalable(self) -> bool:
-        """Whether a column of fixed coefficient may be scaled while its searched parameters are looked for."""
-        return bool(self.searched)
 
     @property
     def count(self) -> int:
@@ -172,28 +154,14 @@ class Feature:
     def columns(self, signals: Signals, searched: Sequence[float] = (), start: float = 0.0) -> Array:
         """Evaluate the columns (N, 3 n, count).
 
-        Parameters
-        ----------
-        signals
-            Of the motion.
-        searched
-            Values of the searched parameters.
-        start
-            Of all internal states, where the motion before the first sample is not known.
+        start: of all internal states, where the motion before the first sample is not known.
         """
         return self.entries(signals, searched, start).dense()
 
     def entries(self, signals: Signals, searched: Sequence[float] = (), start: float = 0.0) -> Entries:
         """Evaluate the entries of the columns that are not null.
 
-        Parameters
-        ----------
-        signals
-            Of the motion.
-        searched
-            Values of the searched parameters.
-        start
-            Of all internal states, where the motion before the first sample is not known.
+        start: of all internal states, where the motion before the first sample is not known.
         """
         if self.friction:
             torques = sum(feature.entries(signals, values).weighted(np.ones(1)) for feature, values in self.friction)
@@ -259,11 +227,6 @@ class Whole(Feature):
 class OwnRegressor(Whole):
     """A whole effect by the regressor of its file: at each value of its parameters the size is known."""
 
-    @property
-    def scalable(self) -> bool:
-        """False: its size follows from its parameters."""
-        return False
-
     @cached_property
     def _regressor(self) -> Regressor:
         assert self.effect.regressor is not None
@@ -280,17 +243,7 @@ class OwnRegressor(Whole):
         return self._regressor.acts
 
     def entries(self, signals: Signals, searched: Sequence[float] = (), start: float = 0.0) -> Entries:
-        """Return what the effect adds to the residuals, as entries of one column.
-
-        Parameters
-        ----------
-        signals
-            Of the motion.
-        searched
-            Values of all parameters.
-        start
-            Not used: it has no internal states.
-        """
+        """Return what the effect adds to the residuals, as entries of one column."""
         robot = self.equations.robot
         joints = range(robot.n) if self.joint is None else [robot.joint_names.index(self.joint)]
         values = {**self.choices, **self.parameters((), searched), "joints": joints}
@@ -298,15 +251,7 @@ class OwnRegressor(Whole):
 
 
 def _changed_channels(effect: SensorEffect, joint: str | None, choices: Mapping[str, Any], n: int) -> set[str]:
-    """Return the channels whose sensors an effect changes.
-
-    Parameters
-    ----------
-    effect, joint, choices
-        What, where, and which of its choices.
-    n
-        Joints of the arm.
-    """
+    """Return the channels whose sensors an effect changes."""
     exact, parameters = Sensors.exact(), {p.name: _some_effect(p) for p in effect.parameters}
     changed = effect.change(exact, 0, n, EffectInstance(effect, joint, {**parameters, **choices}).parameters)
     return {channel for name, channel in SENSED.items() if getattr(changed, name) != getattr(exact, name)}
@@ -350,14 +295,8 @@ def starting_state(residual: Array, columns: Callable[[float], Array], size: flo
     Gauss-Newton steps, beside a constant in each residual. What is left counts as noise, of which few samples are
     independent; a start is expected near zero.
 
-    Parameters
-    ----------
-    residual
-        (N, R) Nm.
-    columns
-        Start -> columns (N, R, k) with all states beginning there.
-    size
-        Coefficient of the first column; None for the one that fits best.
+    residual: (N, R) Nm; columns: start -> columns (N, R, k) with all states beginning there; size: coefficient of
+    the first column; None for the one that fits best.
     """
     start, prior = 0.0, 0.0
     for width in WIDTHS:
@@ -371,7 +310,9 @@ def starting_state(residual: Array, columns: Callable[[float], Array], size: flo
         power = float(np.sum(change**2))
         if power == 0.0:
             return start
-        prior = COLOUR * float(np.mean(left**2)) / USUAL_START**2
+        # 0.5 is the standard deviation of an internal state, which stays within -1 and 1, where a recording begins
+        # 20.0 samples of a residual's misfit that count as one independent one
+        prior = 20.0 * float(np.mean(left**2)) / 0.5**2
         step = (float(np.sum(change * left)) - prior * (low + high) / 2) / (power + prior)
         start = float(np.clip((low + high) / 2 + step, -1.0, 1.0))
     return start

@@ -31,11 +31,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.dynamics import Model
 from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.motion import Motion
 
-Array = NDArray[np.float64]
 Channels = Collection[str]
 
 SIDES = ("link", "drive", "motor")
@@ -47,18 +47,11 @@ _TORQUE_COEFFICIENTS = np.array([[1, 0], [1, 0], [-1, 1]])
 
 @dataclass(frozen=True)
 class Equation:
-    """One equation of a joint.
+    """One equation of a joint."""
 
-    Parameters
-    ----------
-    name
-        "link", "drive", "motor"; with the encoders of one side only "joint" (up to tau_J) and "whole" (up to tau_m).
-    combination
-        Coefficients of the residuals link, drive and motor in it.
-    """
-
+    # "link", "drive", "motor"; with the encoders of one side only "joint" (up to tau_J) and "whole" (up to tau_m)
     name: str
-    combination: tuple[int, int, int]
+    combination: tuple[int, int, int]  # coefficients of the residuals link, drive and motor in it
 
     @property
     def torque(self) -> str | None:
@@ -94,36 +87,19 @@ _ALIKE = {"joint": "drive", "whole": "motor"}
 
 @dataclass(frozen=True)
 class EquationSet:
-    """The usable equations, row by row: those of one name for all joints, then the next.
+    """The usable equations, row by row: those of one name for all joints, then the next."""
 
-    Parameters
-    ----------
-    n
-        Joints.
-    entries
-        Equation and joint index of each row.
-    """
-
-    n: int
-    entries: tuple[tuple[Equation, int], ...]
+    n: int  # joints
+    entries: tuple[tuple[Equation, int], ...]  # equation and joint index of each row
 
     @classmethod
     def direct(cls, recorded: Channels | Sequence[Channels], n: int, *, elastic: bool = True) -> EquationSet:
         """Return the residuals themselves as far as their channels were recorded.
 
-        Parameters
-        ----------
-        recorded
-            Names among q, theta, tau_J, tau_m: one set for all joints, or a sequence of n sets.
-        n
-            Joints.
-        elastic
-            Whether the joints have transmissions; without them both encoders read one angle, and nothing winds.
+        recorded: names among q, theta, tau_J, tau_m: one set for all joints, or a sequence of n sets; elastic:
+        whether the joints have transmissions; without them both encoders read one angle, and nothing winds.
 
-        Raises
-        ------
-        IdentificationError
-            If the channels allow no equation.
+        Raises an IdentificationError if the channels allow no equation.
         """
         return cls._of([_direct(names, elastic=elastic) for names in _of_joints(recorded, n)], tuple(SIDES))
 
@@ -139,22 +115,12 @@ class EquationSet:
     ) -> EquationSet:
         """Return equations whose noises are independent.
 
-        Parameters
-        ----------
-        recorded
-            Names among q, theta, tau_J, tau_m: one set for all joints, or a sequence of n sets.
-        n
-            Joints.
-        elastic
-            Whether the joints have transmissions; without them both encoders read one angle.
-        summed
-            Whether, without joint torque sensors, the motor's row is the sum of both lines of (1), in which no spring
-            is left: torque then sets the scale of every mass, and the spring stands in the link's row alone.
+        recorded: names among q, theta, tau_J, tau_m: one set for all joints, or a sequence of n sets; elastic:
+        whether the joints have transmissions; without them both encoders read one angle; summed: whether,
+        without joint torque sensors, the motor's row is the sum of both lines of (1), in which no spring is
+        left: torque then sets the scale of every mass, and the spring stands in the link's row alone.
 
-        Raises
-        ------
-        IdentificationError
-            If the channels allow no equation.
+        Raises an IdentificationError if the channels allow no equation.
         """
         found = [_independent(names, elastic=elastic, summed=summed) for names in _of_joints(recorded, n)]
         return cls._of(found, tuple(_INDEPENDENT))
@@ -234,12 +200,6 @@ class EquationSet:
             transform[row, joint :: self.n] = equation.combination
         return transform
 
-    @cached_property
-    def torque_coefficients(self) -> dict[str, Array]:
-        """Coefficients (R, n) of each torque channel in the usable rows."""
-        each = zip(TORQUES, _TORQUE_COEFFICIENTS.T, strict=True)
-        return {name: self.transform @ np.kron(own[:, None], np.eye(self.n)) for name, own in each}
-
     def combine(self, columns: Array) -> Array:
         """Carry columns (N, 3 n, k) of the full rows over to the usable ones, (N, R, k)."""
         if np.array_equal(self.transform, np.eye(3 * self.n)):
@@ -250,10 +210,7 @@ class EquationSet:
 def _of_joints(recorded: Channels | Sequence[Channels], n: int) -> list[frozenset[str]]:
     """Return the channels of each joint.
 
-    Raises
-    ------
-    IdentificationError
-        If a joint has no position, or none has a torque.
+    Raises an IdentificationError if a joint has no position, or none has a torque.
     """
     per_joint = isinstance(recorded, Sequence) and not all(isinstance(entry, str) for entry in recorded)
     each: Sequence[Channels] = list(recorded) if per_joint else [recorded] * n  # type: ignore[list-item]
@@ -273,11 +230,7 @@ def _direct(recorded: frozenset[str], *, elastic: bool) -> dict[str, Equation]:
     both = elastic and {"q", "theta"} <= recorded
     if "tau_J" in recorded:
         # Beside a joint torque sensor the motor's acceleration follows from the link's, as does a rigid link's from it.
-        shown = {
-            "link": "q" in recorded or not elastic,
-            "drive": both,
-            "motor": "tau_m" in recorded,
-        }
+        shown = {"link": "q" in recorded or not elastic, "drive": both, "motor": "tau_m" in recorded}
         found = {side: _DIRECT[side] for side, usable in shown.items() if usable}
     elif both:
         found = {side: _WITHOUT_SENSOR[side] for side in ("link", *(("motor",) if "tau_m" in recorded else ()))}

@@ -11,8 +11,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.dynamics import Model
 from elastic_arm.effects.library.torque_filters import CLEAR, low_pass_error
 from elastic_arm.estimation.effect_columns import Feature
@@ -22,29 +22,18 @@ from elastic_arm.estimation.observation import Observation
 from elastic_arm.estimation.regressors import Signals
 from elastic_arm.estimation.residuals import predicted_torques
 
-Array = NDArray[np.float64]
-
 TINY = 1e-300  # numerical
 
 
 @dataclass(frozen=True, eq=False)
 class ActingEffect:
-    """An effect that adds to the torques which a model predicts.
+    """An effect that adds to the torques which a model predicts."""
 
-    Parameters
-    ----------
-    feature, searched
-        What, and its searched parameters.
-    coefficients
-        (count,) of its columns.
-    known
-        Whether it acts in every set of terms that is compared.
-    """
-
+    # feature, searched: what, and its searched parameters
     feature: Feature
     searched: tuple[float, ...]
-    coefficients: Array
-    known: bool = True
+    coefficients: Array  # (count,) of its columns
+    known: bool = True  # whether it acts in every set of terms that is compared
 
     def torques(self, signals: Signals) -> tuple[Array, Array, Array, Array]:
         """Return what it adds to joint torque, motor torque, that of the spring, and beside the read deflection, Nm."""
@@ -55,28 +44,16 @@ class ActingEffect:
 
 @dataclass(frozen=True)
 class KnownTorques:
-    """What a model and the effects that act predict along a motion.
+    """What a model and the effects that act predict along a motion."""
 
-    Parameters
-    ----------
-    motion
-        The quiet motion.
-    signals
-        Of that motion, with these torques in the place of the measured ones where laws take the predicted ones.
-    load, drive
-        (N, n) Nm, tau_J and tau_m.
-    laws
-        (N, n) Nm, what the drives carry beside their springs, at the deflection as the encoders read it.
-    shares
-        (N, n) Nm, what each effect adds to tau_J and tau_m.
-    """
-
-    motion: CompletedMotion
+    motion: CompletedMotion  # the quiet motion
+    # of that motion, with these torques in the place of the measured ones where laws take the predicted ones
     signals: Signals
+    # load, drive: (N, n) Nm, tau_J and tau_m
     load: Array
     drive: Array
-    laws: Array
-    shares: tuple[tuple[Array, Array], ...] = ()
+    laws: Array  # (N, n) Nm, what the drives carry beside their springs, at the deflection as the encoders read it
+    shares: tuple[tuple[Array, Array], ...] = ()  # (N, n) Nm, what each effect adds to tau_J and tau_m
 
 
 def known_torques(
@@ -89,18 +66,8 @@ def known_torques(
 ) -> KnownTorques:
     """Return what a model and the effects that act predict along a motion.
 
-    Parameters
-    ----------
-    model
-        Of the arm.
-    motion
-        The quiet motion.
-    acting
-        Effects that are part of the predicted torques.
-    signals_of
-        Makes signals of a motion.
-    predicted
-        Whether laws take the torques that the model predicts instead of the measured ones.
+    acting: effects that are part of the predicted torques; predicted: whether laws take the torques that the model
+    predicts instead of the measured ones.
     """
     load, drive = predicted_torques(model, motion)
     spring, laws, shares = load, np.zeros_like(load), list[tuple[Array, Array]]()
@@ -124,14 +91,7 @@ def wound_under(torque: Array, t: Array, model: Model) -> Array:
     The damper lets a deflection lag behind its torque by D / K. A law of the deflection that neglects it, as that of a
     nonlinear stiffness, would take a part of the damping with it.
 
-    Parameters
-    ----------
-    torque
-        (N, n) Nm.
-    t
-        (N,) s.
-    model
-        Its stiffness and damping are taken.
+    torque: (N, n) Nm; t: (N,) s.
     """
     found = torque.copy()
     for j, (K, D) in enumerate(zip(*drive_constants(model), strict=True)):
@@ -148,18 +108,9 @@ def true_load(
     The second one has only the frequencies at which it is far above its noise. That noise is in the residuals, too,
     where torque sensors with more of it do not show it: a law over the load that may do what it likes would follow it.
 
-    Parameters
-    ----------
-    model
-        Of the arm.
-    observation
-        Holds the noise of the encoders.
-    known
-        What model and effects predict along the quiet motion, its deflections without the noise that shows in their
-        spectra.
-    f, noise
-        (F,) Hz, and the noise (F, n) of that with angles of the finer encoder of each joint, Nm²; 1 is white noise of
-        1 Nm a sample.
+    known: what model and effects predict along the quiet motion, its deflections without the noise that shows in
+    their spectra; f, noise: (F,) Hz, and the noise (F, n) of that with angles of the finer encoder of each joint,
+    Nm²; 1 is white noise of 1 Nm a sample.
     """
     assert noise is not None
     motion, load = known.motion, known.load

@@ -9,14 +9,12 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.dynamics import Model
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.noise import StateNoise, noise_filter
 from elastic_arm.recording.sides import Lacking
 
-Array = NDArray[np.float64]
-
-STIFF = 12.0  # Hz, up to which the deflection behind a single encoder follows the load
 SENSED = 40.0  # Hz, up to which it follows a joint torque sensor: the widest band in which residuals are looked at
 PADDING = 500  # samples
 _CHANNELS = ("q", "theta", "tau_J", "tau_m")
@@ -25,49 +23,32 @@ _NO_CHANNELS = ("noise", "every", "span", "before", "lacking")
 
 @dataclass(frozen=True)
 class Motion:
-    """Motion and torques after the derivative stage; the rows of all equations are made of it.
+    """Motion and torques after the derivative stage; the rows of all equations are made of it."""
 
-    Parameters
-    ----------
-    t
-        (N,) s.
-    q, dq, ddq, theta, dtheta, ddtheta
-        (N, n), or None for a side that was not recorded.
-    tau_J, tau_m
-        (N, n) Nm, passed through the same filter as the motion, or None.
-    laws
-        (N, 3 n, k) columns of laws beyond the model, for link, drive and motor residuals, passed through the same
-        filter too (a law may jump where the motion does not); None where they are to be evaluated as they stand.
-    stuck
-        (N, n) where a joint sticks, so that its dry friction may take any value; None where that does not matter.
-    noise
-        Of positions and their derivatives; None where they are taken for exact.
-    every
-        How many samples of the recording each of these stands for.
-    span
-        Begin and end of the whole recording on the axis of `t`, s; None where it is these samples alone.
-    before
-        The motion up to the first sample, where the recording was cut there: internal states of effects go on from it.
-    lacking
-        Channels with the index of a joint that lacks them while others have them; there the angle is that of the
-        joint's other side, and the torque is zero.
-    """
-
-    t: Array
+    t: Array  # (N,) s
+    # q, dq, ddq, theta, dtheta, ddtheta: (N, n), or None for a side that was not recorded
     q: Array | None = None
     dq: Array | None = None
     ddq: Array | None = None
     theta: Array | None = None
     dtheta: Array | None = None
     ddtheta: Array | None = None
+    # tau_J, tau_m: (N, n) Nm, passed through the same filter as the motion, or None
     tau_J: Array | None = None
     tau_m: Array | None = None
+    # (N, 3 n, k) columns of laws beyond the model, for link, drive and motor residuals, passed through the same
+    # filter too (a law may jump where the motion does not); None where they are to be evaluated as they stand
     laws: Array | None = None
+    # (N, n) where a joint sticks, so that its dry friction may take any value; None where that does not matter
     stuck: NDArray[np.bool_] | None = None
-    noise: StateNoise | None = None
-    every: int = 1
+    noise: StateNoise | None = None  # of positions and their derivatives; None where they are taken for exact
+    every: int = 1  # how many samples of the recording each of these stands for
+    # begin and end of the whole recording on the axis of `t`, s; None where it is these samples alone
     span: tuple[float, float] | None = None
+    # the motion up to the first sample, where the recording was cut there: internal states of effects go on from it
     before: Motion | None = None
+    # channels with the index of a joint that lacks them while others have them; there the angle is that of the
+    # joint's other side, and the torque is zero
     lacking: Lacking = frozenset()
 
     def __len__(self) -> int:
@@ -146,7 +127,8 @@ def completed(motion: Motion, model: Model) -> CompletedMotion:
     without = {name: np.array([name not in motion.recorded_at(j) for j in range(model.n)]) for name in _CHANNELS}
     if without["q"].any() and model.robot.elastic and q is not None and dq is not None and ddq is not None:
         load = model.inverse_dynamics(*(np.hstack([v, v]) for v in (q, dq, ddq)))[:, : model.n]
-        wound = _deflection(model, motion.t, load, STIFF)
+        # 12.0 Hz, up to which the deflection behind a single encoder follows the load
+        wound = _deflection(model, motion.t, load, 12.0)
         q, dq, ddq = (v - np.where(without["q"], w, 0.0) for v, w in zip((q, dq, ddq), wound, strict=True))
     theta, dtheta, ddtheta = (own if own is not None else other for own, other in zip(motor, link, strict=True))
     if q is None or dq is None or ddq is None or theta is None or dtheta is None or ddtheta is None:
@@ -171,18 +153,9 @@ def with_filtered_deflection(
     A deflection is little more than the steps of the encoders that it is the difference of. What a drive's laws are
     made of, first of all laws with a state, then follows the noise: loops of hysteresis come out too large.
 
-    Parameters
-    ----------
-    motion
-        With both encoders; returned as it is where it lacks one.
-    rate
-        Samples per second.
-    f
-        (F,) Hz, as far as the motion reaches.
-    noise
-        (F, n) in the deflection, rad²; 1 is white noise of one rad a sample. Null where a joint lacks an encoder.
-    finer_motors
-        (n,) whether the motor's encoder is the finer one.
+    motion: with both encoders; returned as it is where it lacks one; f: (F,) Hz, as far as the motion reaches;
+    noise: (F, n) in the deflection, rad²; 1 is white noise of one rad a sample. Null where a joint lacks an
+    encoder; finer_motors: (n,) whether the motor's encoder is the finer one.
     """
     names = (("q", "theta"), ("dq", "dtheta"), ("ddq", "ddtheta"))
     if any(getattr(motion, name) is None for pair in names for name in pair):
@@ -213,17 +186,8 @@ def wound_by_load(model: Model, motion: CompletedMotion) -> CompletedMotion:
 def _deflection(model: Model, t: Array, load: Array, cutoff: float) -> tuple[Array, Array, Array]:
     """Deflection of the drives (N, n), and two derivatives, under a load; it stands in for an encoder that is missing.
 
-    Parameters
-    ----------
-    model
-        Whose stiffness and damping are taken.
-    t
-        (N,) s.
-    load
-        (N, n) Nm: what the arm would be if it were stiff, which hardly depends on the deflection at low frequencies, or
-        what joint torque sensors measure.
-    cutoff
-        Hz up to which it is believed.
+    t: (N,) s; load: (N, n) Nm: what the arm would be if it were stiff, which hardly depends on the deflection at
+    low frequencies, or what joint torque sensors measure.
     """
     K, D = drive_constants(model)
     padded = np.pad(load, ((PADDING, PADDING), (0, 0)), mode="reflect")

@@ -17,10 +17,9 @@ import numpy as np
 import scipy  # its parts are loaded when they are used
 from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.errors import IdentificationError
 from elastic_arm.recording.inspection.torque_spectrum import without_line
-
-Array = NDArray[np.float64]
 
 ORDER = 4
 # Samples until the filter has settled, whose innovations do not count.
@@ -42,10 +41,8 @@ QUIET = 1e-5
 SPECTRUM_SECONDS = 4.0
 KAISER_BETA = 26.0
 LEAST_STEP = 1e-3  # of an encoder's noise: two samples that differ by less hold one code
-NEIGHBOURS = 2.0  # Hz over which the spectrum of a signal is averaged beside that of its noise
 CHANCE = 0.01  # with which the averaged power of noise alone passes for signal at any frequency
 ROUGH = 1.5  # how much more power an encoder's steps have at some frequencies than white noise of their size
-HANN = 1.5  # bins that the window of a spectrum correlates: its equivalent noise bandwidth (Harris 1978)
 WIENER_SECONDS = 2.0  # of the windows for the spectrum of a signal to be filtered, and of its filter
 # Where no motion is, as shares of the sample rate.
 WHITE = (0.35, 0.49)
@@ -53,39 +50,23 @@ WHITE = (0.35, 0.49)
 
 @dataclass(frozen=True)
 class SideNoise:
-    """Noise of one side's encoders and the bandwidth of its motion.
+    """Noise of one side's encoders and the bandwidth of its motion."""
 
-    Parameters
-    ----------
-    cutoff
-        Where the motion's spectrum crosses the noise's, rad/s.
-    position_std
-        (n,) rad.
-    velocity_std
-        (n,) rad/s, or None where no velocity was recorded.
-    white_position, white_velocity
-        (n,) rad, rad/s: as much of the two as is white, up to the highest frequencies. What else stands in the two is
-        motion that the model of it cannot follow, no noise.
-    """
-
-    cutoff: float
-    position_std: Array
-    velocity_std: Array | None
+    cutoff: float  # where the motion's spectrum crosses the noise's, rad/s
+    position_std: Array  # (n,) rad
+    velocity_std: Array | None  # (n,) rad/s, or None where no velocity was recorded
+    # white_position, white_velocity: (n,) rad, rad/s: as much of the two as is white, up to the highest frequencies.
+    # What else stands in the two is motion that the model of it cannot follow, no noise.
     white_position: Array
     white_velocity: Array | None
 
 
 @dataclass(frozen=True, eq=False)
 class StateNoise:
-    """What the encoders' noise leaves in a smoothed motion.
+    """What the encoders' noise leaves in a smoothed motion."""
 
-    Parameters
-    ----------
-    link, motor
-        (n, 3, 3) covariance of position, velocity and acceleration of each joint, rad, rad/s, rad/s²; None for a side
-        that was not recorded.
-    """
-
+    # link, motor: (n, 3, 3) covariance of position, velocity and acceleration of each joint, rad, rad/s, rad/s²; None
+    # for a side that was not recorded
     link: Array | None
     motor: Array | None
 
@@ -93,12 +74,7 @@ class StateNoise:
 def estimate_noise(position: Array, velocity: Array | None, rate: float) -> SideNoise:
     """Estimate noise and bandwidth of one side of all joints.
 
-    Parameters
-    ----------
-    position, velocity
-        (N, n) rad, rad/s on a regular grid.
-    rate
-        Samples per second.
+    position, velocity: (N, n) rad, rad/s on a regular grid.
 
     Notes
     -----
@@ -224,12 +200,8 @@ def _liveliest(position: Array, longest: int) -> slice:
 def _concentrated(observed: Array, cutoff: float, ratio: float | None) -> tuple[Array, Array]:
     """Return -2 log likelihood, with the noise level concentrated out, and that level's square, per joint (n,).
 
-    Parameters
-    ----------
-    observed
-        (channels, n, N) position and, if recorded, velocity over the rate.
-    cutoff, ratio
-        Of the filter, rad per sample; noise of the velocity over that of the position.
+    observed: (channels, n, N) position and, if recorded, velocity over the rate; cutoff, ratio: of the filter, rad
+    per sample; noise of the velocity over that of the position.
     """
     gain, predict, s = _steady_state(cutoff, ratio)
     innovations = _innovations(observed, predict, gain, _observation(cutoff, ratio))[..., SETTLING:]
@@ -271,13 +243,7 @@ def _factorials(k: NDArray[np.int_]) -> Array:
 
 
 def _innovations(y: Array, transition: Array, gain: Array, c: Array) -> Array:
-    """Run the steady-state filter over all samples, in modal form: one first-order recursion a mode.
-
-    Parameters
-    ----------
-    y
-        (channels, n, N).
-    """
+    """Run the steady-state filter over all samples, in modal form: one first-order recursion a mode."""
     values, vectors = np.linalg.eig(transition - transition @ gain @ c)
     inverse = np.linalg.inv(vectors)
     channels, joints, samples = y.shape
@@ -300,12 +266,7 @@ def _innovations(y: Array, transition: Array, gain: Array, c: Array) -> Array:
 def encoder_steps(position: Array | None, noise: Array | None) -> Array:
     """Return the steps (n,) rad of one side's encoders; zero where they are finer than their noise.
 
-    Parameters
-    ----------
-    position
-        (N, n) rad, as recorded; None where the side was not.
-    noise
-        (n,) rad, standard deviation of a sample.
+    position: (N, n) rad, as recorded; None where the side was not; noise: (n,) rad, standard deviation of a sample.
     """
     if position is None or noise is None:
         return np.zeros(1)
@@ -322,14 +283,13 @@ def noise_filter(values: Array, rate: float, f: Array, noise: Array) -> Callable
     Each frequency is reduced to its share of signal, or to the largest share above it: what moves slowly, in a few
     lines, is not thinned out between them.
 
-    Parameters
-    ----------
-    values, rate, f, noise
-        As of :func:`wiener_filter`. Nothing is taken off a signal that outweighs its noise up to the highest `f`.
+    values, rate, f, noise: as of :func:`wiener_filter`. Nothing is taken off a signal that outweighs its noise up
+    to the highest `f`.
     """
     window = min(len(values), round(WIENER_SECONDS * rate))
     at, power = scipy.signal.welch(values, rate, nperseg=window)
-    known, bins = at <= f[-1], max(1, round(NEIGHBOURS / at[1]))
+    # 2.0 Hz over which the spectrum of a signal is averaged beside that of its noise
+    known, bins = at <= f[-1], max(1, round(2.0 / at[1]))
     mean = scipy.ndimage.uniform_filter1d(power, bins)[known]
     expected = np.interp(at[known], f, noise) * 2.0 / rate
     upper = slice(-max(1, len(mean) // 4), None)
@@ -337,7 +297,8 @@ def noise_filter(values: Array, rate: float, f: Array, noise: Array) -> Callable
     # What is a little more than the noise expected, up to the highest frequency, is noise, too.
     expected *= level if 1.0 < level < ROUGH else 1.0
     share = 1.0 - expected / np.maximum(mean, 1e-300)
-    averaged = max(1.0, (2 * len(values) // window - 1) * bins / HANN)
+    # 1.5 bins that the window of a spectrum correlates: its equivalent noise bandwidth (Harris 1978)
+    averaged = max(1.0, (2 * len(values) // window - 1) * bins / 1.5)
     least = 1.0 - 1.0 / float(scipy.stats.gamma.isf(CHANCE / len(mean), averaged, scale=1.0 / averaged))
     gain = np.maximum.accumulate(np.where(share > least, share, 0.0)[::-1])[::-1]
     if gain[-1] > 0.0:
@@ -358,16 +319,8 @@ def wiener_filter(values: Array, rate: float, f: Array, noise: Array) -> Callabl
     result is not biased by the noise (regression calibration; Carroll et al., Measurement Error in Nonlinear Models,
     2006, section 4).
 
-    Parameters
-    ----------
-    values
-        (N,) of any unit.
-    rate
-        Samples per second.
-    f
-        (F,) Hz, ascending; what lies above is taken off.
-    noise
-        (F,) in it, in units squared; 1 is white noise of one unit a sample.
+    values: (N,) of any unit; f: (F,) Hz, ascending; what lies above is taken off; noise: (F,) in it, in units
+    squared; 1 is white noise of one unit a sample.
     """
     half = min(len(values), round(WIENER_SECONDS * rate)) // 2
     at, power = scipy.signal.welch(values, rate, nperseg=2 * half, detrend=without_line)
@@ -383,14 +336,7 @@ def wiener_filter(values: Array, rate: float, f: Array, noise: Array) -> Callabl
 def reduced_to(values: Array, rate: float, f: Array, share: Array) -> Array:
     """Return a signal (N,) with each frequency reduced to a share of it, without lag.
 
-    Parameters
-    ----------
-    values
-        (N,) of any unit.
-    rate
-        Samples per second.
-    f, share
-        (F,) Hz, ascending, and the shares there; what lies above is taken off.
+    values: (N,) of any unit; f, share: (F,) Hz, ascending, and the shares there; what lies above is taken off.
     """
     half = min(len(values), round(WIENER_SECONDS * rate)) // 2
     at = np.fft.rfftfreq(2 * half, 1.0 / rate)

@@ -15,99 +15,60 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from elastic_arm.arrays import Array
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.motion import Motion, with_filtered_deflection
 from elastic_arm.estimation.noise import HIGHEST_CUTOFF, ORDER, encoder_steps, estimate_noise
-from elastic_arm.estimation.noise_colour import Colour
 from elastic_arm.estimation.resampling import Clock, Grid, extended
 from elastic_arm.estimation.smoother import Smoother
 from elastic_arm.recording import Recording
 from elastic_arm.recording.inspection.torque_spectrum import TorqueSpectrum, torque_spectra
 from elastic_arm.recording.sides import Lacking
 
-Array = NDArray[np.float64]
-
 # What each channel that may be late consists of.
 CHANNELS = {"link_encoder": ("q", "dq", "ddq"), "joint_torque": ("tau_J",), "motor_torque": ("tau_m",)}
 
-HIGHEST_BAND = 40.0  # Hz; the drives' resonances and what rotors excite lie below
-BAND_SHARE = 0.2  # of the sample rate
-SMOOTHER_WIDTH = 2.2  # smoother's cutoff over the band: 0.2 % of a term is taken at the band's edge, from all alike
-ABOVE_MOTION = 0.2  # share of the sample rate above which torque channels hold noise alone
 SHORTEST = 2.0  # s
 NARROWEST_BAND = 1.0  # Hz; the motion of an arm is slower than that nowhere
 # Of a torque's rms, within its band: noise of a torque that was low-passed, where nothing shows it; convention.
 ORDINARY_NOISE = 0.005
-FREQUENCIES = 400  # at which the noise of the encoders is known
-UNBROKEN = 5.0  # sample intervals between two parts of a recording up to which its motion counts as going on
 
 
 @dataclass(frozen=True)
 class ChannelNoise:
-    """White noise of the channels, standard deviations per sample, (n,) each; None where not recorded.
+    """White noise of the channels, standard deviations per sample, (n,) each; None where not recorded."""
 
-    Parameters
-    ----------
-    q, theta
-        rad.
-    dq, dtheta
-        rad/s.
-    tau_J, tau_m
-        Nm.
-    """
-
+    # q, theta: rad
     q: Array | None
+    # dq, dtheta: rad/s
     dq: Array | None
     theta: Array | None
     dtheta: Array | None
+    # tau_J, tau_m: Nm
     tau_J: Array | None
     tau_m: Array | None
 
 
 @dataclass(frozen=True)
 class Observation:
-    """The motion that one recording shows.
+    """The motion that one recording shows."""
 
-    Parameters
-    ----------
-    pieces
-        Smoothed motion of each stretch without holes; within `margin` of its ends only roughly right.
-    quiet
-        The same, smoothed as far as the encoders' noise requires: what columns are made of.
-    rate
-        Samples per second.
-    smoother
-        What all channels passed.
-    noise
-        Of the channels, before the smoother.
-    cutoff
-        Hz up to which accelerations are motion rather than noise.
-    source, notes
-        Where it came from, and what had to be assumed.
-    steps
-        "link", "motor" -> (n,) rad, steps of the encoders; zero where they are finer than their noise.
-    colour
-        Of the torque channels' noise beyond its white level, where it was found to have one.
-    torque_band
-        Hz, from which on torques were low-passed before they were recorded; infinite where none was.
-    gains
-        "tau_J", "tau_m" -> (n,), by which torques were divided.
-    turning
-        (n,) rad/s within which dry friction turns over; as sharply as the velocity's noise lets it be seen when None.
-    """
-
+    # smoothed motion of each stretch without holes; within `margin` of its ends only roughly right
     pieces: tuple[Motion, ...]
-    quiet: tuple[Motion, ...]
-    rate: float
-    smoother: Smoother
-    noise: ChannelNoise
-    cutoff: float
+    quiet: tuple[Motion, ...]  # the same, smoothed as far as the encoders' noise requires: what columns are made of
+    rate: float  # samples per second
+    smoother: Smoother  # what all channels passed
+    noise: ChannelNoise  # of the channels, before the smoother
+    cutoff: float  # Hz up to which accelerations are motion rather than noise
+    # source, notes: where it came from, and what had to be assumed
     source: str = ""
     notes: tuple[str, ...] = ()
+    # "link", "motor" -> (n,) rad, steps of the encoders; zero where they are finer than their noise
     steps: Mapping[str, Array] = field(default_factory=lambda: {"link": np.zeros(1), "motor": np.zeros(1)})
-    colour: Colour | None = None
+    # Hz, from which on torques were low-passed before they were recorded; infinite where none was
     torque_band: float = np.inf
-    gains: Mapping[str, Array] = field(default_factory=dict)
+    gains: Mapping[str, Array] = field(default_factory=dict)  # "tau_J", "tau_m" -> (n,), by which torques were divided
+    # (n,) rad/s within which dry friction turns over; as sharply as the velocity's noise lets it be seen when None
     turning: Array | None = None
     _splines: dict[tuple[int, str], list[CubicSpline]] = field(
         default_factory=dict, init=False, repr=False, compare=False
@@ -126,12 +87,8 @@ class Observation:
     def corrected(self, lags: Mapping[str, Array], gains: Mapping[str, Array]) -> Observation:
         """Return it with late channels moved back to the time at which they were true, and torques without gain.
 
-        Parameters
-        ----------
-        lags
-            Channel ("link_encoder", "joint_torque", "motor_torque") -> (n,) s.
-        gains
-            "tau_J", "tau_m" -> (n,), recorded / true.
+        lags: channel ("link_encoder", "joint_torque", "motor_torque") -> (n,) s; gains: "tau_J", "tau_m" ->
+        (n,), recorded / true.
         """
 
         def moved(motion: Motion) -> Motion:
@@ -153,8 +110,7 @@ class Observation:
 
         noise = {name: std / gain for name, gain in gains.items() if (std := getattr(self.noise, name)) is not None}
         pieces, quiet = (tuple(map(moved, motions)) for motions in (self.pieces, self.quiet))
-        colour = None if self.colour is None else self.colour.divided(gains)
-        return replace(self, pieces=pieces, quiet=quiet, noise=replace(self.noise, **noise), colour=colour, gains=gains)
+        return replace(self, pieces=pieces, quiet=quiet, noise=replace(self.noise, **noise), gains=gains)
 
     def _splines_of(self, motion: Motion, name: str) -> list[CubicSpline]:
         """Return a spline through each joint's samples of a channel; a calibration moves the same ones many times."""
@@ -188,12 +144,8 @@ class Observation:
     def torque_spectrum(self, channel: str, f: Array, n: int) -> Array:
         """Noise of a smoothed torque channel at f (F,): (F, n), 1 = white of 1 Nm a sample.
 
-        Parameters
-        ----------
-        channel
-            "tau_J" or "tau_m"; without noise where it was not recorded.
-        f, n
-            (F,) Hz, and number of joints.
+        channel: "tau_J" or "tau_m"; without noise where it was not recorded; f, n: (F,) Hz, and number of
+        joints.
         """
         std = {"tau_J": self.noise.tau_J, "tau_m": self.noise.tau_m}[channel]
         return self.gain(f)[:, None] ** 2 * (np.zeros(n) if std is None else std**2)
@@ -228,7 +180,7 @@ class Observation:
     @property
     def _quiet_frequencies(self) -> Array:
         """Hz (F,), as far as the quiet motion reaches."""
-        return np.linspace(0.0, self._quiet_cutoff, FREQUENCIES)
+        return np.linspace(0.0, self._quiet_cutoff, 400)  # at which the noise of the encoders is known
 
     def quiet_gain(self, f: Array) -> Array:
         """Response of the further smoothing of the quiet motion at f (F,) Hz."""
@@ -243,15 +195,9 @@ class Observation:
 def observe(recording: Recording, band: float | None = None) -> Observation:
     """Bring a recording on a grid, estimate the noise of its channels and smooth it.
 
-    Parameters
-    ----------
-    band
-        Hz up to which the residuals will be looked at; the widest sensible one when None.
+    band: Hz up to which the residuals will be looked at; the widest sensible one when None.
 
-    Raises
-    ------
-    DiagnosisError
-        If the recording is too short, stands still, or holds no torque.
+    Raises a DiagnosisError if the recording is too short, stands still, or holds no torque.
     """
     samples = recording.samples()
     where = recording.source or "the recording"
@@ -270,7 +216,8 @@ def observe(recording: Recording, band: float | None = None) -> Observation:
     band = band or widest_band(clock.rate)
     link = None if longest.q is None else estimate_noise(longest.q, longest.dq, longest.rate)
     motor = None if longest.theta is None else estimate_noise(longest.theta, longest.dtheta, longest.rate)
-    cutoff = min(2 * np.pi * SMOOTHER_WIDTH * band, HIGHEST_CUTOFF * clock.rate)
+    # 2.2 is the smoother's cutoff over the band: 0.2 % of a term is taken at the band's edge, from all alike
+    cutoff = min(2 * np.pi * 2.2 * band, HIGHEST_CUTOFF * clock.rate)
     designed = Smoother.from_noise(clock.rate, link, motor, recording.n)
     # The crossovers are those of the wide band: what is negligible in a narrow one is not in this one.
     wide_link, wide_motor = (None if side is None else replace(side, cutoff=cutoff) for side in (link, motor))
@@ -308,16 +255,8 @@ def _with_low_pass(
 ) -> Array | None:
     """Return the noise (n,) of a torque channel: of what was low-passed, that of an ordinary sensor within its band.
 
-    Parameters
-    ----------
-    level
-        (n,) Nm a sample, from frequencies at which a torque that was low-passed holds nothing.
-    torque
-        (N, n) Nm.
-    spectrum
-        Of the channel, if it is long enough to have one.
-    rate
-        Samples per second.
+    level: (n,) Nm a sample, from frequencies at which a torque that was low-passed holds nothing; torque: (N, n)
+    Nm; spectrum: of the channel, if it is long enough to have one.
     """
     if level is None or torque is None or spectrum is None or not spectrum.low_passed.any():
         return level
@@ -337,15 +276,11 @@ def _of_recorded(level: Array | None, name: str, lacking: Lacking) -> Array | No
 def continued(first: Observation, rest: Observation, offset: float) -> tuple[Observation, Observation]:
     """Return the parts of a recording that was cut in two as what they are: one motion that goes on.
 
-    Parameters
-    ----------
-    first, rest
-        Up to the cut, and from there on.
-    offset
-        s from the first sample of `first` to that of `rest`.
+    offset: s from the first sample of `first` to that of `rest`.
     """
     end = offset + max(piece.span[1] for piece in rest.pieces if piece.span)
-    unbroken = offset - first.quiet[-1].t[-1] + rest.quiet[0].t[0] < UNBROKEN / rest.rate
+    # 5.0 sample intervals between two parts of a recording up to which its motion counts as going on
+    unbroken = offset - first.quiet[-1].t[-1] + rest.quiet[0].t[0] < 5.0 / rest.rate
 
     def placed(motion: Motion, begin: float, before: Motion | None = None) -> Motion:
         return replace(motion, span=(-begin, end - begin), before=before)
@@ -364,7 +299,8 @@ def continued(first: Observation, rest: Observation, offset: float) -> tuple[Obs
 
 def widest_band(rate: float) -> float:
     """Return the widest band (Hz) that a recording at `rate` allows."""
-    return min(HIGHEST_BAND, BAND_SHARE * rate)
+    # 0.2 of the sample rate
+    return min(40.0, 0.2 * rate)  # 40.0 Hz; the drives' resonances and what rotors excite lie below
 
 
 def torque_noise(grids: Sequence[Grid], channel: str) -> Array | None:
@@ -381,7 +317,7 @@ def torque_noise(grids: Sequence[Grid], channel: str) -> Array | None:
         # Fourth differences keep the motion's spectrum from leaking upward; their response is divided out.
         spectrum = np.abs(np.fft.rfft(np.diff(values, 4, axis=0) * taper, axis=0)) ** 2 / np.sum(taper**2)
         f = np.fft.rfftfreq(len(taper))
-        above = f > ABOVE_MOTION
+        above = f > 0.2  # of the sample rate; above, torque channels hold noise alone
         flat = spectrum[above] / np.abs(2 * np.sin(np.pi * f[above]))[:, None] ** 8
         levels.append(np.median(flat, axis=0) / np.log(2.0))
     weights = [len(grid) for grid in grids]

@@ -17,6 +17,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.codegen import kernels
 from elastic_arm.codegen.recursion import Recursion
 from elastic_arm.effects import SymbolicMotion
@@ -28,7 +29,6 @@ from elastic_arm.effects.regressor import Once
 from elastic_arm.estimation.motion import CompletedMotion, rates_of
 from elastic_arm.estimation.smoother import Smoother
 
-Array = NDArray[np.float64]
 INPUTS = (
     "x", "dx", "ddx", "tau_J", "tau_m", "dtau_J", "dtau_m",
     "progress", "elapsed", "friction_link", "friction_motor", "wound", "loaded", "sign_link", "sign_motor",
@@ -37,32 +37,17 @@ INPUTS = (
 
 @dataclass(frozen=True)
 class Signals:
-    """Arguments of the laws at the recording's rate.
+    """Arguments of the laws at the recording's rate."""
 
-    Parameters
-    ----------
-    t
-        (N,) s.
-    values
-        (N, …) each, by the names of :data:`INPUTS`.
-    cutoff
-        Hz up to which accelerations are motion rather than noise.
-    before
-        The same up to the first sample; None where the motion that came before is not known.
-    predicted
-        Whether torques are those that the model predicts instead of the recorded ones.
-    torque_noise
-        Variances (n,) of a sample's white noise of the recorded torques, Nm², by name.
-    model_torques
-        (N, n) Nm, tau_J and tau_m as predicted, and tau_J where it is "clear" of noise; empty where nobody asked.
-    """
-
-    t: Array
-    values: Mapping[str, Array]
-    cutoff: float = np.inf
+    t: Array  # (N,) s
+    values: Mapping[str, Array]  # (N, …) each, by the names of :data:`INPUTS`
+    cutoff: float = np.inf  # Hz up to which accelerations are motion rather than noise
+    # the same up to the first sample; None where the motion that came before is not known
     before: Signals | None = None
-    predicted: bool = False
+    predicted: bool = False  # whether torques are those that the model predicts instead of the recorded ones
+    # variances (n,) of a sample's white noise of the recorded torques, Nm², by name
     torque_noise: Mapping[str, Array] = field(default_factory=dict)
+    # (N, n) Nm, tau_J and tau_m as predicted, and tau_J where it is "clear" of noise; empty where nobody asked
     model_torques: Mapping[str, Array] = field(default_factory=dict)
     once: Once = field(default_factory=Once, init=False, repr=False, compare=False)
 
@@ -78,20 +63,10 @@ class Signals:
     ) -> Signals:
         """Take the signals from motion over a stretch of time.
 
-        Parameters
-        ----------
-        motion
-            At equally spaced samples.
-        standstill
-            (n,) rad/s for link and motor side, below which a velocity has no sign.
-        elastic
-            Whether the arm has transmissions; x is then [q, theta], otherwise [q].
-        cutoff
-            Hz up to which accelerations are motion rather than noise.
-        predicted
-            Whether torques are those that the model predicts.
-        smoother
-            What the residuals have passed, where it takes a part of their band: signs pass it, too.
+        standstill: (n,) rad/s for link and motor side, below which a velocity has no sign; elastic: whether the
+        arm has transmissions; x is then [q, theta], otherwise [q]; cutoff: Hz up to which accelerations are
+        motion rather than noise; predicted: whether torques are those that the model predicts; smoother: what
+        the residuals have passed, where it takes a part of their band: signs pass it, too.
         """
         rates = [rates_of(motion.t, torque) for torque in (motion.tau_J, motion.tau_m)]
         before = None
@@ -107,14 +82,8 @@ class Signals:
     def of_samples(motion: CompletedMotion, standstill: tuple[Array, Array], *, elastic: bool = True) -> Signals:
         """Take the signals from samples that need not follow one another: the rates of torques are zero.
 
-        Parameters
-        ----------
-        motion
-            At any samples.
-        standstill
-            (n,) rad/s for link and motor side, below which a velocity has no sign.
-        elastic
-            Whether the arm has transmissions; x is then [q, theta], otherwise [q].
+        standstill: (n,) rad/s for link and motor side, below which a velocity has no sign; elastic: whether the
+        arm has transmissions; x is then [q, theta], otherwise [q].
         """
         rates = [np.zeros_like(motion.tau_J), np.zeros_like(motion.tau_m)]
         return Signals(motion.t, _values(motion, standstill, rates, elastic=elastic))
@@ -141,12 +110,8 @@ class Signals:
     def with_model_torques(self, load: Array, drive: Array, clear: Array, noise: Mapping[str, Array]) -> Signals:
         """Return the signals with what regressors of whole effects take besides.
 
-        Parameters
-        ----------
-        load, drive, clear
-            (N, n) Nm, as of :attr:`model_torques`.
-        noise
-            Variances (n,) of the recorded torques' white noise, Nm², by name.
+        load, drive, clear: (N, n) Nm, as of :attr:`model_torques`; noise: variances (n,) of the recorded
+        torques' white noise, Nm², by name.
         """
         return replace(self, model_torques={"tau_J": load, "tau_m": drive, "clear": clear}, torque_noise=noise)
 
@@ -187,22 +152,13 @@ def _values(
 
 @dataclass(frozen=True, eq=False)
 class Entries:
-    """Columns of the residuals at the recording's rate, of which only some entries are not null.
+    """Columns of the residuals at the recording's rate, of which only some entries are not null."""
 
-    Parameters
-    ----------
-    values
-        (N, m) of these entries.
-    rows, columns
-        (m,) where they stand.
-    shape
-        Numbers of rows, 3 n, and of columns, k.
-    """
-
-    values: Array
+    values: Array  # (N, m) of these entries
+    # rows, columns: (m,) where they stand
     rows: NDArray[np.intp]
     columns: NDArray[np.intp]
-    shape: tuple[int, int]
+    shape: tuple[int, int]  # numbers of rows, 3 n, and of columns, k
 
     @staticmethod
     def of(columns: Array) -> Entries:
@@ -226,43 +182,26 @@ class Entries:
 
 @dataclass(frozen=True)
 class Term:
-    """An effect whose columns are wanted.
+    """An effect whose columns are wanted."""
 
-    Parameters
-    ----------
-    effect, joints
-        What, and the indices of the joints at which its law is evaluated and summed.
-    choices
-        What was chosen of the effect's choices, by name.
-    linear
-        Parameters by which the law is differentiated; without any the law itself is the one column.
-    points
-        Values of `linear` and of parameters that are neither linear nor searched, by name: one set of columns for each
-        point.
-    searched
-        Parameters that are arguments of the columns.
-    """
-
+    # effect, joints: what, and the indices of the joints at which its law is evaluated and summed
     effect: Effect
     joints: Sequence[int]
-    choices: Mapping[str, Any]
+    choices: Mapping[str, Any]  # what was chosen of the effect's choices, by name
+    # parameters by which the law is differentiated; without any the law itself is the one column
     linear: Sequence[Parameter]
+    # values of `linear` and of parameters that are neither linear nor searched, by name: one set of columns for each
+    # point
     points: Sequence[Mapping[str, Any]]
-    searched: Sequence[Parameter] = ()
+    searched: Sequence[Parameter] = ()  # parameters that are arguments of the columns
 
 
 class CompiledColumns:
     """Compiled columns of effects.
 
-    Parameters
-    ----------
-    terms
-        The effects; several of them only without internal states.
-    equations
-        Of the arm without them.
-    engine
-        "numpy" for many effects that are evaluated a few times; entries that are null with the arm's numbers are left
-        out. None for code that is compiled once for all arms of a shape and runs over long recordings.
+    terms: the effects; several of them only without internal states; engine: "numpy" for many effects that are
+    evaluated a few times; entries that are null with the arm's numbers are left out. None for code that is compiled
+    once for all arms of a shape and runs over long recordings.
     """
 
     def __init__(self, terms: Sequence[Term], equations: ArmEquations, engine: str | None = "numpy") -> None:
@@ -335,14 +274,7 @@ class CompiledColumns:
     def entries(self, signals: Signals, searched: Sequence[float] = (), start: float = 0.0) -> Entries:
         """Evaluate the entries of the columns that are not null.
 
-        Parameters
-        ----------
-        signals
-            Of the motion.
-        searched
-            Values of the searched parameters.
-        start
-            Of all internal states, where the motion before the first sample is not known.
+        start: of all internal states, where the motion before the first sample is not known.
         """
         N, (rows, count) = len(signals.t), self._shape
         column, row = np.divmod(self.places, rows)

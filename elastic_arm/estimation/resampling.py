@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.errors import IdentificationError
 from elastic_arm.recording import Samples
 from elastic_arm.recording.inspection.quality import UNIT, wrong_rate
@@ -32,7 +33,6 @@ from elastic_arm.recording.timebase.clocks import (
     wanders,
 )
 
-Array = NDArray[np.float64]
 CHANNELS = ("q", "dq", "tau_J", "theta", "dtheta", "tau_m")
 _OF_ALL = ("notes", "clock", "lacking")  # what samples have once for all of them
 
@@ -49,28 +49,18 @@ SHORTEST = 2 * POINTS
 
 @dataclass(frozen=True)
 class Grid:
-    """Channels on a regular time grid, without a hole.
+    """Channels on a regular time grid, without a hole."""
 
-    Parameters
-    ----------
-    t
-        (N,) s.
-    rate
-        Samples per second.
-    q, dq, tau_J, theta, dtheta, tau_m
-        (N, n) or None.
-    lacking
-        Channels with the index of a joint that lacks them, see :class:`elastic_arm.recording.Samples`.
-    """
-
-    t: Array
-    rate: float
+    t: Array  # (N,) s
+    rate: float  # samples per second
+    # q, dq, tau_J, theta, dtheta, tau_m: (N, n) or None
     q: Array | None = None
     dq: Array | None = None
     tau_J: Array | None = None
     theta: Array | None = None
     dtheta: Array | None = None
     tau_m: Array | None = None
+    # channels with the index of a joint that lacks them, see :class:`elastic_arm.recording.Samples`
     lacking: Lacking = frozenset()
 
     def __len__(self) -> int:
@@ -101,40 +91,20 @@ class Grid:
 
 @dataclass(frozen=True)
 class Clock:
-    """How stamps become a grid.
+    """How stamps become a grid."""
 
-    Parameters
-    ----------
-    rate
-        Samples per second.
-    mode
-        "regular": samples were taken regularly, whatever their stamps are; "stamps": at their stamps.
-    note
-        Why, in words; empty where stamps are regular.
-    missing
-        Intervals between two stamps from which a sample is missing between them.
-    """
-
-    rate: float
+    rate: float  # samples per second
+    # "regular": samples were taken regularly, whatever their stamps are; "stamps": at their stamps
     mode: Mode = "regular"
-    note: str = field(default="", compare=False)
-    missing: float = MISSING
+    note: str = field(default="", compare=False)  # why, in words; empty where stamps are regular
+    missing: float = MISSING  # intervals between two stamps from which a sample is missing between them
 
     @staticmethod
     def of(samples: Samples, source: str = "the recording") -> Clock:
         """Find the rate, and the mode by the evidence in the recording where `samples.clock` does not give it.
 
-        Parameters
-        ----------
-        samples
-            Of the recording.
-        source
-            Where it came from, for errors.
-
-        Raises
-        ------
-        IdentificationError
-            If there are too few samples, time does not advance, or no arm is recorded at such a rate.
+        Raises an IdentificationError if there are too few samples, time does not advance, or no arm is recorded
+        at such a rate.
         """
         if len(samples) < 2 * POINTS:
             raise IdentificationError(f"{len(samples)} samples are too few", "Record some seconds of motion.")
@@ -173,11 +143,6 @@ class Placing:
 
     A point is made once the samples on both sides of it are there, from samples as they were recorded, on a grid that
     begins with the first sample of its piece.
-
-    Parameters
-    ----------
-    clock
-        Rate, and what stamps mean.
     """
 
     def __init__(self, clock: Clock) -> None:
@@ -259,14 +224,7 @@ class Placing:
 def interpolate(known: Array, values: Array, wanted: Array) -> Array:
     """Interpolate columns (N, n), known at increasing times, by the polynomial through the six nearest points.
 
-    Parameters
-    ----------
-    known
-        (N,) increasing times, s.
-    values
-        (N, n) at these times.
-    wanted
-        (M,) times, s.
+    known: (N,) increasing times, s; values: (N, n) at these times; wanted: (M,) times, s.
     """
     first = np.clip(np.searchsorted(known, wanted) - POINTS // 2, 0, len(known) - POINTS)
     index = first[:, None] + np.arange(POINTS)
@@ -349,10 +307,7 @@ def extended(grid: Grid, count: int) -> Grid:
     """Continue a stretch at both ends by its mirror image, through the point for angles, so that smoothing keeps its
     length: internal states need the motion from the first sample on. The rows made of it are dropped.
 
-    Raises
-    ------
-    IdentificationError
-        If the stretch is shorter than that.
+    Raises an IdentificationError if the stretch is shorter than that.
     """
     if len(grid) <= count:
         raise IdentificationError(

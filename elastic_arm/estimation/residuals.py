@@ -14,14 +14,13 @@ from numpy.polynomial.legendre import legvander
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation, binary_opening, find_objects, label
 
+from elastic_arm.arrays import Array
 from elastic_arm.dynamics import Model
 from elastic_arm.estimation.band import Band
 from elastic_arm.estimation.equations import DRIVE, LINK, MOTOR, EquationSet
 from elastic_arm.estimation.motion import CompletedMotion, completed, drive_constants
 from elastic_arm.estimation.observation import Observation
 from elastic_arm.recording.standstill import STANDS
-
-Array = NDArray[np.float64]
 
 SLOWEST = 5e-4  # rad/s: slower than this a velocity has no sign, whatever the noise
 SLOW = 0.005  # of a joint's highest speed, below which it sticks if it is as slow for as long as STICKING
@@ -31,7 +30,6 @@ STICKING = 0.01  # s; a reversal without sticking is shorter but for acceleratio
 # Convention: where the law holds, few rows that are noise give up to 2.4; true sticking gave 6.
 FAILS = 4.0
 AROUND = 0.03  # s before and after, in which the smoothed motion is none of either
-RANK = 0.02  # of the strongest: courses of a torque that show less in the band are left in
 
 
 def raw_residuals(model: Model, motion: CompletedMotion) -> Array:
@@ -68,43 +66,17 @@ def predicted_torques(model: Model, motion: CompletedMotion) -> tuple[Array, Arr
 
 @dataclass(frozen=True)
 class Stretch:
-    """Residuals of one stretch without holes, in the band, at the kept rate.
+    """Residuals of one stretch without holes, in the band, at the kept rate."""
 
-    Parameters
-    ----------
-    t
-        (N',) s.
-    values
-        (N', R) Nm.
-    motion
-        The completed motion at the recording's rate that they were made of.
-    quiet
-        The same motion, smoothed further, for the columns of effects.
-    kept
-        Which of the rows that the band gives for the motion they are.
-    """
-
-    t: Array
-    values: Array
-    motion: CompletedMotion
-    quiet: CompletedMotion
-    kept: slice
+    t: Array  # (N',) s
+    values: Array  # (N', R) Nm
+    motion: CompletedMotion  # the completed motion at the recording's rate that they were made of
+    quiet: CompletedMotion  # the same motion, smoothed further, for the columns of effects
+    kept: slice  # which of the rows that the band gives for the motion they are
 
 
 def residuals(model: Model, observation: Observation, equations: EquationSet, band: Band) -> list[Stretch]:
-    """Return the residuals of every stretch of a recording.
-
-    Parameters
-    ----------
-    model
-        The nominal model.
-    observation
-        The recording, smoothed.
-    equations
-        Usable equations, R rows.
-    band
-        In which the residuals are looked at.
-    """
+    """Return the residuals of every stretch of a recording."""
     stretches = []
     for piece, calm in zip(observation.pieces, observation.quiet, strict=True):
         motion, quiet = completed(piece, model), completed(calm, model)
@@ -118,48 +90,21 @@ def residuals(model: Model, observation: Observation, equations: EquationSet, ba
 
 @dataclass(frozen=True)
 class FreeTimes:
-    """When a torque that no law states acts, and in which rows that is seen.
+    """When a torque that no law states acts, and in which rows that is seen."""
 
-    Parameters
-    ----------
-    pieces
-        First sample of each time, and the one after its last.
-    end
-        Sample before which they and what the band's filter reaches end.
-    rows
-        First row, and the one after the last, of those that the band gives.
-    step
-        s between samples.
-    """
-
-    pieces: tuple[tuple[int, int], ...]
-    end: int
-    rows: tuple[int, int]
-    step: float
+    pieces: tuple[tuple[int, int], ...]  # first sample of each time, and the one after its last
+    end: int  # sample before which they and what the band's filter reaches end
+    rows: tuple[int, int]  # first row, and the one after the last, of those that the band gives
+    step: float  # s between samples
 
 
 @dataclass(frozen=True)
 class FreeTorque:
-    """What a torque that no law states can be in some rows of one residual.
+    """What a torque that no law states can be in some rows of one residual."""
 
-    Parameters
-    ----------
-    row
-        Number of the residual.
-    instants
-        Of the rows that the band's filter carries it to.
-    basis
-        Orthonormal (instants, m); None where it can be anything at all of these instants.
-    """
-
-    row: int
-    instants: slice
-    basis: Array | None
-
-    @property
-    def size(self) -> int:
-        """Degrees of freedom that it takes."""
-        return self.instants.stop - self.instants.start if self.basis is None else self.basis.shape[1]
+    row: int  # number of the residual
+    instants: slice  # of the rows that the band's filter carries it to
+    basis: Array | None  # orthonormal (instants, m); None where it can be anything at all of these instants
 
 
 @dataclass(frozen=True)
@@ -169,19 +114,10 @@ class FreeTorques:
     While a joint sticks, its dry friction takes any value. While an encoder hardly moves, it holds one code, and its
     error is no noise but one value, which turns up in the torques of spring and inertia. Their prior variance is
     infinite: they are projected out of residuals and columns alike.
-
-    Parameters
-    ----------
-    found
-        All of them.
-    rows
-        Number of all rows.
-    bases
-        Those worked out, by what they depend on beside the band.
     """
 
-    found: tuple[FreeTorque, ...] = ()
-    rows: int = 1
+    found: tuple[FreeTorque, ...] = ()  # all of them
+    # those worked out, by what they depend on beside the band
     bases: Mapping[FreeTimes, Array] = field(default_factory=dict, repr=False)
 
     @classmethod
@@ -198,22 +134,10 @@ class FreeTorques:
     ) -> FreeTorques:
         """Return what is removed of a stretch.
 
-        Parameters
-        ----------
-        stretch
-            Of residuals.
-        band
-            Its filter carries what happens at some time over to rows around.
-        layout
-            The usable equations.
-        steps
-            "link", "motor" -> (n,) rad, steps of the encoders; zero for joints that never move, too.
-        friction
-            Whether the friction of a joint that sticks is removed.
-        standing
-            (n,) rad/s, below which a joint sticks; zero for one that never moves.
-        near
-            Those of the same stretch with other numbers of the arm, in the same band: most bases are the same.
+        band: its filter carries what happens at some time over to rows around; steps: "link", "motor" -> (n,)
+        rad, steps of the encoders; friction: whether the friction of a joint that sticks is removed; standing: (n,)
+        rad/s, below which a joint sticks; near: those of the same stretch with other numbers of the arm, in the same
+        band: most bases are the same. Steps and standing are zero for joints that never move.
         """
         t, dq, dtheta = stretch.quiet.t, stretch.quiet.dq, stretch.quiet.dtheta
         link, motor = _held(t, dq, band, steps["link"]), _held(t, dtheta, band, steps["motor"])
@@ -229,7 +153,7 @@ class FreeTorques:
             if equation.combination[part] != 0
             for instants, basis in of_joints[joint]
         )
-        return cls(tuple(found), layout.rows * len(stretch.t), bases)
+        return cls(tuple(found), bases)
 
     def remove(self, values: Array, *, in_place: bool = False) -> Array:
         """Return residuals or columns (N', R, …) without them, perhaps in the same array."""
@@ -249,11 +173,6 @@ class FreeTorques:
             by_row.setdefault(free.row, []).append(free)
         return by_row
 
-    @property
-    def share_left(self) -> float:
-        """Share of the rows' degrees of freedom that are left."""
-        return 1.0 - sum(free.size for free in self.found) / self.rows
-
 
 def standing_speed(fastest: Array | float, noise: Array | float) -> Array:
     """Return the speed (n,) rad/s below which joints stand, by the fastest that they turn and their velocity's noise.
@@ -266,14 +185,8 @@ def standing_speed(fastest: Array | float, noise: Array | float) -> Array:
 def sticking(t: Array, velocity: Array, standing: Array, around: float = 0.0) -> NDArray[np.bool_]:
     """Return where joints stick, (N, n): slower than `standing` (n,) rad/s for as long as STICKING.
 
-    Parameters
-    ----------
-    t
-        (N,) s, at one rate, that of the recording: of fewer instants a reversal seems to last longer.
-    velocity
-        (N, n) rad/s, of the motors where there are such.
-    around
-        Seconds before and after that count as well.
+    t: (N,) s, at one rate, that of the recording: of fewer instants a reversal seems to last longer; velocity: (N,
+    n) rad/s, of the motors where there are such.
     """
     if len(t) < 2:
         return np.zeros(velocity.shape, dtype=bool)
@@ -305,18 +218,8 @@ def _courses(
 ) -> list[tuple[slice, Array | None]]:
     """Return orthonormal bases (instants, m) of what a torque can be at certain times (N,), in the band.
 
-    None where it can be anything: in rows that no other time reaches.
-
-    Parameters
-    ----------
-    stretch, band
-        Of residuals, and where they are looked at.
-    when
-        (N,) the times.
-    bases
-        Of other times of this stretch; those found are added.
-    known
-        Of other motion.
+    None where it can be anything: in rows that no other time reaches. when: (N,) the times; bases: of other times
+    of this stretch; those found are added.
     """
     step = float(stretch.quiet.t[1] - stretch.quiet.t[0])
     if not when.any():
@@ -345,7 +248,8 @@ def _basis(times: FreeTimes, band: Band) -> Array:
     free = [_polynomials(times.end - start, start, piece, times.step, band) for piece in pieces]
     shown = band.apply(np.concatenate(free, axis=1))[first - reached : last - reached]
     left, singular, _ = np.linalg.svd(shown, False)
-    return np.asarray(left[:, singular > RANK * singular[0]])
+    # 0.02 of the strongest: courses of a torque that show less in the band are left in
+    return np.asarray(left[:, singular > 0.02 * singular[0]])
 
 
 def _clusters(pieces: Sequence[tuple[slice]], band: Band) -> Iterator[tuple[list[slice], slice]]:

@@ -11,16 +11,14 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
+from elastic_arm.arrays import Array
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.recording import Recording
 from elastic_arm.recording.sides import Side
 from elastic_arm.recording.standstill import STANDS, moving_spans, standing_note, within
 from elastic_arm.robot import Robot
-
-Array = NDArray[np.float64]
 
 # s of motion that are taken of one recording of three joints, and less in proportion to more: a diagnosis takes 2 GB
 # beside as much, and an identification two minutes (benchmarks/bench_day.py); deviations fall with its root alone.
@@ -48,12 +46,7 @@ class Segment:
 class MostTelling:
     """The segments of a recording that tell most, taken from its parts one after another.
 
-    Parameters
-    ----------
-    robot
-        Nominal.
-    seconds
-        Of motion, all segments together; those of three joints, where they are not `exact`.
+    seconds: of motion, all segments together, `exact` or for three joints and fewer for more.
     """
 
     def __init__(self, robot: Robot, seconds: float, *, exact: bool = False) -> None:

@@ -18,14 +18,13 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.signal import oaconvolve
 
+from elastic_arm.arrays import Array
 from elastic_arm.codegen.parallel import share_out
 from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.convolution import convolve
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.estimation.noise import ORDER, SideNoise, StateNoise, estimate_noise
 from elastic_arm.estimation.resampling import Grid, extended
-
-Array = NDArray[np.float64]
 
 # Steps of a sample interval at which the sign of a velocity is taken before it is smoothed.
 FINER = 8
@@ -48,24 +47,14 @@ FOREIGN, LOST, MOVING = 1e-4, 0.05, 0.3
 
 @dataclass(frozen=True)
 class Smoother:
-    """A fixed-lag smoother with steady-state gains, the same online and offline.
+    """A fixed-lag smoother with steady-state gains, the same online and offline."""
 
-    Parameters
-    ----------
-    rate
-        Samples per second.
-    cutoff
-        w_c, rad/s, common to all channels.
-    link_crossover, motor_crossover
-        (n,) w_x of each joint, rad/s; infinite where the positions alone serve.
-    link_noise, motor_noise
-        Of the encoders; None where it is not known or there is no such side.
-    """
-
-    rate: float
-    cutoff: float
+    rate: float  # samples per second
+    cutoff: float  # w_c, rad/s, common to all channels
+    # link_crossover, motor_crossover: (n,) w_x of each joint, rad/s; infinite where the positions alone serve
     link_crossover: Array
     motor_crossover: Array
+    # link_noise, motor_noise: of the encoders; None where it is not known or there is no such side
     link_noise: SideNoise | None = None
     motor_noise: SideNoise | None = None
 
@@ -73,14 +62,7 @@ class Smoother:
     def from_noise(rate: float, link: SideNoise | None, motor: SideNoise | None, n: int) -> Smoother:
         """Design the smoother by the estimated noise, with the wider of the two sides' bands.
 
-        Parameters
-        ----------
-        rate
-            Samples per second.
-        link, motor
-            Noise of the encoders; None for a side that was not recorded.
-        n
-            Joints.
+        link, motor: noise of the encoders; None for a side that was not recorded.
         """
         sides = [side for side in (link, motor) if side is not None]
         if not sides:
@@ -146,12 +128,7 @@ class Smoother:
 
         A jump is between two samples and has no band: the sign is taken at finer steps, and passes the smoother there.
 
-        Parameters
-        ----------
-        t, velocity
-            (N,) s and (N, n) rad/s.
-        standstill
-            (n,) rad/s, below which a velocity has no sign.
+        t, velocity: (N,) s and (N, n) rad/s; standstill: (n,) rad/s, below which a velocity has no sign.
         """
         fine = np.linspace(t[0], t[-1], (len(t) - 1) * FINER + 1)
         return self.thinned(np.tanh(CubicSpline(t, velocity)(fine) / standstill), FINER)
@@ -215,10 +192,7 @@ def instantaneous(torque: Array) -> Array:
 def design_smoother(grids: list[Grid], n: int) -> Smoother:
     """Design the smoother for a recording from the noise in its longest piece.
 
-    Raises
-    ------
-    IdentificationError
-        If there is none of a few dozen samples.
+    Raises an IdentificationError if there is none of a few dozen samples.
     """
     if not grids:
         raise IdentificationError("there are gaps after every few samples", "Record some seconds of motion.")
@@ -327,12 +301,7 @@ def left_out(grids: Sequence[Grid], used: Sequence[Grid]) -> tuple[str, ...]:
 def with_ends(grid: Grid, lost: int) -> Grid:
     """Return a piece continued at both ends, if they are a good part of it and the arm moves there.
 
-    Parameters
-    ----------
-    grid
-        The piece.
-    lost
-        Samples that the smoother loses at both ends together.
+    lost: samples that the smoother loses at both ends together.
     """
     most = min(lost // 2, len(grid) - 2)
     more = most - int(np.ceil(0.5 * lost * np.log(FOREIGN) / np.log(TAIL)))

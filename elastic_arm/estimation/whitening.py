@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.integrate import trapezoid
 from scipy.linalg import block_diag
 
+from elastic_arm.arrays import Array
 from elastic_arm.dynamics import Model
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.band import Band, LowPass
@@ -24,19 +25,13 @@ from elastic_arm.estimation.effect_columns import Feature, starting_state
 from elastic_arm.estimation.equations import EquationSet
 from elastic_arm.estimation.known_torques import ActingEffect, known_torques, true_load
 from elastic_arm.estimation.motion import drive_constants, wound_by_load
-from elastic_arm.estimation.noise_colour import Colour
 from elastic_arm.estimation.observation import Observation
 from elastic_arm.estimation.regressors import Entries, Signals
 from elastic_arm.estimation.residuals import SLOWEST, UNTOLD, FreeTorques, Stretch, residuals, standing_speed
 from elastic_arm.recording.inspection.stuck_channels import STILL
 
-Array = NDArray[np.float64]
-
 EDGE = 10  # rows at the ends of a stretch that the whitening, being circular, spoils
-BLOCK = 0.5  # s; longer than the arm's memory in the residuals
-WHOLE = 0.99  # response of the smoother at the edge of the band above which laws need not pass it
 NOISE_FREQUENCIES = 400
-POSES = 12  # at which the inertia is looked up for the way of encoder noise into the residuals
 # Part of its noise that each equation is given on its own. Otherwise differences of equations would be exact where
 # shared noise cancels (a torque sensor's; an encoder's at a drive's resonance), and rounding would look like physics.
 FLOOR = 0.1
@@ -47,67 +42,28 @@ class NoiseModel:
     """Joint noise of all usable rows over frequency, from the noise of the channels.
 
     The noise of tau_J is common to the three equations (+, +, -), that of an encoder to those it enters.
-
-    Parameters
-    ----------
-    f
-        (F,) Hz, equally spaced from 0 to half the kept rate.
-    covariance
-        (F, R, R) complex, Nm²; white noise of 1 Nm a sample is the identity.
-    rate
-        Samples per second of the recording.
-    torques
-        Channel -> (R, n): coefficients of the torque sensors in the rows.
-    colour
-        Of their noise beyond the white level in `covariance`; None where it has none.
-    load
-        (F, n) of the load that the model predicts for the quiet motion, Nm², in units as `covariance`.
-    scales
-        (R,) by how many times more each row scatters than this noise, beside the others; None where all do alike.
-    floor
-        Share of the size of its noise that each equation has besides, on its own.
     """
 
-    f: Array
-    covariance: NDArray[np.complex128]
-    rate: float
-    torques: Mapping[str, Array] = field(default_factory=dict)
-    colour: Colour | None = None
+    f: Array  # (F,) Hz, equally spaced from 0 to half the kept rate
+    covariance: NDArray[np.complex128]  # (F, R, R) complex, Nm²; white noise of 1 Nm a sample is the identity
+    rate: float  # samples per second of the recording
+    # (F, n) of the load that the model predicts for the quiet motion, Nm², in units as `covariance`
     load: Array | None = None
+    # (R,) by how many times more each row scatters than this noise, beside the others; None where all do alike
     scales: Array | None = None
-    floor: float = 0.0
     _whiteners: dict[bytes, NDArray[np.complex128]] = field(default_factory=dict, init=False, repr=False, compare=False)
     _gains: dict[int, CircularGains] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def std(self, low_pass: LowPass) -> Array:
         """Return the standard deviation (R,) of each residual behind a low pass."""
-        f, density = self._density(low_pass)
-        return np.sqrt(trapezoid(density, f, axis=0) * 2.0 / self.rate)
-
-    def breadth(self, low_pass: LowPass) -> Array:
-        """Return the share (R,) of the band behind a low pass over which the noise is spread."""
-        f, density = self._density(low_pass)
-        spread = trapezoid(density, f, axis=0) ** 2 / trapezoid(density**2, f, axis=0)
-        return np.minimum(spread / low_pass.cutoff, 1.0)
-
-    def _density(self, low_pass: LowPass) -> tuple[Array, Array]:
-        """Return frequencies (F,) and the density (F, R) of each residual behind a low pass."""
-        f, density = self.f, np.real(np.einsum("frr->fr", self.covariance))
-        if self.colour is not None:
-            # Colours rise towards low frequencies: equal ratios of frequency beside equal steps.
-            low = np.geomspace(self.colour.lowest, self.f[-1], NOISE_FREQUENCIES)
-            f = np.union1d(self.f, low)
-            steps = np.rint(f / (self.f[1] - self.f[0])).astype(int)
-            density = density[steps] + np.real(np.einsum("frr->fr", self._coloured(f)))
-        return f, density * low_pass.gain(f)[:, None] ** 2
+        density = np.real(np.einsum("frr->fr", self.covariance)) * low_pass.gain(self.f)[:, None] ** 2
+        return np.sqrt(trapezoid(density, self.f, axis=0) * 2.0 / self.rate)
 
     def whitener(self, f: NDArray[Any]) -> NDArray[np.complex128]:
         """Return W (F', R, R) with W covariance W^H = 1 at f (F',) Hz within the band; worked out once for each f."""
         key = f.tobytes()
         if key not in self._whiteners:
             covariance = self.covariance[np.clip(np.rint(f / (self.f[1] - self.f[0])).astype(int), 0, len(self.f) - 1)]
-            if self.colour is not None:
-                covariance = covariance + self._coloured(f)
             factor = np.linalg.cholesky(covariance)
             if self.scales is not None:
                 factor *= self.scales
@@ -121,31 +77,14 @@ class NoiseModel:
             self._gains[count] = circular_gains(self.whitener(f[f <= band.cutoff]) * np.sqrt(band.step), count, EDGE)
         return self._gains[count]
 
-    def _coloured(self, f: Array) -> Array:
-        """Return what the colour adds to the covariance at f (F,) Hz, (F, R, R)."""
-        assert self.colour is not None
-        found = np.zeros((len(f), *self.covariance.shape[1:]))
-        for channel in self.colour.coefficients:
-            way, density = self.torques[channel], self.colour.density(channel, f)
-            found += (way * density[:, None, :]) @ way.T
-        return found * (1.0 + self.floor**2 * np.eye(found.shape[1]))
-
 
 def noise_models(
     model: Model, observation: Observation, equations: EquationSet, band: Band, floors: Sequence[float]
 ) -> list[NoiseModel]:
     """Propagate the channels' noise into the usable residuals, for several floors.
 
-    Parameters
-    ----------
-    model
-        Of the arm.
-    observation
-        Holds the noise of the channels.
-    equations, band
-        Usable equations, and where they are looked at.
-    floors
-        Shares of the torque noise that each equation gets besides, 0 for the noise itself.
+    equations, band: usable equations, and where they are looked at; floors: shares of the torque noise that each
+    equation gets besides, 0 for the noise itself.
     """
     n, f = equations.n, np.linspace(0.0, band.kept_rate / 2, NOISE_FREQUENCIES)
     speed2 = (2 * np.pi * f[:, None, None]) ** 2
@@ -177,9 +116,9 @@ def noise_models(
     load = accelerations @ np.mean([M**2 for M, _, _ in poses], axis=0)
     found = []
     for floor in floors:
-        own, ways = covariance * (1.0 + floor**2 * np.eye(equations.rows)), equations.torque_coefficients
+        own = covariance * (1.0 + floor**2 * np.eye(equations.rows))
         own += np.diag(np.tile(floor**2 * level + 1e-8, equations.rows // n))
-        found.append(NoiseModel(f, own, observation.rate, ways, observation.colour, load, floor=floor))
+        found.append(NoiseModel(f, own, observation.rate, load))
     return found
 
 
@@ -189,7 +128,8 @@ def _inertias(model: Model, observation: Observation) -> list[tuple[Array, Array
     motion = max(observation.pieces, key=len)
     position = motion.q if motion.q is not None else motion.theta
     assert position is not None
-    poses = position[:: max(1, len(motion) // POSES)]
+    # 12 poses at which the inertia is looked up for the way of encoder noise into the residuals
+    poses = position[:: max(1, len(motion) // 12)]
     if not model.robot.elastic:
         none = np.zeros((n, n))
         return [(M, none, none) for M in model.mass_matrix(poses)]
@@ -222,24 +162,11 @@ class Part:
 class WhitenedData:
     """All stretches of one or several recordings.
 
-    Parameters
-    ----------
-    model
-        The nominal model.
-    observations
-        Of the recordings.
-    layout, band
-        Usable equations, and where they are looked at.
-    predicted
-        Whether the laws of effects take the torques that the model predicts instead of the measured ones.
-    sticking_removed
-        Whether what a joint's friction may be while it sticks is removed.
-    acting
-        Effects that are part of the predicted torques.
-    near
-        The same recordings beside other numbers of the arm.
-    scales
-        (R,) by how many times more each whitened row scatters than noise, beside the others; None where all do alike.
+    layout, band: usable equations, and where they are looked at; predicted: whether the laws of effects take the
+    torques that the model predicts instead of the measured ones; sticking_removed: whether what a joint's friction
+    may be while it sticks is removed; acting: effects that are part of the predicted torques; near: the same
+    recordings beside other numbers of the arm; scales: (R,) by how many times more each whitened row scatters than
+    noise, beside the others; None where all do alike.
     """
 
     def __init__(
@@ -269,7 +196,8 @@ class WhitenedData:
             standstill = _standstill(observation, untold)
             standing = np.where(moves, standing_speed(fastest, untold[1]), 0.0)
             steps = {side: np.where(moves, step, 0.0) for side, step in observation.steps.items()}
-            limits = observation.smoother if observation.gain(np.array([band.cutoff]))[0] < WHOLE else None
+            # Laws need not pass a smoother whose response at the edge of the band is more than 0.99.
+            limits = observation.smoother if observation.gain(np.array([band.cutoff]))[0] < 0.99 else None
             for stretch in residuals(model, observation, layout, band):
                 signals_of = partial(
                     Signals.of,
@@ -298,7 +226,6 @@ class WhitenedData:
             )
         self.y = self.weighted([part.stretch.values for part in self.parts])
         self.white = self.whiten([y[:, :, None] for y in self.y])[:, 0]
-        self.blocks = self._blocks()
 
     def weighted(self, columns: Sequence[Array], *, in_place: bool = False) -> list[Array]:
         """Return columns (N', R, …) of all stretches without torques that no law states, perhaps in the same."""
@@ -308,18 +235,6 @@ class WhitenedData:
     def seconds(self) -> float:
         """Duration of the rows."""
         return sum(len(y) for y in self.y) / self.band.kept_rate
-
-    def noise_std(self, low_pass: LowPass) -> Array:
-        """Standard deviation (R,) of each residual's noise behind a low pass, over all stretches."""
-        weights = [len(y) for y in self.y]
-        return np.sqrt(np.average([noise.std(low_pass) ** 2 for noise in self.pure], axis=0, weights=weights))
-
-    def noise_breadth(self, low_pass: LowPass) -> Array | None:
-        """Share (R,) of its samples behind a low pass that are independent; None where the noise is white."""
-        if all(noise.colour is None for noise in self.pure):
-            return None
-        weights = [len(y) for y in self.y]
-        return np.average([noise.breadth(low_pass) for noise in self.pure], axis=0, weights=weights)
 
     def plain(self, feature: Feature, searched: Sequence[float] = ()) -> list[Array]:
         """Return a feature's columns (N', R, count) in the band, one array a stretch."""
@@ -360,16 +275,6 @@ class WhitenedData:
         # Each column stands in memory as a whole.
         return (white[0] if len(white) == 1 else np.concatenate(white, axis=2)).reshape(len(white[0]), -1).T
 
-    def in_time(self, white: Array) -> Array:
-        """Return whitened columns (rows, k) at the instants of all stretches (instants, k) but the ends of each.
-
-        All instants of the first residual come first. Sums of squares are the same.
-        """
-        ends = np.cumsum([own.size for own in self.harmonics])
-        parts = np.split(white.T.reshape(-1, self.layout.rows, ends[-1]), ends[:-1], axis=2)
-        signals = [own.signals(part) for own, part in zip(self.harmonics, parts, strict=True)]
-        return np.concatenate(signals, axis=2).reshape(-1, len(self.blocks)).T
-
     def of_stretches(self, values: Sequence[Any]) -> NDArray[Any]:
         """Return a value of each stretch at its whitened rows, (rows,)."""
         return np.tile(np.repeat(values, [own.size for own in self.harmonics]), self.layout.rows)
@@ -378,24 +283,6 @@ class WhitenedData:
     def harmonics(self) -> list[Harmonics]:
         """As which whitened rows stand, of each stretch."""
         return [part.noise.whitening_gains(len(part.stretch.t), self.band).harmonics for part in self.parts]
-
-    def _blocks(self) -> NDArray[np.intp]:
-        """Number of the block (instants,) to which each instant of :meth:`in_time` belongs."""
-        length = max(1, round(BLOCK * self.band.kept_rate))
-        labels, first = [], 0
-        for y in self.y:
-            count = max(0, len(y) - 2 * EDGE)
-            label = first + np.arange(count) // length
-            first = int(label[-1]) + 1 if count else first
-            labels.append(label)
-        return np.tile(np.concatenate(labels), self.layout.rows)
-
-    @property
-    def freedom(self) -> float:
-        """Number of independent rows: the band leaves out part of the kept spectrum, and void rows hold nothing."""
-        left = np.average([free.share_left for free in self._free], weights=[len(y) for y in self.y])
-        used = left * self.layout.live.mean()
-        return float(len(self.blocks) * used * min(1.0, 2 * self.band.cutoff / self.band.kept_rate))
 
 
 def _moving(observations: Sequence[Observation]) -> tuple[NDArray[np.bool_], Array]:

@@ -19,7 +19,13 @@ from elastic_arm.dynamics import Model, build_model
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.effects.parameters import Parameter
 from elastic_arm.equations.channels import gains, lags
-from elastic_arm.equations.number_columns import calibrated_parameters, features_at, inertial_columns, nuisance_columns, shared_columns
+from elastic_arm.equations.number_columns import (
+    calibrated_parameters,
+    features_at,
+    inertial_columns,
+    number_columns,
+    shared_columns,
+)
 from elastic_arm.equations.places import largest_value
 from elastic_arm.equations.robot_at import nearest_robot
 from elastic_arm.estimation.effect_columns import Feature
@@ -120,7 +126,7 @@ class Linearisation:
     def plain_numbers(self) -> list[Array]:
         """Columns (N', R, K) of the numbers of each stretch, Nm for one standard deviation."""
         p = self.problem
-        return nuisance_columns(
+        return number_columns(
             self.model, p.robot, self.data, p.numbers, self.inertial, self._features, p.indices[self.which]
         )
 

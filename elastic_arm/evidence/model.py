@@ -257,9 +257,7 @@ class Screen:
             self.chosen |= {int(t): size for t, size in zip(some[here], sizes, strict=True) if size is not None}
             mean |= dict(zip(here.tolist(), beta, strict=True))
             less[:, here] = 2.0 * np.einsum("bti,ti->bt", left[:, columns], beta)
-            less[:, here] -= np.einsum(
-                "tbij,ti,tj->bt", own[self.place[some[here]]], beta, beta, optimize=True
-            )
+            less[:, here] -= np.einsum("tbij,ti,tj->bt", own[self.place[some[here]]], beta, beta, optimize=True)
         first = gains[some]
         rough = first + self._quieter(fit, less)
         short = np.unique(np.concatenate([np.argsort(-first)[:LOOKED_AT], np.argsort(-rough)[:LOOKED_AT]]))
@@ -267,7 +265,9 @@ class Screen:
         H, own_left = fit.spread
         changes = [(slice(at[t], at[t + 1]), mean[int(t)]) for t in short]
         back = -np.stack([SC[:, own] @ beta for own, beta in changes], axis=1)
-        X = np.concatenate([np.stack([one[:, :, own] @ beta for own, beta in changes], axis=2) for one in pieces], axis=1)
+        X = np.concatenate(
+            [np.stack([one[:, :, own] @ beta for own, beta in changes], axis=2) for one in pieces], axis=1
+        )
         moved = less[:, short] + 2.0 * (own_left @ back) - np.einsum("bps,ps->bs", H @ back + 2.0 * X, back)
         gains[some[short]] += self._quieter(fit, moved)
         return gains
@@ -373,7 +373,9 @@ class LinearModel:
 
     def _posterior(self, terms: Sequence[Term], prior: Prior, start: Array | None) -> Posterior:
         coloured = float(np.log(TRUST[self.name].coloured))
-        return posterior(self.grams.of(terms, self.lacking(terms)), self.bands.n, prior, self.bands.place, coloured, start)
+        return posterior(
+            self.grams.of(terms, self.lacking(terms)), self.bands.n, prior, self.bands.place, coloured, start
+        )
 
     def trusting(self, name: str) -> LinearModel:
         """Return the same data with another trust in the description."""
@@ -398,15 +400,14 @@ class LinearModel:
             free = np.full(V.shape[1], np.inf)
             prior = Prior(
                 np.concatenate([V.T @ self.mean, *(t.mean for t in whole)]),
-                np.concatenate(
-                    [self.factors(kinds), *(t.std * (self.trust if t.trusted else 1.0) for t in whole)]
-                ),
+                np.concatenate([self.factors(kinds), *(t.std * (self.trust if t.trusted else 1.0) for t in whole)]),
                 np.concatenate([-free, *(t.low for t in whole)]),
                 np.concatenate([free, *(t.high for t in whole)]),
             )
             start = None if near is None else near.found.v
             self._fits[key] = Fit(self, whole, self._posterior(whole, prior, start))
         return self._fits[key]
+
 
 Gains = tuple[Array, Array, list[float | None]]
 

@@ -89,7 +89,7 @@ def effect_terms(linear: Linearisation, features: Sequence[Feature]) -> list[Ter
     def made(one: tuple[Feature, tuple[float, ...], float]) -> Term:
         feature, point, price = one
         own = linear.problem.largest_at(feature.joint)
-        if sum(p.size for p in feature.searched) > len(feature.searched) and feature.quadratic and feature.count == 1:
+        if point == _middle(feature) and feature.quadratic and feature.count == 1:
             return _relaxed(linear.columns, feature, own)
         X = linear.columns(feature, point)
         if feature.fixed and not feature.searched:
@@ -127,11 +127,20 @@ def starting_points(feature: Feature, linear: Linearisation) -> list[tuple[float
     components = [p for p in feature.searched for _ in range(p.size)]
     if not components:
         return [()]
-    if len(components) > len(feature.searched):
-        return [tuple((p.low + p.high) / 2 for p in components)]
+    if (middle := _middle(feature)) is not None:
+        # Where only squares of the numbers show, a law that is linear in them does not.
+        quarters = [(0.75 * p.low + 0.25 * p.high, 0.25 * p.low + 0.75 * p.high) for p in components]
+        return [middle, *product(*quarters)]
     count = GRID if len(components) == 1 else COARSE
     most = [linear.most(feature, p) for p in components]
     return list(product(*(_spread(p, m, count) for p, m in zip(components, most, strict=True))))
+
+
+def _middle(feature: Feature) -> tuple[float, ...] | None:
+    """Return the middle of the range of numbers of several components; None where there are none."""
+    components = [p for p in feature.searched for _ in range(p.size)]
+    several = len(components) > len(feature.searched)
+    return tuple((p.low + p.high) / 2 for p in components) if several else None
 
 
 def _spread(parameter: Parameter, most: float, count: int) -> list[float]:

@@ -207,9 +207,7 @@ def _screens(linear: Linearisation, model: LinearModel, *, laws: bool) -> list[S
     return [linear.cache["screen"], *([linear.cache["laws"]] if laws else [])]
 
 
-def _explained(
-    linear: Linearisation, before: Fit | None, trust: str, refit: bool, *, moves: int
-) -> Explanation:
+def _explained(linear: Linearisation, before: Fit | None, trust: str, refit: bool, *, moves: int) -> Explanation:
     """Return the most probable set at a linearisation, from the one found at another."""
     trusts = {name: one for name, one in TRUST.items() if not (refit and name == "as measured")}
     model, log = linear_model(linear, trust), []
@@ -303,9 +301,7 @@ def theta_of(term: Term, fit: Fit) -> tuple[float, ...]:
 
 def _acting(fit: Fit) -> tuple[ActingEffect, ...]:
     """Return the effects of a fit that act in the torques."""
-    acting = [
-        t for t in fit.terms if t.kind in ("effect", "stated") and not isinstance(t.feature.effect, SensorEffect)
-    ]
+    acting = [t for t in fit.terms if t.kind in ("effect", "stated") and not isinstance(t.feature.effect, SensorEffect)]
     sizes = [np.ones(1) if t.offset is not None else fit.beta(t)[: t.linear] for t in acting]
     return tuple(
         ActingEffect(t.feature, theta_of(t, fit), size, known=t in fit.model.always)

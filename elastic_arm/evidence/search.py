@@ -1,7 +1,7 @@
 """The most probable sets of terms: moves over sets, each judged by the one score.
 
-Add, drop, exchange, two for one, one for two, a size on another scale. What a further term would gain at the noise of the present fit proposes;
-the score of the whole set decides. All sets met are kept: probabilities are sums over them.
+Add, drop, exchange, two for one, one for two, a size on another scale. What a further term would gain at the noise of
+the present fit proposes; the score of the whole set decides. All sets met are kept: probabilities are sums over them.
 """
 
 from __future__ import annotations
@@ -90,7 +90,9 @@ class Search:
             for t in (*self.proposals(fit), *possible_changes(self.linear, fit)):
                 yield self._with(fit.optional, t, fit)
 
-    def proposals(self, fit: Fit, count: int = TRIED, instead: Instead | None = None, needed: float = 0.0) -> list[Term]:
+    def proposals(
+        self, fit: Fit, count: int = TRIED, instead: Instead | None = None, needed: float = 0.0
+    ) -> list[Term]:
         """Return the terms that would gain most beside a fit, one of each key.
 
         At the noise of the fit a term gains less than beside its own: as little as a share of what is needed is tried.

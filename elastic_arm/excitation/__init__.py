@@ -2,7 +2,7 @@
 
 from elastic_arm.excitation.criteria import CRITERIA, BaseRegressor, find_criterion
 from elastic_arm.excitation.fourier import FourierTrajectory, load_trajectory
-from elastic_arm.excitation.limits import MARGIN, LimitUse, MotionLimits, check_limits
+from elastic_arm.excitation.limits import MARGIN, LimitUse, MotionLimits
 from elastic_arm.excitation.problem import Shape, liveliest, random_trajectories
 from elastic_arm.excitation.search import ExcitationResult, optimise
 from elastic_arm.excitation.workspace import Workspace
@@ -17,7 +17,6 @@ __all__ = [
     "MotionLimits",
     "Shape",
     "Workspace",
-    "check_limits",
     "find_criterion",
     "liveliest",
     "load_trajectory",

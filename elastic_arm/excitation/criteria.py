@@ -19,12 +19,12 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.dynamics import Model
 from elastic_arm.errors import ExcitationError
 from elastic_arm.excitation.fourier import FourierTrajectory
 from elastic_arm.excitation.limits import generalized
 
-Array = NDArray[np.float64]
 Criterion = Callable[[Array, Array], float]
 
 # What stands for infinity where the columns are dependent: searches compare numbers.

@@ -15,13 +15,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.errors import ExcitationError
 from elastic_arm.input_files import read_fields
 from elastic_arm.output_files import write_result, yaml_text
-
-Array = NDArray[np.float64]
 
 SCHEMA = "elastic_arm/trajectory/1"
 # Smooth step of degree 9: s(0) = 0, s(1) = 1, derivatives one to four zero at both.

@@ -6,15 +6,13 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.dynamics import Model
 from elastic_arm.excitation.fourier import FourierTrajectory, require
 from elastic_arm.excitation.workspace import Workspace
 from elastic_arm.formatting import JointUnits
 from elastic_arm.robot.description import Robot
-
-Array = NDArray[np.float64]
 
 # Where the description states none: a full turn, and what a heavy arm does without haste. Torque is not limited then.
 DEFAULTS: dict[str, float] = {
@@ -231,28 +229,6 @@ def rigid_torque(model: Model, q: Array, dq: Array, ddq: Array) -> Array:
     """Return the torque (N, n) that moves the arm with stiff drives: both rows of (1) together, Nm."""
     rows = model.inverse_dynamics(*(generalized(model, values) for values in (q, dq, ddq)))
     return rows[:, : model.n] + (rows[:, model.n : 2 * model.n] if model.robot.elastic else 0.0)
-
-
-def check_limits(limits: MotionLimits, model: Model, trajectory: FourierTrajectory) -> LimitUse:
-    """Return the use of the limits.
-
-    Parameters
-    ----------
-    limits
-        What must be kept.
-    model
-        Of the arm.
-    trajectory
-        The motion.
-
-    Raises
-    ------
-    ExcitationError
-        If the trajectory breaks one; it names which, where and how far.
-    """
-    use = limits.use(trajectory, model)
-    require(use.kept, f"the trajectory breaks a limit: {use.worst()}", "Make a gentler one, or raise the limit")
-    return use
 
 
 def _ratio(swing: Array, clearance: Array) -> Array:

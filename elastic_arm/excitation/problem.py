@@ -7,14 +7,12 @@ from dataclasses import dataclass, replace
 from itertools import islice
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.dynamics import Model
 from elastic_arm.excitation.criteria import BaseRegressor, condition, distinct_columns
 from elastic_arm.excitation.fourier import FourierTrajectory, require
 from elastic_arm.excitation.limits import MotionLimits
-
-Array = NDArray[np.float64]
 
 # More would take memory for what no arm follows; ramps in periods.
 MOST_HARMONICS, LONGEST_RAMP = 100, 100

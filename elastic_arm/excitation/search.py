@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.dynamics import Model
 from elastic_arm.excitation.criteria import BaseRegressor, find_criterion
 from elastic_arm.excitation.fourier import FourierTrajectory, require
@@ -23,7 +24,6 @@ from elastic_arm.excitation.limits import LimitUse, MotionLimits
 from elastic_arm.excitation.problem import Problem, Shape
 from elastic_arm.interrupts import interrupt_waits, interrupts_count, interrupts_kept
 
-Array = NDArray[np.float64]
 Progress = Callable[[int, float], None]
 
 # NOMAD draws and throws away as many numbers as its seed says: a seed near 2^31 takes a minute.

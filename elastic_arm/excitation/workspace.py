@@ -8,11 +8,10 @@ import numpy as np
 import scipy  # its parts are loaded when they are used
 from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.excitation.fourier import require
 from elastic_arm.robot.description import Robot
 from elastic_arm.robot.kinematics import link_points, link_radius
-
-Array = NDArray[np.float64]
 
 PROBES = 256
 

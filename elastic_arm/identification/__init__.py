@@ -59,4 +59,4 @@ _MODULES = {
     "std_ratio": "elastic_arm.identification.result",
 }
 
-__getattr__ = lazily(__name__, _MODULES)
+__getattr__, __dir__ = lazily(__name__, _MODULES)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,10 +18,12 @@ from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.least_squares import Fit
 from elastic_arm.identification.verdict import Excitation, checked, directions, relative_std, remarks, verdicts
 from elastic_arm.output_files import write_result
+from elastic_arm.results import Result, Row
 from elastic_arm.robot import Robot, save_robot
 
 Array = NDArray[np.float64]
 SCHEMA = "elastic_arm/identification/1"
+ARMS = ("nominal", "identified", "consistent")
 
 
 @dataclass(frozen=True)
@@ -46,9 +50,20 @@ class Estimate:
     relative_std: float
     verdict: str
 
+    @property
+    def short(self) -> str:
+        """Its name by the first term of the combination: `link_2.mx + 6 terms`."""
+        first, *more = re.split(r" [+-] ", self.name)
+        return f"{first} + {len(more)} term{'s' * (len(more) > 1)}" if more else first
+
+    @property
+    def is_friction(self) -> bool:
+        """Whether it is of a law that was identified too, as friction is, and not of the model's own bodies."""
+        return ":" in self.name
+
 
 @dataclass(frozen=True)
-class Identification:
+class Identification(Result):
     """The result of identifying an arm.
 
     Parameters
@@ -92,6 +107,8 @@ class Identification:
         The joints that slide: N at these for Nm, m for rad.
     """
 
+    _report = "elastic_arm.report.identification"
+
     robot: str
     model: str
     recordings: tuple[str, ...]
@@ -132,9 +149,34 @@ class Identification:
         """Return the result with some fields changed."""
         return replace(self, **changes)
 
+    def tables(self) -> dict[str, Sequence[Row]]:
+        """Return "parameters", and "residuals": root mean squares, of the fit and on data that no fit has seen."""
+        parameters = [{"short": e.short, **asdict(e)} for e in self.estimates]
+        sizes = {"fit": {"identified": self.noise}, **(self.validation or {})}
+        residuals = [
+            {"recording": recording, "arm": arm, "equation": equation, "joint": joint, "rms": rms}
+            for recording, arms in sizes.items()
+            for arm, by_equation in arms.items()
+            for equation, by_joint in by_equation.items()
+            for joint, rms in by_joint.items()
+        ]
+        return {"parameters": parameters, "residuals": residuals}
+
     def table(self) -> list[tuple[str, str, float, float, float, str]]:
         """Return rows (name, unit, value, std, nominal, verdict)."""
         return [(e.name, e.unit, e.value, e.std, e.nominal, e.verdict) for e in self.estimates]
+
+    def summary(self) -> list[str]:
+        """Return what was found as sentences: what is known, and how right the identified arm is on other motions."""
+        words = [e.verdict for e in self.estimates]
+        counts = f"{words.count('poorly')} poorly, {words.count('not')} not at all"
+        found = [f"{words.count('well')} of {len(words)} parameters are well determined, {counts}."]
+        for recording, arms in (self.validation or {}).items():
+            worst = [max((e, j, s) for s, at in arms[arm].items() for j, e in at.items()) for arm in ARMS[:2]]
+            sizes = [f"{error:.3g} {self.units.at(joint, 'Nm')} ({joint}, {side})" for error, joint, side in worst]
+            errors = f"the nominal arm errs by up to {sizes[0]}, the identified one by up to {sizes[1]}"
+            found.append(f"On {recording}, which no fit has seen, {errors}.")
+        return found
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as plain data; numbers that are not finite become null."""

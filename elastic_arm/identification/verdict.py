@@ -259,5 +259,5 @@ def _encoders(fit: Fit, equations: BaseRegression) -> list[str]:
                 value, std = rounded(factor * fit.Psi[k] / fit.Psi[K], factor * fit.std[k] / fit.Psi[K])
                 parts.append(f"lags by {value} ± {std} {unit}" if what == "delay" else f"offset {value} ± {std} {unit}")
         if parts:
-            found.append(f"link encoder of {joint} beside the motor encoder: {', '.join(parts)}")
+            found.append(f"link encoder of {joint} against the motor encoder: {', '.join(parts)}")
     return found

@@ -14,6 +14,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.effects import Catalogue, EffectInstance, SensorEffect, StructuralEffect
 from elastic_arm.effects.effect_set import EffectSet
 from elastic_arm.effects.equations import ArmEquations
@@ -24,8 +25,6 @@ from elastic_arm.robot import Robot, load_robot
 from elastic_arm.robot.mjcf import engine
 from elastic_arm.simulation.assembly import law_rows
 from elastic_arm.simulation.simulator import SIGN_SPEED, STEEPEST
-
-Array = NDArray[np.float64]
 
 _attached: dict[int, Attachment] = {}
 _before: list[Any] = []  # the callback that somebody else had set

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from elastic_arm.dynamics.bodies import inertial_parameters
 from elastic_arm.dynamics.composition import inertia_from
@@ -14,11 +13,8 @@ from elastic_arm.errors import RobotError
 from elastic_arm.mujoco.stated_arm import StatedArm
 from elastic_arm.robot import Inertia, Robot
 
-Array = NDArray[np.float64]
-
 # Numbers closer than this, relative to their size, are the same: what is written has nine digits.
 SAME = 1e-9
-ROUNDING = 1e-6  # of the largest component of a vector, up to which another one is a solver's rounding; numerical
 # What each number of a joint is called in a file, and its unit.
 JOINT_NUMBERS = {
     "armature": ("armature", "kg m²"),
@@ -125,7 +121,8 @@ def inertial_change(name: str, before: Inertia, after: Inertia) -> list[Change]:
 def _without_rounding(values: Sequence[float]) -> tuple[float, ...]:
     """Return the values with zero for what is nothing but a solver's rounding beside the largest."""
     largest = max(map(abs, values))
-    return tuple(float(v) if abs(v) > ROUNDING * largest else 0.0 for v in values)
+    # 1e-6 of the largest component of a vector, up to which another one is a solver's rounding; numerical
+    return tuple(float(v) if abs(v) > 1e-6 * largest else 0.0 for v in values)
 
 
 def six(body: Inertia) -> tuple[float, ...]:

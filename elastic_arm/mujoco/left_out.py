@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.dynamics import build_model
 from elastic_arm.effects import EffectInstance, SensorEffect
 from elastic_arm.effects.effect_set import EffectSet
@@ -20,8 +20,6 @@ from elastic_arm.errors import EffectError
 from elastic_arm.robot import Robot
 from elastic_arm.simulation.assembly import law_rows
 from elastic_arm.simulation.simulator import SIGN_SPEED
-
-Array = NDArray[np.float64]
 
 SWING, SPEED = 0.5, 2.0  # rad or m, rad/s: rates and accelerations as those of an excitation
 SAMPLES = 200

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from elastic_arm.dynamics import build_model
 from elastic_arm.effects import Catalogue, EffectInstance
@@ -34,8 +33,6 @@ from elastic_arm.robot.mjcf.drives import motor_friction, motor_inertia_and_damp
 from elastic_arm.robot.mjcf.engine import saved
 from elastic_arm.robot.parts import located
 from elastic_arm.robot.urdf_tree import Chain
-
-Array = NDArray[np.float64]
 
 # What is read back from a written file is what was meant, to this share: nine digits are written.
 READ_BACK = 1e-6

@@ -13,8 +13,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.effects import Catalogue, EffectInstance
 from elastic_arm.mujoco.changes import six, text_of
 from elastic_arm.mujoco.left_out import left_coupling, left_effects, left_numbers
@@ -24,8 +24,6 @@ from elastic_arm.output_files import write_result
 from elastic_arm.robot import Inertia, Robot
 from elastic_arm.robot.kinematics import link_radius
 from elastic_arm.robot.urdf_export import bodies_with_components
-
-Array = NDArray[np.float64]
 
 DEFLECTION = "_deflection"  # joint that a drive winds by, after the name of its motor joint
 TIMESTEP = 1e-3

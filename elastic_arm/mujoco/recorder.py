@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.errors import SimulationError
 from elastic_arm.mujoco.replaying import lead
 from elastic_arm.recording import Recording, Side
@@ -13,8 +13,6 @@ from elastic_arm.robot.mjcf import MjcfArm, engine
 from elastic_arm.robot.mjcf.drives import torque_delays
 from elastic_arm.simulation.controller import Controller, tuned
 from elastic_arm.simulation.rollout import Trajectory
-
-Array = NDArray[np.float64]
 
 
 def record(

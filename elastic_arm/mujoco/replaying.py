@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.estimation.observation import observe
@@ -23,11 +23,7 @@ from elastic_arm.recording import Recording
 from elastic_arm.robot.mjcf import MjcfArm, engine
 from elastic_arm.robot.mjcf.drives import drives_of, torque_delays
 
-Array = NDArray[np.float64]
-
 WINDOW = 0.2  # s
-LONGEST_LAG = 0.05  # s; beyond, a lag is not looked for
-MOST_POINTS = 20000  # of a course that is kept for figures
 
 
 @dataclass(frozen=True)
@@ -260,7 +256,7 @@ def _correlation(a: Array, b: Array) -> float:
 
 def _lag(recorded: Array, needed: Array, rate: float) -> Array:
     """Return by how much the recorded torque is later than the needed one, (n,) s, between samples by a parabola."""
-    most = max(2, int(LONGEST_LAG * rate))
+    most = max(2, int(0.05 * rate))  # s; beyond, a lag is not looked for
     found = np.full(recorded.shape[1], np.nan)
     if len(recorded) < 4 * most:
         return found
@@ -284,7 +280,7 @@ def _course(
     pieces: Sequence[Motion], runs: Sequence[tuple[Array, Array]], needed: Sequence[Array], steps: int
 ) -> ReplayedCourse:
     piece, run, own = max(zip(pieces, runs, needed, strict=True), key=lambda each: len(each[0]))
-    kept = slice(0, MOST_POINTS)
+    kept = slice(0, 20000)  # samples of a course that are kept for figures
     return ReplayedCourse(piece.t[kept], _present(piece.q)[kept], run[0][kept], _present(piece.tau_m)[kept], own[kept])
 
 

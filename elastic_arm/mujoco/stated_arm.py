@@ -11,14 +11,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.effects import Catalogue, EffectInstance, SensorEffect, StructuralEffect, robot_effects
 from elastic_arm.identification.batch.mounting import about_x, about_y
 from elastic_arm.robot import Inertia, Robot
 from elastic_arm.robot.kinematics import lumped
-
-Array = NDArray[np.float64]
 
 MOTOR_TORQUE = "motor_torque"
 

@@ -29,7 +29,7 @@ from elastic_arm.nodes.support.running import LONGEST_REST, run
 from elastic_arm.nodes.support.wire import NANOSECONDS
 from elastic_arm.nodes.support.worker_process import Answer, WorkerProcess
 from elastic_arm.output_files import write_result
-from elastic_arm.recording import topics
+from elastic_arm.recording import load_channels, topics
 from elastic_arm.robot import load_robot
 
 # Samples are taken in batches of this length, seconds.
@@ -49,9 +49,10 @@ class GapMonitorNode(ManagedNode):
             self, "known", "Effects that count as part of the model: EFFECT[:JOINT][:NAME=VALUE,…]"
         )
         self._files = declare_texts(
-            self, "effects_files", "Python files with effects of your own, beside the catalogue"
+            self, "effects_files", "Python files with effects of your own, in addition to the catalogue"
         )
-        self._refit = declare(self, "refit", False, "Identify the model's own parameters before each diagnosis")
+        self._refit = declare(self, "refit", False, "The description cannot be exact: its numbers are fitted too")
+        self._map = declare(self, "channels", "", "Channel map (YAML) of a driver's joint states: names, units")
         self._sides = declare(self, "sides", "both", "What the arm measures", choices=("both", "link", "motor"))
         self._seconds = declare(
             self, "window", 15.0, "Samples diagnosed, s; the last third of them judges", between=(8.0, 120.0)
@@ -74,9 +75,10 @@ class GapMonitorNode(ManagedNode):
         # A mistake is to be heard of here.
         known_effects(self._known, robot, Catalogue.default().with_files(self._files))
         self._worker = WorkerProcess(answering, self._file or None, self._model, self._known, self._refit, self._files)
-        self._collector = Collector(robot.joint_names, self._sides, partial(graph.resolved, self))
+        channels = load_channels(self._map) if self._map else None
+        self._collector = Collector(robot.joint_names, self._sides, partial(graph.resolved, self), channels)
         source = " ".join(graph.resolved(self, topic) for topic in self._collector.inboxes)
-        self._window = Window(robot.joint_names, self._seconds, source=source)
+        self._window = Window(robot.joint_names, self._seconds, source, channels.currents() if channels else ())
         self._output = self.create_publisher(GapDiagnosis, graph.relative(topics.GAP), graph.qos(topics.GAP))
         self._residual_outputs: dict[tuple[str, str], Publisher] = {}
         self._offered = [

@@ -18,6 +18,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from elastic_arm.errors import ElasticArmError, IdentificationError
 from elastic_arm.estimation.motion import Motion
+from elastic_arm.formatting import rounded
 from elastic_arm.identification import identifier_of, parse_laws
 from elastic_arm.identification.least_squares import Fit
 from elastic_arm.nodes.support import graph
@@ -28,7 +29,7 @@ from elastic_arm.nodes.support.parameters import declare, declare_texts
 from elastic_arm.nodes.support.running import LONGEST_REST, run
 from elastic_arm.nodes.support.screening import StreamScreen
 from elastic_arm.nodes.support.wire import NANOSECONDS
-from elastic_arm.recording import topics
+from elastic_arm.recording import load_channels, topics
 from elastic_arm.robot import load_robot
 
 # Samples are taken in batches of this length, seconds: arrays are cheap, single samples are not.
@@ -42,7 +43,8 @@ class IdentifierNode(ManagedNode):
         super().__init__("identifier")
         self._file = declare(self, "robot", "", "Nominal arm: file (YAML) or URDF; empty: the arm of the package")
         self._name = declare(self, "model", "mod3", "What the arm is taken to be", choices=("mod1", "mod2", "mod3"))
-        self._laws = declare_texts(self, "effects", "Laws identified beside the model: EFFECT[:JOINT]")
+        self._laws = declare_texts(self, "effects", "Laws identified too: EFFECT[:JOINT][:side=link]")
+        self._map = declare(self, "channels", "", "Channel map (YAML) of a driver's joint states: names, units")
         self._sides = declare(self, "sides", "both", "What the arm measures", choices=("both", "link", "motor"))
         self._every = declare(self, "estimate_period", 1.0, "Between estimates, s", between=(0.1, 3600.0))
         self._folder = declare(self, "save_to", "identified", "Folder of what ~/save writes")
@@ -57,7 +59,8 @@ class IdentifierNode(ManagedNode):
         """Compile the model's equations; offer estimates and services."""
         robot = load_robot(self._file or None)
         self._identifier = identifier_of(robot, self._name, parse_laws(self._laws, robot))
-        self._collector = Collector(robot.joint_names, self._sides, partial(graph.resolved, self))
+        channels = load_channels(self._map) if self._map else None
+        self._collector = Collector(robot.joint_names, self._sides, partial(graph.resolved, self), channels)
         self._screen = StreamScreen()
         self._warm_up(robot.n)
         self._output = self.create_publisher(
@@ -205,7 +208,10 @@ class IdentifierNode(ManagedNode):
         except OSError as error:
             raise IdentificationError(f"{file} cannot be written: {error.strerror}", "Choose another folder.") from None
         received = self._identifier.progress.received  # the smoother keeps some at both ends of every piece
-        return f"estimate of {result.samples} samples, of {received} received, written to {file}"
+        laws = [e for e in result.estimates if e.is_friction]
+        sizes = [f"{e.short} {' ± '.join(rounded(e.value, e.std))} {e.unit}" for e in laws]
+        found = " ".join([*result.summary(), *([f"{'; '.join(sizes)}."] if sizes else [])])
+        return f"{found} Estimate of {result.samples} samples, of {received} received, written to {file}"
 
     def _report(self) -> None:
         if self.state != "active":

@@ -21,6 +21,10 @@ MODEL = ("mod3", "mod1, mod2 or mod3")
 SEED = ("1", "of the sensors' noise")
 EFFECTS = ("['']", "what the arm has more than the model, such as ['coulomb_friction:joint_2:torque=13.9']")
 NAMESPACE = ("", "of all nodes: left for /left/joint_states and so on")
+SAVED = {
+    "save_to": ("identified", "folder of identification.json"),
+    "save_at_exit": ("true", "whether the result is printed and saved at the end"),
+}
 # Those of a simulated arm: of the simulator, and what the other nodes make of them.
 ARM = {
     "rate": ("1000.0", "samples, and points of the reference, a second"),
@@ -40,6 +44,7 @@ TYPES = {
     "real_time_factor": float,
     "torque_noise": float,
     "use_sim_time": bool,
+    "save_at_exit": bool,
     "effects": list[str],
 }
 

@@ -56,23 +56,26 @@ class TrajectoryGenerator(ArmNode):
         self._trajectory = load_trajectory(Path(file))
         self._step_ns = round(NANOSECONDS / rate)
         self._lead_ns = round(lead * NANOSECONDS)
-        self._plan: Plan | None = None
-        self._prepared_ns = self._start_ns = 0
-        self._matched: float | None = None
-        self._sent = 0
         self._publisher = self.create_publisher(
             JointTrajectory, graph.relative(topics.REFERENCE), graph.qos(topics.REFERENCE)
         )
-        self._states = self.create_subscription(
-            JointState, graph.relative(topics.MOTOR_STATES), self._found, graph.qos(topics.MOTOR_STATES)
-        )
+        self._wait()
+        self._health = Health(self, "stream")
+        self.every(PERIOD, self._report)
+
+    def _wait(self) -> None:
+        """Wait for an arm, to begin where it stands."""
+        self._plan: Plan | None = None
+        self._prepared_ns = self._start_ns = self._sent = 0
+        self._matched: float | None = None
         self._names: list[str] = []
         self._trouble: GraphError | None = None
         self._born = time.monotonic()
         self._position = np.zeros(0)
         self._form: Form | None = None
-        self._health = Health(self, "stream")
-        self.every(PERIOD, self._report)
+        self._states = self.create_subscription(
+            JointState, graph.relative(topics.MOTOR_STATES), self._found, graph.qos(topics.MOTOR_STATES)
+        )
 
     def tick(self) -> float:
         """Stream what is due."""
@@ -83,7 +86,9 @@ class TrajectoryGenerator(ArmNode):
             self._start()
             return 0.01
         if not self._publisher.get_subscription_count() and not self.done():
-            raise GraphError(f"the arm has gone: nobody reads {self._publisher.topic_name} any more", "Start it again.")
+            self.get_logger().warning(f"the arm has gone: nobody reads {self._publisher.topic_name}; waiting for it")
+            self._wait()
+            return LONGEST_REST
         now = self.get_clock().now().nanoseconds
         horizon = max(now, self._start_ns) + self._lead_ns
         while not self._all_sent() and self._time(self._sent) < horizon:

@@ -29,4 +29,4 @@ _MODULES = {
     "write_recording": "elastic_arm.recording.writing",
 }
 
-__getattr__ = lazily(__name__, _MODULES)
+__getattr__, __dir__ = lazily(__name__, _MODULES)

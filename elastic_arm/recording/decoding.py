@@ -14,7 +14,6 @@ from elastic_arm.recording.storage.bag import BagFile, Block
 from elastic_arm.recording.storage.metadata import Topic
 
 _SECONDS, _NANOSECONDS = "header.stamp.sec", "header.stamp.nanosec"
-_RESERVED = 2_000_000_000  # bytes taken for messages that are promised; touched only as they come
 _FIRST = 1024  # messages that a table holds at first, when nothing is known
 
 
@@ -36,7 +35,8 @@ class Decoder:
             for layout, index in self._types(file.topic(channel)).groups(spans):
                 if id(layout) not in self._tables:
                     # What a file promises is believed up to a size; beyond it the table grows as it fills.
-                    promised = min(max(expected, _FIRST) if index is None else _FIRST, _RESERVED // layout.size)
+                    # 2_000_000_000 bytes taken for messages that are promised; touched only as they come
+                    promised = min(max(expected, _FIRST) if index is None else _FIRST, 2_000_000_000 // layout.size)
                     self._tables[id(layout)] = _DecodedColumns(layout, max(promised, 1))
                 table = self._tables[id(layout)]
                 if index is None:

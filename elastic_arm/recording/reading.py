@@ -25,17 +25,9 @@ from elastic_arm.recording.sides import Side, joints_with
 from elastic_arm.recording.storage.bag import Bag, BagFile, Block, open_bag
 from elastic_arm.recording.storage.messages import topics_of
 from elastic_arm.recording.timebase.joining import pair
-from elastic_arm.recording.topics import (
-    JOINT_STATES,
-    JOINT_TORQUES,
-    MOTOR_STATES,
-    REFERENCE,
-    ROBOT_DESCRIPTION,
-    TYPES,
-)
+from elastic_arm.recording.topics import JOINT_STATES, JOINT_TORQUES, MOTOR_STATES, REFERENCE, ROBOT_DESCRIPTION, TYPES
 
 PART = 400_000  # messages of a part of a long bag: three minutes of two topics at 1 kHz
-_DIGITS = 18  # of the number of a joint
 _CONTRACT = (JOINT_STATES, MOTOR_STATES, JOINT_TORQUES, REFERENCE)
 _STATE = {name: name for name in ("position", "velocity", "effort")}
 _POINT = {
@@ -119,11 +111,7 @@ def read_recording(
 
 
 def open_content(
-    path: str | Path | Sequence[str | Path],
-    channels: ChannelMap | None,
-    namespace: str | None,
-    *,
-    strict: bool = True,
+    path: str | Path | Sequence[str | Path], channels: ChannelMap | None, namespace: str | None, *, strict: bool = True
 ) -> Content:
     """Decode what a recording is made of; with `strict` a damaged chunk raises, otherwise it is skipped and noted."""
     paths = [path] if isinstance(path, str | Path) else list(path)
@@ -290,11 +278,7 @@ def _contract_recording(
 
 
 def _place_torques(
-    link: Side | None,
-    motor: Side | None,
-    series: Mapping[str, Series],
-    joints: tuple[str, ...],
-    found: list[Finding],
+    link: Side | None, motor: Side | None, series: Mapping[str, Series], joints: tuple[str, ...], found: list[Finding]
 ) -> tuple[Side | None, Side | None]:
     """Decide what /joint_states.effort measured, and take torques that stand in /joint_torques alone."""
     torques = series.get(JOINT_TORQUES)
@@ -347,7 +331,7 @@ def _number_at_end(name: str) -> str:
     """Return the digits at the end of a name; nothing where they are too many to count joints."""
     # From the end, as a search from the start would look through each run of digits once for every digit of it.
     found = re.match(r"\d*", name[::-1])
-    return "" if found is None or found.end() > _DIGITS else found[0][::-1]
+    return "" if found is None or found.end() > 18 else found[0][::-1]  # more digits are no number of a joint
 
 
 def urdf_joints(urdf: str | None) -> list[str]:

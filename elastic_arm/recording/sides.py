@@ -9,9 +9,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.errors import RecordingError
 
-Array = NDArray[np.float64]
 Stamps = NDArray[np.int64]
 
 CHANNELS = ("position", "velocity", "effort", "acceleration")
@@ -102,7 +102,12 @@ def _checked_stamps(values: object) -> Stamps:
     whole = whole or (found.dtype.kind in "uf" and bool(np.all(np.abs(found) < _LATEST)))  # NaN is not
     if found.ndim != 1 or not whole:
         raise RecordingError("stamp_ns holds what are no nanoseconds in a row", "Give an array of int64, (N,).")
-    return found.astype(np.int64, copy=False)
+    stamps = found.astype(np.int64, copy=False)
+    if found.dtype.kind == "f" and np.any(stamps != found):
+        raise RecordingError(
+            "stamp_ns holds fractions, as times in seconds do", "Give whole nanoseconds: np.round(1e9 * t).astype(int)."
+        )
+    return stamps
 
 
 def joints_with(values: Array) -> NDArray[np.bool_]:

@@ -14,7 +14,7 @@ import numpy as np
 
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording import message_types
-from elastic_arm.recording.storage.mcap_records import message_head
+from elastic_arm.recording.storage.mcap_scan import message_head
 from elastic_arm.recording.storage.mcap_sink import Compression, McapSink, pack
 from elastic_arm.recording.storage.metadata import FileSummary, Topic, offered_qos
 from elastic_arm.recording.writing import finish_bag

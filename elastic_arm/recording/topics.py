@@ -24,6 +24,12 @@ TYPES = {
     CLOCK: "rosgraph_msgs/msg/Clock",
 }
 
+
+def type_of(topic: str) -> str:
+    """Return the message type of a topic; one that is not the suite's own holds joint states."""
+    return TYPES.get(topic, "sensor_msgs/msg/JointState")
+
+
 # Not an arm's but the graph's: the same in every namespace.
 GLOBAL = frozenset({CLOCK, DIAGNOSTICS})
 # A late subscriber still gets the last message of these.

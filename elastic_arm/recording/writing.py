@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import os
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from itertools import islice, pairwise
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,7 @@ from elastic_arm.recording.recording import Recording, recordings_of
 from elastic_arm.recording.sides import Array, Side, Stamps
 from elastic_arm.recording.spans import Bytes, Offsets, place
 from elastic_arm.recording.storage.bag import METADATA
-from elastic_arm.recording.storage.mcap_records import MESSAGE_HEAD, lay_messages
+from elastic_arm.recording.storage.mcap_scan import MESSAGE_HEAD, lay_messages
 from elastic_arm.recording.storage.mcap_sink import Compression, McapSink, Packed, pack
 from elastic_arm.recording.storage.metadata import INSIDE, METADATA_KEY, FileSummary, Topic, metadata, offered_qos
 from elastic_arm.recording.topics import (
@@ -32,6 +33,7 @@ from elastic_arm.recording.topics import (
     REFERENCE,
     ROBOT_DESCRIPTION,
     TYPES,
+    type_of,
 )
 
 _CHUNK_BYTES = 1 << 20
@@ -56,7 +58,7 @@ class Stream:
         """Lay messages into the bytes of a chunk."""
         stamps = self.stamp_ns[rows]
         where = lay_messages(buffer, offsets, self.template, channel=channel, first=rows.start, stamp_ns=stamps)
-        layout = cdr.layout_of(memoryview(self.template), TYPES[self.topic], message_types.typestore())
+        layout = cdr.layout_of(memoryview(self.template), type_of(self.topic), message_types.typestore())
         if "header.stamp.sec" in layout.numbers:
             seconds, nanoseconds = np.divmod(stamps, 1_000_000_000)
             place(buffer, where, layout.numbers["header.stamp.sec"].at, seconds.astype("<i4"))
@@ -70,7 +72,12 @@ class Stream:
 LAST_STAMP_NS = 2**31 * 1_000_000_000  # seconds have 32 bits, one of them the sign
 
 
-def write_recording(path: str | Path, recording: Recording, compression: Compression = "zstd") -> Path:
+def write_recording(
+    path: str | Path,
+    recording: Recording,
+    compression: Compression = "zstd",
+    further: Mapping[str, Side] = MappingProxyType({}),
+) -> Path:
     """Write a recording as a rosbag2 bag (folder with metadata.yaml and one MCAP file).
 
     Parameters
@@ -81,6 +88,8 @@ def write_recording(path: str | Path, recording: Recording, compression: Compres
         What to write; log times are the stamps.
     compression
         "none", "lz4" or "zstd".
+    further
+        What to write besides: topic -> a side of the same joints, as sensor_msgs/JointState.
 
     Returns
     -------
@@ -96,7 +105,7 @@ def write_recording(path: str | Path, recording: Recording, compression: Compres
     if not isinstance(path, str | Path):
         raise RecordingError(f"path is of type {type(path).__name__}", "Give the name of a folder to make.")
     folder = Path(path)
-    streams = _streams(recording)
+    streams = _streams(recording, further)
     if not any(len(stream.stamp_ns) for stream in streams):
         raise RecordingError("the recording holds no samples", "Nothing was written.")
     first_ns = min(int(stream.stamp_ns[0]) for stream in streams if len(stream.stamp_ns))
@@ -122,8 +131,8 @@ def write_recording(path: str | Path, recording: Recording, compression: Compres
 
 def standard_topic(name: str) -> Topic:
     """Return a topic of the suite with its type's definition and hash."""
-    definition, type_hash = message_types.definition(TYPES[name])
-    return Topic(name, TYPES[name], definition, type_hash, offered_qos(name))
+    definition, type_hash = message_types.definition(type_of(name))
+    return Topic(name, type_of(name), definition, type_hash, offered_qos(name))
 
 
 def finish_bag(sink: McapSink, before: Sequence[FileSummary] = (), currents: Sequence[str] = ()) -> None:
@@ -138,18 +147,18 @@ def finish_bag(sink: McapSink, before: Sequence[FileSummary] = (), currents: Seq
     write_result(sink.path.parent / METADATA, text, RecordingError, "Free space, then check --repair.")
 
 
-def _streams(recording: Recording) -> list[Stream]:
+def _streams(recording: Recording, further: Mapping[str, Side]) -> list[Stream]:
     joints = list(recording.joints)
     streams = []
     if recording.robot_description is not None:
         message = _message("std_msgs/msg/String", data=recording.robot_description)
         streams.append(Stream(ROBOT_DESCRIPTION, np.array([recording.start_ns], np.int64), message))
-    for topic, side in ((JOINT_STATES, recording.link), (MOTOR_STATES, recording.motor)):
+    for topic, side in ((JOINT_STATES, recording.link), (MOTOR_STATES, recording.motor), *further.items()):
         if side is not None:
             check_times(side.stamp_ns, topic)
             channels = {name: values for name, values in side.channels().items() if name != "acceleration"}
             blank = {name: np.zeros(recording.n if name in channels else 0) for name in _STATE}
-            message = _message(TYPES[topic], header=_header(), name=joints, **blank)
+            message = _message(TYPES[JOINT_STATES], header=_header(), name=joints, **blank)
             streams.append(Stream(topic, side.stamp_ns, message, channels))
     if recording.link is not None and recording.link.effort is not None and recording.motor is None:
         # Without a motor side nothing else marks the effort as the joint torque sensor's.

@@ -21,8 +21,8 @@ def sections(found: SimulationComparison) -> list[Section]:
         Table(header, rows) if rows else Text("The model lacks no effect of either recording."),
     ]
     return [
-        Section(f"Beside {found.simulated or 'the simulated recording'}: which effect is in which", effects),
-        Section("Beside it, without a model", _differences(found.difference)),
+        Section(f"Compared with {found.simulated or 'the simulated recording'}: which effect is in which", effects),
+        Section("Compared channel by channel, without a model", _differences(found.difference)),
     ]
 
 

@@ -27,23 +27,7 @@ def write(
     truth: np.ndarray,
     samples: Samples,
 ) -> Path:
-    """Write the demonstration's report; `truth` (B,) are the true base parameters, `course` the online estimates.
-
-    Parameters
-    ----------
-    path
-        HTML file.
-    search
-        Of the excitation.
-    course
-        Estimates of the identifier node, one entry an estimate.
-    offline
-        Identification from the bag.
-    truth
-        True base parameters (B,).
-    samples
-        Of the recording.
-    """
+    """Write the demonstration's report; `truth` (B,) are the true base parameters, `course` the online estimates."""
     off = np.abs(offline.Psi_base - truth) / offline.std
     together, limit = chi_square(offline, truth), float(chi2.ppf(0.95, len(truth)))
     verdict = (
@@ -92,17 +76,7 @@ def write(
 
 
 def errors_in_std(offline: Identification, online: dict[str, Any], truth: np.ndarray) -> MplFigure:
-    """Draw (estimate - true) / std of every base parameter, online and offline.
-
-    Parameters
-    ----------
-    offline
-        Identification from the bag.
-    online
-        Last estimate of the identifier node: name, value, std.
-    truth
-        True base parameters (B,).
-    """
+    """Draw (estimate - true) / std of every base parameter, online and offline."""
     place = {name: k for k, name in enumerate(online["name"])}
     order = [place[e.name] for e in offline.estimates]
     values, stds = (np.array(online[key], dtype=float)[order] for key in ("value", "std"))
@@ -118,17 +92,7 @@ def errors_in_std(offline: Identification, online: dict[str, Any], truth: np.nda
 
 
 def convergence(course: Sequence[dict[str, Any]], truth: np.ndarray, offline: Identification) -> MplFigure:
-    """Draw residual RMS, condition number and the errors' size against the samples used.
-
-    Parameters
-    ----------
-    course
-        Estimates of the identifier node, one entry an estimate.
-    truth
-        True base parameters (B,).
-    offline
-        Identification from the bag; its order of the parameters is that of `truth`.
-    """
+    """Draw residual RMS, condition number and the errors' size against the samples used."""
     names = [e.name for e in offline.estimates]
     samples = np.array([line["samples"] for line in course])
     errors = np.array(

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure as MplFigure
 
 from elastic_arm.diagnosis.comparison import SimulationComparison
 from elastic_arm.diagnosis.context import DiagnosisContext
@@ -13,7 +14,6 @@ from elastic_arm.diagnosis.next_motion import DECISIVE
 from elastic_arm.diagnosis.result import SEPARATING, Cause, Diagnosis, Imperfection
 from elastic_arm.diagnosis.words import (
     alone_text,
-    cause_sentence,
     cause_size,
     change_text,
     effect_at,
@@ -24,15 +24,15 @@ from elastic_arm.diagnosis.words import (
     probability_text,
     share_at,
     sides_text,
+    summary,
     trust_text,
-    verdict_sentence,
 )
 from elastic_arm.evidence.priors import TRUST
 from elastic_arm.formatting import rounded
 from elastic_arm.mujoco.replaying import Replay
 from elastic_arm.report import diagnosis_figures as figures
 from elastic_arm.report.comparison import sections as comparison_sections
-from elastic_arm.report.html import Block, Figure, Section, Table, Text, Written, write_report
+from elastic_arm.report.html import Block, Figure, Section, Table, Text, Written, fragment, write_report
 from elastic_arm.report.replay import sections as replay_sections
 
 TONES = {"none": "good", "explained": "good", "unknown": "warn"}
@@ -53,19 +53,7 @@ WHOLE = ("motor torque against what moves and carries motor and link", "tau_m �
 def write_gap_report(
     path: str | Path, found: Diagnosis, replays: Sequence[Replay] = (), comparison: SimulationComparison | None = None
 ) -> Path:
-    """Write the report of a diagnosis, of replays in MuJoCo and of a comparison where there are any, as one HTML file.
-
-    Parameters
-    ----------
-    path
-        The file.
-    found
-        The diagnosis.
-    replays
-        Of the models without and with the causes.
-    comparison
-        With a simulated recording of the same commands.
-    """
+    """Write the report of a diagnosis, with replays in MuJoCo and a comparison where there are any, as one file."""
     subtitle = f"{', '.join(found.identify) or 'a recording'} against {found.robot} ({found.model})"
     parts = sections(found)
     if replays:
@@ -83,30 +71,40 @@ def sections(found: Diagnosis) -> list[Section]:
         shown += [Section(figures.title(c), _cause(found, c, k, context)) for k, c in enumerate(found.causes[:SHOWN])]
         if found.unexplained:
             shown.append(Section("What is not explained", _unexplained(found, context)))
-    shown.append(Section("Before and after" if found.causes else "The residuals", _sizes(found, context)))
-    if determined := _determined(found):
-        shown.append(Section("Numbers of arm and sensors", _numbers(determined)))
-    if found.prediction is not None:
-        shown.append(Section("How far ahead the model sees", _prediction(found)))
     if found.proposal is not None:
         shown.append(Section("What to move next", _next(found)))
+    sizes = Section("Before and after" if found.causes else "The residuals", _sizes(found, context), folded=True)
+    shown.append(sizes)
+    if determined := _determined(found):
+        shown.append(Section("Numbers of arm and sensors", _numbers(determined), folded=True))
+    if found.prediction is not None:
+        shown.append(Section("How far ahead the model sees", _prediction(found), folded=True))
     if context is not None:
-        shown.append(Section("What the residuals follow", [_regimes(found, context)]))
-    shown.append(Section("What this rests on", _grounds(found)))
+        shown.append(Section("What the residuals follow", [_regimes(found, context)], folded=True))
+    shown.append(Section("What this rests on", _grounds(found), folded=True))
     return shown
 
 
+def overview(found: Diagnosis) -> MplFigure:
+    """Draw where the gap lies."""
+    return figures.gap_map(found)
+
+
+def head(found: Diagnosis) -> str:
+    """Return the verdict as HTML."""
+    return fragment(_verdict(found))
+
+
 def _verdict(found: Diagnosis) -> list[Block]:
-    blocks: list[Block] = [Text(f"{found.verdict}: {verdict_sentence(found)}", TONES[found.verdict])]
-    blocks += [Text(cause_sentence(cause, found.model)) for cause in found.causes]
+    blocks: list[Block] = [Text("\n".join(summary(found)), TONES[found.verdict])]
     if found.causes:
         rows: list[list[object]] = [
-            [c.effect.replace("_", " "), c.joint or "whole arm", sides_text(c), cause_size(c), Written(alone_text(c)),
+            [c.effect, c.joint or "whole arm", sides_text(c), cause_size(c), Written(alone_text(c)),
              Written(probability_text(c.confidence))]
             for c in found.causes
         ]  # fmt: skip
         header = ["cause", "where", "shows on", "size", "share of the gap", "probability"]
-        blocks.append(Table(header, rows, "Share of the gap: what goes with this cause alone added"))
+        blocks.append(Table(header, rows))
     blocks += [Text(f"Between recordings {change_text(change)}.", "warn") for change in found.changes]
     if found.prediction is not None and found.prediction.before and found.causes:
         blocks.append(Text(prediction_sentence(found, found.prediction)))
@@ -150,12 +148,13 @@ def _cause(found: Diagnosis, cause: Cause, k: int, context: DiagnosisContext) ->
     side, joint = context.validate.layout.sides[row // len(found.joints)], found.joints[row % len(found.joints)]
     caption = (
         f"{joint}, {side} side, on validation data. Grey: residual of the model as it is. Orange: what this cause "
-        "adds. Blue: what is left with this cause alone added."
+        "adds. Blue: what is left with this cause alone added. Drag to zoom, double-click for the whole."
     )
     return [
         Text(f"{effect.description} Law: {effect.formula}."),
         Text(f"How it shows: {effect.signature}"),
-        Figure(figures.residual_figure(found, context, row, context.alone[k], cause.effect, effect.regime), caption),
+        *figures.residual_blocks(found, context, row, context.alone[k], cause.effect, effect.regime),
+        Text(caption),
     ]
 
 
@@ -169,7 +168,8 @@ def _unexplained(found: Diagnosis, context: DiagnosisContext) -> list[Block]:
     return [
         Text("No effect of the catalogue explains what is left here.", "warn"),
         Table(["joint", "side", "follows", f"left, {found.units.over('Nm')}"], rows, digits=3),
-        Figure(figures.residual_figure(found, context, row, context.after, added), caption),
+        Text(caption),
+        *figures.residual_blocks(found, context, row, context.after, added),
     ]
 
 
@@ -186,9 +186,8 @@ def _numbers(determined: Sequence[Imperfection]) -> list[Block]:
          one.prior_std, one.ordinary]
         for one in determined
     ]  # fmt: skip
-    header = ["joint", "number", "value", "± std", "unit", "prior std", "ordinary"]
-    caption = "A value without unit is the ratio to the description, or its change"
-    return [Text(text), Table(header, rows, caption, digits=2)]
+    header = ["joint", "number", "value", "± std", "unit", "prior std", "usual"]
+    return [Text(text), Table(header, rows, digits=2)]
 
 
 def _number(one: Imperfection) -> str:
@@ -216,8 +215,8 @@ def _sizes(found: Diagnosis, context: DiagnosisContext | None) -> list[Block]:
     table = Table(header, rows, f"{found.units.over('Nm')}, validation data, 0 to {found.band:.3g} Hz", 3)
     if context is None:
         return [table]
-    caption = "Residuals on the longest stretch of validation data; the band is two standard deviations of the noise."
-    return [Figure(figures.before_and_after(found, context), caption), table]
+    how = Text("On the longest stretch of validation data. Drag over a plot to zoom, double-click for the whole.")
+    return [table, how, *figures.before_and_after(found, context)]
 
 
 def _prediction(found: Diagnosis) -> list[Block]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
+from itertools import product
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -16,12 +17,12 @@ from elastic_arm.diagnosis.prediction import Prediction
 from elastic_arm.diagnosis.result import Cause, Diagnosis
 from elastic_arm.estimation.equations import SIDES
 from elastic_arm.excitation import FourierTrajectory
+from elastic_arm.report.html import Figure, Plot
 from elastic_arm.report.style import (
     BLUE,
     CYCLE,
     GREY,
     VERMILION,
-    draw_signal,
     label_joints,
     new_figure,
     style,
@@ -57,7 +58,7 @@ def gap_map(found: Diagnosis) -> MplFigure:
         shown = {"the model as it is": found.before}
         if found.causes:
             shown["with the causes added"] = found.after
-        size_of_map = (0.6 + (1.2 + len(sides)) * len(shown), 1.3 + 0.5 * len(found.joints))
+        size_of_map = (0.6 + (1.5 + len(sides)) * len(shown), 1.3 + 0.5 * len(found.joints))
         figure, axes = new_figure(1, len(shown), size=size_of_map)
         for ax, (name, size) in zip(axes[0], shown.items(), strict=True):
             ratio = np.array(
@@ -82,27 +83,20 @@ def gap_map(found: Diagnosis) -> MplFigure:
     return figure
 
 
-def residual_figure(
+def residual_blocks(
     found: Diagnosis, context: DiagnosisContext, row: int, left: Sequence[Array], cause: str | None, regime: str = ""
-) -> MplFigure:
-    """Draw a residual against time, frequency, velocity, position and angle, with what was added laid over.
+) -> list[Plot | Figure]:
+    """Return a residual over time, and over frequency, velocity, position and angle, with what was added.
 
-    Parameters
-    ----------
-    row
-        Which residual.
-    left
-        What is left of all residuals, one array (N', R) a stretch.
-    cause
-        What it is that was added; None where nothing was.
-    regime
-        In which it shows most: what follows the rotor is drawn over the angle of the rotor.
+    `left` is what is left of all residuals (N', R) of each stretch, `cause` what was added, None where nothing was, and
+    `regime` where it shows most: what follows the rotor is drawn over the angle of the rotor.
     """
     n = len(found.joints)
     side, i = context.validate.layout.sides[row // n], row % n
     part = max(range(len(left)), key=lambda k: len(left[k]))
     stretch = context.validate.parts[part].stretch
     before, rest = context.before[part][:, row], left[part][:, row]
+    added = None if cause is None else before - rest
     t, motion = stretch.t, stretch.motion
     moving = "link" if side == "link" else "motor"
     joint = found.joints[i]
@@ -110,29 +104,22 @@ def residual_figure(
     speed, angle = (motion.dq, motion.q) if side == "link" else (motion.dtheta, motion.theta)
     w, q = (np.interp(t, motion.t, values[:, i]) for values in (speed, angle))
     turn, turning = angle_within_turn(found, context, i, np.interp(t, motion.t, motion.theta[:, i]), regime)
+    what = "position" if joint in found.prismatic else "angle"
+    names = (f"{moving} velocity [{unit('rad/s')}]", f"{moving} {what} [{unit('rad')}]", turning)
     with style():
-        figure, _ = new_figure(size=(10.4, 5.4))
-        figure.clear()
-        grid = figure.add_gridspec(2, 6)
-        wide, spectrum = figure.add_subplot(grid[0, :4]), figure.add_subplot(grid[0, 4:])
-        clouds = [figure.add_subplot(grid[1, 2 * k : 2 * k + 2]) for k in range(3)]
-        draw_signal(wide, t, before, color=BEFORE, lw=2.4, alpha=0.55, label="residual before")
-        if cause is not None:
-            draw_signal(wide, t, before - rest, color=CAUSE, lw=1.0, label=cause.replace("_", " "))
-            draw_signal(wide, t, rest, color=AFTER, lw=0.8, label="left with it added")
-        wide.set_xlabel("time [s]")
-        wide.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
+        figure, axes = new_figure(1, 4, size=(11.2, 2.7))
+        spectrum, *clouds = axes[0]
         _draw_spectra(spectrum, before, rest if cause else None, context.validate.band.kept_rate, found.band)
         spectrum.set_ylabel(f"{unit('Nm')}/√Hz")
-        what = "position" if joint in found.prismatic else "angle"
-        names = (f"{moving} velocity [{unit('rad/s')}]", f"{moving} {what} [{unit('rad')}]", turning)
         for ax, x, name in zip(clouds, (w, q, turn), names, strict=True):
-            _draw_cloud(ax, x, before, None if cause is None else before - rest)
-            ax.set_xlabel(name)
+            _draw_cloud(ax, x, before, added)
+            ax.set_xlabel(name.replace(" within", "\nwithin"))
             ax.locator_params(axis="x", nbins=5)
-        for ax in (wide, clouds[0]):
-            ax.set_ylabel(unit("Nm"))
-    return figure
+        clouds[0].set_ylabel(unit("Nm"))
+    signals = {"residual before": (before, BEFORE)}
+    if cause is not None and added is not None:
+        signals |= {cause.replace("_", " "): (added, CAUSE), "left with it added": (rest, AFTER)}
+    return [Plot(t, signals, unit("Nm")), Figure(figure)]
 
 
 def _draw_spectra(ax: Axes, before: Array, rest: Array | None, rate: float, band: float) -> None:
@@ -154,17 +141,7 @@ def _draw_cloud(ax: Axes, x: Array, before: Array, cause: Array | None) -> None:
 def angle_within_turn(
     found: Diagnosis, context: DiagnosisContext, i: int, theta: Array, regime: str
 ) -> tuple[Array, str]:
-    """Return the angle within a turn of what turns fast, and its name: wave generator, rotor, or the joint itself.
-
-    Parameters
-    ----------
-    found, context
-        The diagnosis, and its arm.
-    i, theta
-        Index of the joint, and its angles (N,), rad.
-    regime
-        What the residual follows: the rotor is shown where that is its angle.
-    """
+    """Return the angle within a turn of what turns fast, and its name: wave generator, rotor, or the joint itself."""
     gear = context.model.robot.joints[i].transmission
     if gear is None:
         # Around the middle of the motion: one about zero would be cut in two.
@@ -176,45 +153,22 @@ def angle_within_turn(
     return np.mod(ratio * theta, 2 * np.pi), f"{name} angle within a turn [rad]"
 
 
-def before_and_after(found: Diagnosis, context: DiagnosisContext) -> MplFigure:
-    """Draw every residual over time, before and after, with the noise's two standard deviations."""
-    sides, n = context.validate.layout.sides, len(found.joints)
+def before_and_after(found: Diagnosis, context: DiagnosisContext) -> list[Plot]:
+    """Return every residual over time, before and after, on the longest stretch."""
     part = max(range(len(context.before)), key=lambda k: len(context.before[k]))
-    t = context.validate.parts[part].stretch.t
-    with style():
-        figure, axes = new_figure(n, len(sides), size=(3.6 * len(sides), 0.7 + 1.45 * n), sharex=True)
-        for row in range(n * len(sides)):
-            s, i = divmod(row, n)
-            ax, noise = axes[i, s], found.noise.get((found.joints[i], sides[s]))
-            if noise is None:
-                ax.set_visible(False)
-                continue
-            ax.axhspan(-2 * noise, 2 * noise, color="#E3E6EA", zorder=0)
-            draw_signal(ax, t, context.before[part][:, row], points=700, color=BEFORE, lw=1.0, label="before")
-            if found.causes:
-                draw_signal(ax, t, context.after[part][:, row], points=700, color=AFTER, lw=0.8, label="after")
-            if i == 0:
-                ax.set_title(f"{sides[s]} side", loc="left")
-            if s == 0:
-                ax.set_ylabel(f"{found.joints[i]}\nNm")
-            if i == n - 1:
-                ax.set_xlabel("time [s]")
-        axes[0, -1].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
-    return figure
+    t, shown = context.validate.parts[part].stretch.t, []
+    for row, (side, joint) in enumerate(product(context.validate.layout.sides, found.joints)):
+        if (joint, side) in found.noise:
+            unit = found.units.at(joint, "Nm")
+            signals = {"before": (context.before[part][:, row], BEFORE)}
+            signals |= {"after": (context.after[part][:, row], AFTER)} if found.causes else {}
+            noise = f"noise {found.noise[joint, side]:.3g} {unit}"
+            shown.append(Plot(t, signals, unit, f"{joint}, {side} side; {noise}."))
+    return shown
 
 
 def horizons(prediction: Prediction, joints: Sequence[str], unit: str) -> MplFigure:
-    """Draw prediction errors over the horizon, a joint a panel.
-
-    Parameters
-    ----------
-    prediction
-        The errors.
-    joints
-        Names.
-    unit
-        Of the errors, a millionth of that of positions.
-    """
+    """Draw prediction errors over the horizon, a joint a panel."""
     before, after = prediction.before or {}, prediction.after or {}
     ms = 1e3 * np.array(prediction.horizons)
     drawn = [(before, BEFORE, 2.6, "before"), (after, AFTER, 1.0, "after")][: 1 if after == before else 2]

@@ -27,13 +27,7 @@ LABELS = {
 
 
 def sections(result: ExcitationResult, limits: MotionLimits, robot: Robot, left_out: Sequence[str]) -> list[Section]:
-    """Return the report: what was reached, the motion, and what it uses of the limits.
-
-    Parameters
-    ----------
-    left_out
-        Names of base parameters that such motions separate for nearly exact encoders alone.
-    """
+    """Return the report: what was reached, the motion, and what it uses of the limits."""
     median = float(np.median(result.random)) if len(result.random) else float("nan")
     verdict = (
         f"Condition number of the base regressor: {result.condition_after:.3g} optimised, {median:.3g} the median of "
@@ -150,17 +144,7 @@ def joint_motion(trajectory: FourierTrajectory, limits: MotionLimits) -> MplFigu
 
 
 def tip_path(trajectory: FourierTrajectory, robot: Robot, workspace: Workspace | None = None) -> MplFigure:
-    """Draw the path of the last link's frame from the side and from above, with the arm in some poses and the floor.
-
-    Parameters
-    ----------
-    trajectory
-        Of the links.
-    robot
-        Whose kinematics are drawn.
-    workspace
-        Floor and walls; None where the robot has none.
-    """
+    """Draw the path of the last link's frame from the side and from above, with the arm in some poses and the floor."""
     q, _, _ = trajectory.evaluate(np.linspace(0.0, trajectory.duration, POINTS))
     points = link_points(robot, q)
     poses = points[np.linspace(0, POINTS - 1, POSES, dtype=int)]

@@ -5,25 +5,31 @@ from __future__ import annotations
 import datetime
 import io
 import itertools
+import json
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import jinja2
 import matplotlib as mpl
+import numpy as np
 from matplotlib.figure import Figure as MplFigure
+from numpy.typing import NDArray
 
-from elastic_arm import __version__
 from elastic_arm.output_files import write_result
-from elastic_arm.report.style import style
+from elastic_arm.report.legend import meaning
+from elastic_arm.report.style import envelope_indices, style
+from elastic_arm.version import __version__
 
 _counter = itertools.count()
 # Text of up to so many characters is never broken into lines; numbers below are written without a power of ten.
 SHORT = 16
 LARGEST_PLAIN = 1e7
+POINTS = 1500  # of a signal that is drawn
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -51,6 +57,10 @@ class Table:
         """Return each heading as (text, CSS class): columns of numbers are headed where their numbers stand."""
         numeric = self._numeric()
         return [(text, "number" if numeric[k] else "") for k, text in enumerate(self.header)]
+
+    def legend(self) -> list[tuple[str, str]]:
+        """Return headings with what they mean."""
+        return [(text, words) for text in self.header if (words := meaning(text))]
 
     def cells(self) -> list[list[tuple[str, str]]]:
         """Return each cell as (text, CSS class)."""
@@ -111,45 +121,66 @@ class Figure:
         return round(self.figure.get_figwidth() * 110)
 
 
-Block = Text | Table | Figure
+@dataclass(frozen=True)
+class Plot:
+    """Signals (N,) over time, each with its colour, that a reader zooms into by dragging and reads by pointing."""
+
+    t: Array
+    signals: Mapping[str, tuple[Array, str]]
+    unit: str
+    caption: str = ""
+
+    def data(self) -> str:
+        """Return what uPlot draws, as JSON: signals thinned so that every extreme stays."""
+        values = [values for values, _ in self.signals.values()]
+        keep = np.unique(np.concatenate([envelope_indices(one, POINTS) for one in values]))
+        columns = [[float(f"{v:.5g}") for v in one[keep]] for one in (self.t, *values)]
+        series = [{"label": name, "stroke": colour} for name, (_, colour) in self.signals.items()]
+        return json.dumps({"data": columns, "series": series, "unit": self.unit})
+
+
+Block = Text | Table | Figure | Plot
 
 
 @dataclass(frozen=True)
 class Section:
-    """A heading and what stands under it."""
+    """A heading and what stands under it; details are folded until the heading is clicked, or the page printed."""
 
     title: str
     blocks: Sequence[Block] = field(default_factory=tuple)
+    folded: bool = False
 
 
 def write_report(path: str | Path, title: str, sections: Sequence[Section], *, subtitle: str = "") -> Path:
     """Write one HTML file.
-
-    Parameters
-    ----------
-    path
-        The file; its folder is made.
-    title, subtitle
-        The heading and the line below it.
-    sections
-        Sections of the report, most important first.
 
     Raises
     ------
     OutputError
         When the file cannot be written.
     """
-    path = Path(path)
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("elastic_arm.report"), autoescape=True, undefined=jinja2.StrictUndefined
-    )
-    environment.tests["text"] = lambda block: isinstance(block, Text)
-    environment.tests["table"] = lambda block: isinstance(block, Table)
-    page = environment.get_template("report.html").render(
+    template = _templates().get_template("report.html")
+    page = template.render(
         title=title,
         subtitle=subtitle,
         sections=sections,
+        plots=any(isinstance(block, Plot) for section in sections for block in section.blocks),
         made=datetime.datetime.now().astimezone().strftime("%Y-%m-%d %H:%M"),
         version=__version__,
     )
     return write_result(path, page, remedy="Choose another folder with --out.")
+
+
+def fragment(blocks: Sequence[Block]) -> str:
+    """Return blocks as HTML to be shown within a page, as that of a notebook."""
+    return _templates().get_template("blocks.html").render(blocks=blocks)
+
+
+def _templates() -> jinja2.Environment:
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("elastic_arm.report"), autoescape=True, undefined=jinja2.StrictUndefined
+    )
+    environment.tests["text"] = lambda block: isinstance(block, Text)
+    environment.tests["plot"] = lambda block: isinstance(block, Plot)
+    environment.tests["table"] = lambda block: isinstance(block, Table)
+    return environment

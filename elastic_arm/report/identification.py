@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.formatting import rounded
-from elastic_arm.identification import Identification
+from elastic_arm.identification import Estimate, Identification
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.verdict import POORLY, WELL
-from elastic_arm.report.html import Block, Figure, Section, Table, Text, Written
+from elastic_arm.report.html import Block, Figure, Section, Table, Text, Written, fragment
 from elastic_arm.report.style import BLUE, GREEN, GREY, ORANGE, VERMILION, draw_signal, new_figure, style
 
 COLOURS = {"well": GREEN, "poorly": ORANGE, "not": VERMILION}
@@ -30,7 +30,6 @@ SIDES = {
     "joint": "joint torque",
     "whole": "motor torque",
 }
-LONGEST_NAME = 60
 GAPS = " Gaps: where a joint sticks, any torque within its dry friction is right."
 
 Array = NDArray[np.float64]
@@ -45,7 +44,7 @@ def identifiability(result: Identification) -> MplFigure:
         ax = axes[0, 0]
         widths = [max(min(e.relative_std, 1e3), 1e-9) for e in chosen]
         ax.barh(range(len(chosen)), widths, left=0, color=[COLOURS[e.verdict] for e in chosen], height=0.7)
-        ax.set_yticks(range(len(chosen)), [shortened(e.name) for e in chosen], fontsize=6.5)
+        ax.set_yticks(range(len(chosen)), [e.short for e in chosen], fontsize=6.5)
         ax.set_xscale("log")
         for limit in (WELL, POORLY):
             ax.axvline(limit, color=GREY, lw=1.0, ls="--")
@@ -54,6 +53,16 @@ def identifiability(result: Identification) -> MplFigure:
         keys = [Patch(color=colour, label=VERDICTS[verdict]) for verdict, colour in COLOURS.items()]
         figure.legend(handles=keys, loc="outside upper center", ncols=len(keys))
     return figure
+
+
+def overview(result: Identification) -> MplFigure:
+    """Draw how well each parameter is determined."""
+    return identifiability(result)
+
+
+def head(result: Identification) -> str:
+    """Return verdict and parameters as HTML, friction first."""
+    return fragment([*_verdict(result), _parameters(sorted(result.estimates, key=lambda e: not e.is_friction))])
 
 
 def torques(equations: BaseRegression, motion: Motion, result: Identification) -> MplFigure:
@@ -102,7 +111,14 @@ def sections(
 ) -> Sequence[Section]:
     """Return the report: verdict first, then parameters, fit and validation."""
     said: list[Section] = [Section("What the recording determines", _verdict(result))]
-    said.append(Section("Base parameters", [_parameters(result)]))
+    laws, combinations = ([e for e in result.estimates if e.is_friction is law] for law in (True, False))
+    if laws:
+        said.append(Section("Friction and other laws", [_parameters(laws)]))
+    said.append(Section("Base parameters", [_parameters(combinations, "All that the equations can see.")]))
+    full = Table(("parameter", "in full"), [[e.short, e.name] for e in combinations if e.name != e.short])
+    said.append(Section("Base parameters in full", [full], folded=True))
+    caption = "Dashed: from where on a parameter counts as poorly determined, and as not at all."
+    said.append(Section("How well each is determined", [Figure(identifiability(result), caption)], folded=True))
     if equations is not None and motion is not None:
         predicted = "Torques as measured and as the two arms predict them."
         left = "What the identified arm leaves, in the band of the filter."
@@ -119,19 +135,9 @@ def sections(
     return said
 
 
-def shortened(name: str) -> str:
-    """Return a combination's name, cut where it is long."""
-    return name if len(name) <= LONGEST_NAME else f"{name[: LONGEST_NAME - 2]} …"
-
-
 def _verdict(result: Identification) -> list[Block]:
-    words = [e.verdict for e in result.estimates]
-    counts = (
-        f"{words.count('well')} of {len(words)} base parameters are well determined (deviation up to {WELL:.0%} "
-        f"of what such a number has of this arm), {words.count('poorly')} poorly (up to {POORLY:.0%}), "
-        f"{words.count('not')} not at all."
-    )
-    blocks: list[Block] = [Text(counts, "good" if words.count("not") == 0 else "warn")]
+    open_ = any(e.verdict == "not" for e in result.estimates)
+    blocks: list[Block] = [Text("\n".join(result.summary()), "warn" if open_ else "good")]
     if result.excitation["poor"]:
         reasons = "; ".join(result.excitation["reasons"])
         blocks.append(Text(f"Known before any fit, from the motion alone: the excitation is poor. {reasons}.", "bad"))
@@ -144,17 +150,16 @@ def _verdict(result: Identification) -> list[Block]:
                 f"{result.consistency['trust']:.0%} (the value under which the recording is most probable)."
             )
         )
-    caption = "How well the recording determines each base parameter. Dashed: the limits of the verdicts."
-    return [*blocks, Figure(identifiability(result), caption)]
+    return blocks
 
 
-def _parameters(result: Identification) -> Table:
-    header = ("parameter", "unit", "identified", "standard deviation", "nominal", "determined")
+def _parameters(estimates: Sequence[Estimate], caption: str = "") -> Table:
+    header = ("parameter", "unit", "identified", "± std", "nominal", "determined")
     rows = [
-        [e.name, e.unit.replace("^2", "²"), *map(Written, rounded(e.value, e.std)), e.nominal, e.verdict]
-        for e in result.estimates
+        [e.short, e.unit.replace("^2", "²"), *map(Written, rounded(e.value, e.std)), e.nominal, e.verdict]
+        for e in estimates
     ]
-    return Table(header, rows, "Base parameters: all that the equations can see.", digits=6)
+    return Table(header, rows, caption, digits=6)
 
 
 def _noise(result: Identification) -> Table:

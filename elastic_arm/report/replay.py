@@ -19,7 +19,7 @@ def sections(found: Sequence[Replay]) -> list[Section]:
     first = found[0]
     how = Text(
         f"The arm is driven by the recorded motor torque for {first.window:g} s from each of {first.windows} starts, "
-        "in MuJoCo itself. Torque: what was recorded beside MuJoCo's inverse dynamics of the recorded motion."
+        "in MuJoCo itself. Torque: what was recorded, against MuJoCo's inverse dynamics of the recorded motion."
     )
     units = first.units
     tables = [

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import io
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -52,26 +53,21 @@ def style() -> Iterator[None]:
         yield
 
 
+class Drawing(Figure):
+    """A figure that a notebook shows by itself."""
+
+    def _repr_png_(self) -> bytes:
+        buffer = io.BytesIO()
+        with style():
+            self.savefig(buffer, format="png", dpi=110)
+        return buffer.getvalue()
+
+
 def new_figure(
     rows: int = 1, columns: int = 1, *, size: tuple[float, float] | None = None, **kwargs: Any
 ) -> tuple[Figure, np.ndarray]:
-    """Make a figure without a window or pyplot's global state.
-
-    Parameters
-    ----------
-    rows, columns
-        Number of axes.
-    size
-        Width and height, inches; by the number of axes where None.
-    **kwargs
-        Of :meth:`matplotlib.figure.Figure.subplots`.
-
-    Returns
-    -------
-    figure, axes
-        `axes` is always a (rows, columns) array of :class:`matplotlib.axes.Axes`.
-    """
-    figure = Figure(figsize=size or (4.2 * columns, 2.4 * rows), layout="constrained")
+    """Make a figure without a window or pyplot's global state."""
+    figure = Drawing(figsize=size or (4.2 * columns, 2.4 * rows), layout="constrained")
     axes = figure.subplots(rows, columns, squeeze=False, **kwargs)
     return figure, axes
 
@@ -80,17 +76,6 @@ def draw_signal(ax: Axes, t: np.ndarray, y: np.ndarray, *, points: int = 1500, *
     """Draw y(t) so that every extreme survives but the file stays small.
 
     Keeps the smallest and the largest sample of each of `points` / 2 bins; NaN breaks the line.
-
-    Parameters
-    ----------
-    ax
-        To draw on.
-    t, y
-        Samples (N,).
-    points
-        Largest number of points drawn.
-    **kwargs
-        Of :meth:`matplotlib.axes.Axes.plot`.
     """
     keep = envelope_indices(y, points)
     ax.plot(t[keep], y[keep], **kwargs)

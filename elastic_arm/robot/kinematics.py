@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.robot.description import Robot
 from elastic_arm.robot.parts import Inertia
-
-Array = NDArray[np.float64]
 
 # Radius of the cylinders that stand for links, in lengths of the stretched arm; real arms have 0.04 to 0.07.
 SLENDERNESS = 0.05

@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.errors import RobotError
 from elastic_arm.input_files import read_bytes
 from elastic_arm.robot.description import Inertia, Joint, Limits, Robot
@@ -31,8 +31,6 @@ from elastic_arm.robot.urdf_elements import (
     z_onto,
 )
 from elastic_arm.robot.urdf_tree import Chain, UrdfTree
-
-Array = NDArray[np.float64]
 
 MOVING = ("revolute", "continuous", "prismatic")
 # Inertias of vendors' files that miss what a body can have by no more than this share of the largest moment are rounded

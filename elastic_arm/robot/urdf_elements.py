@@ -5,11 +5,9 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.errors import RobotError
-
-Array = NDArray[np.float64]
 
 # An angle this near a right angle is one that was written with few digits (1.5708, 3.1416); taken as it stands, it
 # would make parameters seem identifiable that are not.

@@ -12,12 +12,10 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.robot.description import Component, Inertia, Joint, Robot
 from elastic_arm.robot.kinematics import link_radius, lumped, moved
-
-Array = NDArray[np.float64]
 
 _COLOURS = {"base_grey": "0.35 0.38 0.42 1", "link_blue": "0.20 0.45 0.70 1", "joint_orange": "0.90 0.60 0.10 1"}
 # A URDF must state effort and velocity beside a range; readers take 0 as "not stated".

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
-from elastic_arm.robot.description import Joint, Robot
-from elastic_arm.robot.parts import Component, Inertia, Transmission
+from elastic_arm.robot.description import Robot
+from elastic_arm.robot.parts import Component, Inertia
 
 
 def varied(robot: Robot, rng: np.random.Generator, spread: float = 0.15) -> Robot:
@@ -25,38 +26,21 @@ def varied(robot: Robot, rng: np.random.Generator, spread: float = 0.15) -> Robo
     spread
         Below 1.
     """
-    return replace(
-        robot, name=f"{robot.name}_varied", joints=tuple(_joint(joint, rng, spread) for joint in robot.joints)
-    )
 
+    def factor() -> float:
+        return float(rng.uniform(1.0 - spread, 1.0 + spread))
 
-def _joint(joint: Joint, rng: np.random.Generator, spread: float) -> Joint:
-    link = joint.link
-    factor = _factor(rng, spread)
-    com = link.com * rng.uniform(1.0 - spread, 1.0 + spread, size=3)
-    drive = joint.transmission
-    return replace(
-        joint,
-        link=Inertia(link.mass * factor, com, link.inertia * factor),
-        transmission=None if drive is None else _transmission(drive, rng, spread),
-    )
+    def body(part: Component) -> Component:
+        scale = factor()
+        return replace(part, mass=part.mass * scale, ixx=part.ixx * scale, izz=part.izz * scale)
 
-
-def _transmission(drive: Transmission, rng: np.random.Generator, spread: float) -> Transmission:
-    return replace(
-        drive,
-        rotor=_component(drive.rotor, rng, spread),
-        wave_generator=_component(drive.wave_generator, rng, spread),
-        spline=_component(drive.spline, rng, spread),
-        stiffness=drive.stiffness * _factor(rng, spread),
-        damping=drive.damping * _factor(rng, spread),
-    )
-
-
-def _component(part: Component, rng: np.random.Generator, spread: float) -> Component:
-    factor = _factor(rng, spread)
-    return replace(part, mass=part.mass * factor, ixx=part.ixx * factor, izz=part.izz * factor)
-
-
-def _factor(rng: np.random.Generator, spread: float) -> float:
-    return float(rng.uniform(1.0 - spread, 1.0 + spread))
+    joints = []
+    for joint in robot.joints:
+        link, drive, scale = joint.link, joint.transmission, factor()
+        com = link.com * rng.uniform(1.0 - spread, 1.0 + spread, size=3)
+        if drive is not None:
+            bodies: dict[str, Any] = {name: body(part) for name, (part, _) in drive.components.items()}
+            K, D = drive.stiffness * factor(), drive.damping * factor()
+            drive = replace(drive, stiffness=K, damping=D, **bodies)
+        joints.append(replace(joint, link=Inertia(link.mass * scale, com, link.inertia * scale), transmission=drive))
+    return robot.with_(name=f"{robot.name}_varied", joints=tuple(joints))

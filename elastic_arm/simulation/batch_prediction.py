@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from elastic_arm.arrays import Array
 from elastic_arm.codegen import kernels
 from elastic_arm.dynamics import build_model
 from elastic_arm.effects import EffectInstance
@@ -23,13 +24,8 @@ from elastic_arm.simulation.assembly import System, assemble
 from elastic_arm.simulation.integrator import runge_kutta_step
 from elastic_arm.simulation.simulator import sign_speed
 
-Array = NDArray[np.float64]
-
 LONGEST_STEP = 1e-3  # s
-SHARPEST = 1.0  # fastest eigenvalue times the step; Runge-Kutta is stable up to 2.8
-MOST_SUBSTEPS = 32  # a sample; where more were needed, the implicit scheme takes over
 GAMMA = 1.0 - np.sqrt(0.5)  # of the scheme ROS2, which is L-stable with it
-DEFLECTION_STEPS = 12  # of a fixed point that contracts as true over nominal stiffness comes near to one
 
 
 class MeasuredMotion(Protocol):
@@ -99,7 +95,9 @@ class BatchPrediction:
         self._prepare(len(begins), x[begins[0]], motion.tau_m[begins[0]])
         y = np.hstack([values[begins] for values in (x, dx, self._internal_states(motion, x, dx))])
         if self._system.dof > self._system.n:
-            for _ in range(DEFLECTION_STEPS):
+            for _ in range(
+                12
+            ):  # 12 steps of a fixed point that contracts as true over nominal stiffness comes near to one
                 excess = self._evaluate(y, motion.tau_m[begins])[2] - motion.tau_J[begins]
                 y[:, : self._system.n] += excess / self._K
         return y
@@ -143,10 +141,11 @@ class BatchPrediction:
         """Choose the step, and with it the scheme, by the fastest vibration."""
         system, z = self._system, np.zeros(self._system.states)
         fastest = self._fastest(x, z, torque)
-        step = min(LONGEST_STEP, SHARPEST / fastest) if fastest > 0.0 else LONGEST_STEP
+        # The fastest eigenvalue times the step is 1.0; Runge-Kutta is stable up to 2.8.
+        step = min(LONGEST_STEP, 1.0 / fastest) if fastest > 0.0 else LONGEST_STEP
         self._substeps = int(np.ceil(self._period / step - 1e-9))
         self._jacobian = None
-        if self._substeps > MOST_SUBSTEPS:
+        if self._substeps > 32:  # 32 a sample; where more were needed, the implicit scheme takes over
             self._substeps = int(np.ceil(self._period / LONGEST_STEP - 1e-9))
             self._jacobian = self._state_jacobian().map(starts)
         speed = sign_speed(system, self._Psi, x, z, torque, self._period / self._substeps)

@@ -12,15 +12,14 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.codegen.function_cache import stored
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.errors import SimulationError
 from elastic_arm.robot import Robot
 from elastic_arm.simulation.assembly import SOURCES
 
-Array = NDArray[np.float64]
 Feedforward = Callable[[Array, Array, Array], Array]
 
 BANDWIDTH = 3.0
@@ -28,7 +27,6 @@ DAMPING_RATIO = 0.8
 # Where the motor bounds kd: how much of the bound is used, and how far kp may then go.
 HELD_SHARE = 0.6
 LEAST_DAMPING_RATIO = 0.2
-POSES = 8  # at which the inertia of an arm is looked at
 
 
 def no_feedforward(q: Array, dq: Array, ddq: Array) -> Array:
@@ -142,7 +140,8 @@ def _commands(kp: Array, kd: Array, rigid: RigidFeedforward, rate: float) -> int
     The joints turn one another: a light wrist may follow a shoulder's gains much faster than its own. Poses are those
     of any arm, as the fastest eigenvalue varies by a small factor over them.
     """
-    poses = np.random.default_rng(0).uniform(-np.pi, np.pi, (POSES, len(kp)))
+    # 8 poses at which the inertia of an arm is looked at
+    poses = np.random.default_rng(0).uniform(-np.pi, np.pi, (8, len(kp)))
     fastest = max(fastest_eigenvalue(rigid.inertia(pose), np.diag(kp), np.diag(kd)) for pose in poses)
     needed = fastest / rate
     return 1 if needed <= 1.0 else 2 * int(np.ceil(0.5 * needed))

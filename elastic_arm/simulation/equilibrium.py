@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.errors import SimulationError
 from elastic_arm.simulation.assembly import System
-
-Array = NDArray[np.float64]
 
 # A residual torque below this counts as equilibrium, Nm.
 TOLERANCE = 1e-9

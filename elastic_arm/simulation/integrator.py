@@ -15,14 +15,13 @@ from typing import Any, Protocol
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.codegen.compiler import find_compiler
 from elastic_arm.codegen.loop import build_loop
 from elastic_arm.errors import KernelError, SimulationError
 from elastic_arm.simulation.assembly import System
 
-Array = NDArray[np.float64]
 log = logging.getLogger(__name__)
 
 

@@ -6,15 +6,13 @@ from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.errors import SimulationError, require_kind
 from elastic_arm.recording import Recording, Side
 from elastic_arm.robot import Robot, require_robot, to_urdf
 from elastic_arm.simulation.settings import USUAL, SimulationSettings
 from elastic_arm.simulation.simulator import Simulator
-
-Array = NDArray[np.float64]
 
 # Nearly three hours at 1 kHz; a run is in memory as a whole, some 250 bytes a sample and joint.
 MOST_SAMPLES = 10_000_000

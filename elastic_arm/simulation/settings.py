@@ -17,7 +17,8 @@ class SimulationSettings:
 
     model: str = "mod3"  # mod1, mod2 or mod3
     bearings: bool = False  # let the bearings tilt (12 coordinates for three joints)
-    effects: Sequence[EffectInstance] = ()  # effects beyond the model, beside those that the description lists
+    # effects in addition to those that the description lists; as text, too ("coulomb_friction:joint_2:torque=6")
+    effects: Sequence[EffectInstance | str] = ()
     sensors: Sensors | None = None  # what the measured channels add to the truth; those of `Sensors()` when None
     controller: Controller | None = None  # default: what `nominal` states, else one that is tuned to it
     nominal: Robot | None = None  # what the controller, and a recording, believe; the true arm when None

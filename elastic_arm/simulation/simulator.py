@@ -6,11 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.effects import EffectInstance, robot_effects
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.effects.model import Plant
+from elastic_arm.effects.text import parse, read_effects
 from elastic_arm.errors import ElasticArmError, SimulationError
 from elastic_arm.robot import Robot
 from elastic_arm.sensors import DelayLine, SensorBank, Sensors
@@ -19,8 +20,6 @@ from elastic_arm.simulation.controller import controller_of, fastest_eigenvalue
 from elastic_arm.simulation.equilibrium import equilibrium
 from elastic_arm.simulation.integrator import ClosedLoop, IntegratorState, Solution, make_integrator
 from elastic_arm.simulation.settings import USUAL, SimulationSettings
-
-Array = NDArray[np.float64]
 
 # The sign of a velocity is tanh(w / speed): far below the speeds of an excitation (0.1 to 2 rad/s), yet wide enough
 # that a motion through zero takes some steps.
@@ -119,10 +118,11 @@ class Simulator:
         start = np.zeros(robot.n) if q0 is None else np.asarray(q0, dtype=float)
         self.reset(start, None if dq0 is None else np.asarray(dq0, dtype=float))
 
-    def _build(self, effects: Sequence[EffectInstance]) -> None:
+    def _build(self, effects: Sequence[EffectInstance | str]) -> None:
         """Put arm, effects and sensors together."""
         settings = self._settings
-        self.effects = (*robot_effects(self.robot, settings.catalogue), *effects)
+        added = read_effects(effects, lambda text: [parse(text, self.robot, settings.catalogue)])
+        self.effects = (*robot_effects(self.robot, settings.catalogue), *added)
         plant = Plant(self.robot, Sensors() if settings.sensors is None else settings.sensors, settings.bearings)
         for instance in self.effects:
             instance.joint_indices(self.robot)

@@ -47,11 +47,8 @@ class ProcessPool:
     def start(self, tasks: Sequence[Task], advance: Advance) -> Results[Any]:
         """Begin tasks (functions of a module, bound to their arguments); what is begun first is done first.
 
-        Returns
-        -------
-        results
-            A function that waits for the tasks and returns their results in order. A task's error is raised there, or
-            here where there is one process.
+        Returns a function that waits for the tasks and returns their results in order. A task's error
+        is raised there, or here where there is one process.
         """
         if self._pool is None:
             results = []

@@ -58,12 +58,17 @@ def motion(tmp_path: Path) -> Path:
 def test_excite_writes_a_trajectory_and_says_what_it_reached(tmp_path: Path) -> None:
     """`elastic-arm excite` writes a file that loads, a report, and JSON with the condition before and after."""
     file = tmp_path / "t.yaml"
-    result = run("excite", "--out", file, "--evaluations", 30, "--harmonics", 3, "--json", "--report", tmp_path)
+    further = ("--csv", tmp_path / "traj.csv", "--goal", tmp_path / "goal.yaml")
+    search = ("--evaluations", 30, "--harmonics", 3)
+    result = run("excite", "--out", file, *search, "--json", "--report", tmp_path, *further)
     assert result.exit_code == 0, result.output
     told = json.loads(result.stdout)
     assert told["condition_number"]["after"] <= told["condition_number"]["before"]
     assert load_trajectory(file).joints == ("joint_1", "joint_2", "joint_3")
     assert "<svg" in (tmp_path / "report.html").read_text()
+    assert told["excitation"]["poor"] is False and told["excitation"]["reasons"] == []
+    assert load_trajectory(file).duration == pytest.approx(5.0 + 10.0 * told["excitation"]["periods"])
+    assert (tmp_path / "traj.csv").exists() and (tmp_path / "goal.yaml").exists()
 
 
 def test_describe_tells_joints_and_base_parameters() -> None:

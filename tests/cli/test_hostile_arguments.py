@@ -162,13 +162,7 @@ def test_a_reader_that_goes_away_is_no_error() -> None:
 
 MAIN = "from elastic_arm.app import main; main()"
 BAG = str(Path(__file__).parents[2] / "bags" / "validation")
-SPEAKING = {
-    "describe": ("describe",),
-    "bag info": ("bag", "info", BAG),
-    "bag info --json": ("bag", "info", BAG, "--json"),
-    "help": ("--help",),
-    "version": ("--version",),
-}
+SPEAKING = {"describe": ("describe",), "bag info --json": ("bag", "info", BAG, "--json"), "help": ("--help",)}
 
 
 def in_a_process(arguments: Sequence[str], before: str = "", **options: Any) -> subprocess.CompletedProcess[str]:
@@ -188,7 +182,7 @@ def test_an_output_that_takes_nothing_is_an_error_in_one_line(command: str) -> N
 
 
 @pytest.mark.parametrize("command", SPEAKING)
-@pytest.mark.parametrize("closed", ["1", "2", "12", "012"])
+@pytest.mark.parametrize("closed", ["1", "2", "012"])
 def test_outputs_that_are_closed_are_done_without(command: str, closed: str) -> None:
     """As behind `>&-`: the command does its work, and says nothing."""
     shut = "import os; " + "; ".join(f"os.close({number})" for number in closed)

@@ -77,32 +77,6 @@ def test_a_common_scale_of_torques_and_inertias_is_as_uncertain_as_its_priors(
     assert np.ptp(ratios) < 0.004
 
 
-@pytest.mark.slow
-def test_hysteresis_beside_ordinary_errors_is_named() -> None:
-    """Memory of a drive is not swallowed by the refit of stiffness, damping and friction."""
-    found, _ = refitted(32, Fault("hysteresis", 1, {"torque": 9.0, "width": 1.5e-4}))
-    assert [(c.effect, c.joint) for c in found.causes] == [("hysteresis", "joint_2")]
-
-
-@pytest.mark.slow
-def test_a_lag_of_all_link_encoders_is_one_cause() -> None:
-    """A delay of 2.6 ms on every joint's link encoder is reported once, to 1 %, and no eccentricity in its place."""
-    found, _ = refitted(33, Fault("time_delay", None, {"delay": 2.6e-3}, channels=("link_encoder",)))
-    (cause,) = found.causes
-    assert (cause.effect, cause.joint) == ("time_delay", None)
-    assert cause.parameters["delay"].value == pytest.approx(2.6e-3, rel=0.01)
-    assert found.verdict == "explained"
-
-
-@pytest.mark.slow
-def test_stribeck_friction_is_not_taken_for_gains() -> None:
-    """Gains of all torque sensors that scale the friction, masses down, would stand in for a Stribeck curve."""
-    found, _ = refitted(36, Fault("stribeck_friction", 2, {"torque": 4.0, "speed": 0.05}))
-    (cause,) = found.causes
-    assert (cause.effect, cause.joint) == ("stribeck_friction", "joint_3")
-    assert cause.parameters["torque"].value == pytest.approx(4.0, rel=0.03)
-
-
 def of_masses(*ratios: float, extra: tuple[Fault, ...] = ()) -> tuple[Diagnosis, Robot]:
     """Diagnose an arm whose links have these multiples of the masses described, 1 for ordinary ones."""
     rng = np.random.default_rng(39)

@@ -60,7 +60,6 @@ def test_the_model_of_a_clean_arm_sees_200_ms_ahead(clean: Prediction) -> None:
         "payload",  # moves the link
         "motor_torque_gain",  # a sensor's: the torque that drives the prediction
         "encoder_eccentricity",  # a sensor's: the angle that it is compared with
-        "time_delay",
         "bearing_compliance",  # adds coordinates
     ],
 )

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+import sys
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -13,7 +15,16 @@ import pytest
 from elastic_arm.diagnosis import Diagnosis
 from elastic_arm.diagnosis.corrected_robot import repaired_robot
 from elastic_arm.diagnosis.estimates import ParameterEstimate, averaged
-from elastic_arm.diagnosis.result import SEPARATING, Alternative, Cause, Change, Imperfection, ResidualSizes
+from elastic_arm.diagnosis.result import (
+    SEPARATING,
+    Alternative,
+    Cause,
+    Change,
+    Imperfection,
+    PairSeparation,
+    Proposal,
+    ResidualSizes,
+)
 from elastic_arm.diagnosis.words import (
     cause_sentence,
     cause_size,
@@ -22,11 +33,11 @@ from elastic_arm.diagnosis.words import (
     instance_text,
     percent,
     probability_text,
+    summary,
     trust_text,
-    verdict_sentence,
 )
-from elastic_arm.effects import parse
-from elastic_arm.errors import DiagnosisError
+from elastic_arm.effects import EFFECTS, parse
+from elastic_arm.errors import DiagnosisError, MissingExtraError, OutputError
 from elastic_arm.formatting import JointUnits, rounded
 from elastic_arm.robot import load_robot
 
@@ -89,12 +100,47 @@ def test_the_file_is_the_contracts(tmp_path: Path) -> None:
     assert data["changes"][0]["values"][1] == {"recording": "b", "value": 9.0, "std": 0.1}
 
 
+def test_a_saved_diagnosis_is_read_as_it_was(tmp_path: Path) -> None:
+    """What was written is written again alike once read, with its causes as the simulator takes them; else one line."""
+    found = diagnosis(cause(), cause("time_delay:delay=0.003", delay=ParameterEstimate(0.003, 1e-4, "s")))
+    found = replace(found, shrink_interval=(0.8, 0.9), proposal=Proposal(None, (PairSeparation(PLACE, PLACE, 1.0),), 3))
+    read = Diagnosis.load(found.save(tmp_path / "diagnosis.json"))
+    assert read.to_dict() == found.to_dict() and read.causes[0].instance == found.causes[0].instance
+    assert summary(read) == summary(found)
+    for text in ("{", "{}", '{"schema": "elastic_arm/diagnosis/2"}'):
+        (tmp_path / "broken.json").write_text(text)
+        with pytest.raises(DiagnosisError, match=r"Give a diagnosis\.json|Its schema must be"):
+            Diagnosis.load(tmp_path / "broken.json")
+
+
+def test_tables_are_csv_files_and_a_notebook_shows_the_verdict(tmp_path: Path) -> None:
+    """Causes, residuals' sizes and numbers are a file each; without pandas a data frame is refused with a remedy."""
+    found = diagnosis(cause())
+    files = {path.name: path.read_text().splitlines() for path in found.to_csv(tmp_path)}
+    assert list(files) == ["causes.csv", "gap.csv", "parameters.csv"]
+    assert files["causes.csv"][0] == "effect,joint,sides,probability,share_of_gap,parameter,value,std,unit"
+    assert files["causes.csv"][1] == "coulomb_friction,joint_2,motor,0.7,0.5,torque,6,0.123456789,Nm"
+    assert "Joint 2 loses 6 Nm of dry friction" in found._repr_html_() and found.plot()._repr_png_()[1:4] == b"PNG"
+
+
+def test_a_data_frame_is_a_table(monkeypatch: pytest.MonkeyPatch) -> None:
+    """pandas is given the rows of a table; a table that is not there, and pandas that is missing, are refused."""
+    monkeypatch.setitem(sys.modules, "pandas", SimpleNamespace(DataFrame=list))
+    monkeypatch.setattr("elastic_arm.errors.find_spec", lambda name: name)
+    assert [row["rmse_before"] for row in diagnosis(cause()).to_dataframe("gap")] == [0.4]
+    with pytest.raises(OutputError, match="there is no table 'nope'"):
+        diagnosis(cause()).to_dataframe("nope")
+    monkeypatch.setattr("elastic_arm.errors.find_spec", lambda name: None)
+    with pytest.raises(MissingExtraError, match="pip install pandas"):
+        diagnosis(cause()).to_dataframe()
+
+
 def test_what_a_description_states_goes_from_its_number_to_the_one_found() -> None:
     """`from` and `to` are in the file, and both numbers in the words."""
     one = replace(cause(), stated={"torque": 60.0, "side": "motor"})
     written = replace(one, stated={"torque": 60.0}).to_dict()
     assert (written["from"], written["to"]) == ({"torque": 60.0}, {"torque": 6.0})
-    assert "the description states torque 60 Nm, the arm has torque 6.00 ± 0.12 Nm" in cause_sentence(one, "mod3")
+    assert "loses 6 Nm of dry friction, where the description states torque 60 Nm" in cause_sentence(one, "mod3")
     assert cause_size(one) == "torque 60 → 6.00 ± 0.12 Nm"
 
 
@@ -136,23 +182,46 @@ def test_a_size_is_as_uncertain_as_the_set_of_causes_is() -> None:
     assert size.std == pytest.approx((0.1**2 + 0.75 * 0.5**2 + 0.25 * 1.5**2) ** 0.5)
 
 
-def test_a_sentence_states_what_the_arm_or_its_recording_has() -> None:
-    """Friction is the arm's, a gain the recording's and a ratio, and what has no size is a matter of the model."""
-    friction = cause_sentence(cause(), "mod3")
-    assert friction == (
-        "Coulomb friction of joint_2: the arm has torque 6.00 ± 0.12 Nm that mod3 lacks; "
-        "with it alone, 50.0 % of the gap is gone."
-    )
+def test_a_cause_is_a_plain_sentence() -> None:
+    """Friction is the model's lack, a gain the recording's, what has no size a matter of the model, small angles have
+    a prefix, a rival is named, and an effect without words of its own goes by its name."""
+    alone = replace(cause(), alternatives=())
+    assert cause_sentence(alone, "mod3") == "Joint 2 loses 6 Nm of dry friction, which the model lacks."
+    assert "(or viscous_friction on joint_2: this recording does not separate them)" in cause_sentence(cause(), "mod3")
     gain = cause("joint_torque_gain:joint_1:gain=1.15", gain=ParameterEstimate(1.15, 0.01, "1"))
-    assert "the recording has 1.150 ± 0.010 times what mod3 has" in cause_sentence(gain, "mod3")
-    coupling = cause_sentence(replace(cause("inertia_coupling"), parameters={}, shrink=-0.2), "mod2")
-    assert "the arm has it, mod2 does not (mod3 does); it helps only beside other causes." in coupling
+    assert cause_sentence(replace(gain, alternatives=()), "mod3") == "Joint 1 records 1.15 times its joint torque."
+    coupling = replace(cause("inertia_coupling"), parameters={}, alternatives=())
+    assert cause_sentence(coupling, "mod2").endswith("on the links that carry them, which mod2 lacks (mod3 has it).")
+    play = cause("backlash:joint_1:half_gap=2e-5", half_gap=ParameterEstimate(2e-5, 1e-6, "rad"))
+    assert cause_sentence(play, "mod3").startswith("Joint 1 has 20 µrad of play to either side")
+    own = replace(cause().instance, effect=replace(cause().instance.effect, plain=""))
+    assert cause_sentence(replace(alone, instance=own), "mod3").startswith(
+        "Joint 2 has coulomb friction of torque 6 Nm"
+    )
 
 
-def test_verdict_trust_and_changes_are_sentences() -> None:
-    """The verdict names causes with their rival, trust leaves out what is excluded, a change has every recording."""
+def test_every_effect_says_in_plain_words_what_it_does() -> None:
+    """At its defaults or in the middle of its ranges, every effect of the catalogue gives a sentence."""
+    for effect in EFFECTS.values():
+        instance = next(effect.candidates(ROBOT))
+        sizes = {p.name: ParameterEstimate(instance.parameters[p.name], 0.1, p.unit) for p in effect.parameters}
+        one = replace(cause(), effect=effect.id, joint=instance.joint, parameters=sizes, instance=instance)
+        assert effect.plain and re.fullmatch(r"[A-Z][^{}_]*\.", cause_sentence(replace(one, alternatives=()), "mod1"))
+
+
+def test_the_summary_says_what_the_arm_has_and_how_right_the_model_is_then() -> None:
+    """The verdict comes first, then causes, the model's error without and with them, and the share that is gone."""
+    first, last = summary(diagnosis(cause()))
+    assert first.startswith("explained: Joint 2 loses 6 Nm of dry friction")
+    assert "largest error on another motion" in last and "0.4 Nm at joint_2 (motor side, noise 0.1 Nm)" in last
+    assert last.endswith("90.0 % of the gap is gone.")
+    (alone,) = summary(replace(diagnosis(), verdict="none"))
+    assert alone == "none: recording and model agree within the noise of the sensors."
+
+
+def test_trust_and_changes_are_sentences() -> None:
+    """Trust leaves out what is excluded, a change has every recording."""
     found = diagnosis(cause())
-    assert verdict_sentence(found).startswith("coulomb_friction on joint_2 (or viscous_friction on joint_2: this")
     assert trust_text(found.trust) == "as calibrated (97 %), as built (3 %)"
     assert "6.00 ± 0.10 Nm in a; 9.00 ± 0.10 Nm in b" in change_text(found.changes[0])
 

@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.errors import RobotError
 from elastic_arm.robot import Robot, load_robot
-from elastic_arm.robot.synthetic import random_arm
+from tests.helpers.random_arms import random_arm
 
 MODELS = ("mod1", "mod2", "mod3")
 VARIANTS = [(name, bearings) for name in MODELS for bearings in (False, True)]

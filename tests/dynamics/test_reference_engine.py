@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.robot import Robot, load_robot
-from elastic_arm.robot.synthetic import random_arm
 from tests.helpers.full_tree import FullTree
+from tests.helpers.random_arms import random_arm
 
 RELATIVE = 1e-9
 ARMS = {

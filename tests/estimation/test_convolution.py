@@ -39,7 +39,6 @@ def test_a_circular_filter_is_that_of_transforms_of_the_signals_own_length(sampl
     expected = np.fft.irfft(gains @ np.fft.rfft(values, axis=0)[:count], samples, axis=0)[edge:-edge].T
     prepared = circular_gains(gains, samples, edge)
     found = filtered_circularly(values, prepared)
-    np.testing.assert_allclose(prepared.harmonics.signals(found), expected, atol=1e-13 * np.abs(expected).max())
     products = expected.reshape(40, -1) @ expected.reshape(40, -1).T
     flat = found.reshape(40, -1)
     np.testing.assert_allclose(flat @ flat.T, products, atol=1e-13 * np.abs(products).max())

@@ -28,10 +28,7 @@ def test_the_load_is_known_better_than_by_model_or_deflection_alone() -> None:
     motion: Any = SimpleNamespace(theta=true / K + motor, q=link, dtheta=zeros, dq=zeros)
     spectrum = lambda f: np.full((len(f), model.n), STD**2)  # noqa: E731
     observation: Any = SimpleNamespace(
-        rate=RATE,
-        quiet_gain=np.ones_like,
-        position_spectrum=lambda _, f: spectrum(f),
-        quiet_link_spectrum=spectrum,
+        rate=RATE, quiet_gain=np.ones_like, position_spectrum=lambda _, f: spectrum(f), quiet_link_spectrum=spectrum
     )
     at = np.linspace(0.0, 40.0, 400)
     noise = (INERTIA * (2 * np.pi * at) ** 2 * STD)[:, None] ** 2 * np.ones(model.n)

@@ -42,10 +42,7 @@ def test_the_noise_of_a_torque_is_found_beside_motion_and_a_line() -> None:
 def test_the_noise_of_every_channel_is_what_the_sensors_have() -> None:
     """Standard deviations that the simulated sensors state come back from the recording alone."""
     sensors, noise, n = Sensors.real(), observation().noise, recording().n
-    pairs = (
-        (noise.tau_J, sensors.joint_torque.row("noise", n)),
-        (noise.tau_m, sensors.motor_torque.row("noise", n)),
-    )
+    pairs = ((noise.tau_J, sensors.joint_torque.row("noise", n)), (noise.tau_m, sensors.motor_torque.row("noise", n)))
     for found, stated in pairs:
         assert found is not None
         np.testing.assert_allclose(found, stated, rtol=0.15)

@@ -62,7 +62,6 @@ def test_other_joints_and_most_of_the_friction_are_kept() -> None:
     np.testing.assert_array_equal(sticking.remove(others), others)
     friction = in_band(np.sign(np.sin(2 * np.pi * 0.2 * stretch.quiet.t)))
     assert np.linalg.norm(sticking.remove(friction)) > 0.7 * np.linalg.norm(friction)
-    assert 0.7 < sticking.share_left < 1.0
 
 
 def test_friction_of_a_joint_that_sticks_half_of_the_time_is_removed() -> None:
@@ -75,7 +74,6 @@ def test_friction_of_a_joint_that_sticks_half_of_the_time_is_removed() -> None:
     torque = in_band(np.sign(np.sin(2 * np.pi * 3.0 * t)) * stands)
     sticking = FreeTorques.of(stretch, band, LAYOUT, NO_STEPS, friction=True, standing=STANDING)
     assert np.linalg.norm(sticking.remove(torque)) < 0.05 * np.linalg.norm(torque)
-    assert sticking.share_left > 0.7
 
 
 def test_a_joint_that_stands_long_takes_all_of_its_rows_and_next_to_none_of_others() -> None:
@@ -90,7 +88,7 @@ def test_a_joint_that_stands_long_takes_all_of_its_rows_and_next_to_none_of_othe
     assert np.linalg.norm(sticking.remove(torque)) < 0.05 * np.linalg.norm(torque)
     moving = in_band(np.sin(20.0 * t) * (np.abs(t - 3.5) > 2.0))
     assert np.linalg.norm(sticking.remove(moving)) > 0.95 * np.linalg.norm(moving)
-    assert max(one.size for one in sticking.found if one.basis is not None) < 40
+    assert max(one.basis.shape[1] for one in sticking.found if one.basis is not None) < 40
 
 
 def test_columns_are_treated_as_residuals_are() -> None:

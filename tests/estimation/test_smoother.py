@@ -8,7 +8,6 @@ import pytest
 from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.noise import estimate_noise
 from elastic_arm.estimation.resampling import LONGEST_HOLE, LONGEST_HOLE_SECONDS, Clock, Grid, part
-from elastic_arm.estimation.series import find_period, fourier_motion
 from elastic_arm.estimation.smoother import Smoother, design_smoother, instantaneous
 from elastic_arm.recording import Samples
 
@@ -103,31 +102,6 @@ def test_smoothed_acceleration_is_far_better_than_finite_differences() -> None:
     crude = np.sqrt(np.mean((differences - motion(grid.t[1:-1], 2)) ** 2))
     assert error < 0.01 * crude
     assert error < 0.02
-
-
-def test_fourier_fit_is_better_still_where_motion_repeats() -> None:
-    """A series fitted to two periods halves the smoother's error at least, and knows its period."""
-    grid = noisy(1e-5, 1e-3)
-    smooth = design_smoother([grid], 2)(grid)
-    series, link, _ = fourier_motion(grid, np.full(2, 1e-5), None)
-    errors = [np.sqrt(np.mean((m.ddq - motion(m.t, 2)) ** 2)) for m in (smooth, series)]
-    assert errors[1] < 0.5 * errors[0]
-    assert link.omega == pytest.approx(2 * np.pi / 10.0, rel=1e-6)
-
-
-def test_motion_that_does_not_repeat_is_refused_a_series() -> None:
-    """A chirp has no period, and a series says so instead of fitting it."""
-    t = np.arange(10000) / RATE
-    with pytest.raises(IdentificationError, match="does not repeat"):
-        find_period(np.sin(2 * np.pi * (0.1 * t + 0.15 * t**2))[:, None], RATE)
-
-
-def test_motion_beyond_a_series_is_refused() -> None:
-    """Where more than encoder noise is left, the series is refused and the smoother recommended."""
-    grid = noisy(1e-6, None)
-    drifting = Grid(grid.t, RATE, q=grid.q + 1e-4 * grid.t[:, None])
-    with pytest.raises(IdentificationError, match="more than a series"):
-        fourier_motion(drifting, np.full(2, 1e-6), None, period=10.0)
 
 
 def test_torques_are_taken_from_means_to_their_stamps() -> None:

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from elastic_arm.dynamics import build_model
 from elastic_arm.errors import ExcitationError
-from elastic_arm.excitation import MARGIN, FourierTrajectory, MotionLimits, Workspace, check_limits
+from elastic_arm.excitation import MARGIN, FourierTrajectory, MotionLimits, Workspace
 from elastic_arm.excitation.workspace import _distances
 from tests.helpers.motions import planar_arm, trajectory
 
@@ -83,11 +83,10 @@ def test_links_keep_a_margin_to_the_floor() -> None:
     low = Workspace.of(robot, radius=0.05, floor=0.44)  # the arm's end hangs at 0.5 m
     default = MotionLimits.of(robot, workspace=low)
     assert default.margin == MARGIN == 0.02
-    assert not default.use(_hold(np.pi), model).kept
-    with pytest.raises(ExcitationError, match=r"a link comes within 10\.0 mm of the floor, the margin is 20 mm"):
-        check_limits(default, model, _hold(np.pi))
+    use = default.use(_hold(np.pi), model)
+    assert not use.kept and "a link comes within 10.0 mm of the floor, the margin is 20 mm" in use.worst()
     close = MotionLimits.of(robot, workspace=low, margin=0.005)
-    assert check_limits(close, model, _hold(np.pi)).floor == pytest.approx(0.01)
+    assert close.use(_hold(np.pi), model).floor == pytest.approx(0.01)
 
 
 def test_links_keep_a_margin_to_each_other() -> None:
@@ -99,7 +98,7 @@ def test_links_keep_a_margin_to_each_other() -> None:
     gap = MotionLimits.of(robot, workspace=Workspace.of(robot, radius=1e-6, floor=None)).use(opened, model).links
     near = Workspace.of(robot, radius=0.5 * (gap - 0.01), floor=None)
     assert not MotionLimits.of(robot, workspace=near).use(opened, model).kept
-    use = check_limits(MotionLimits.of(robot, workspace=near, margin=0.005), model, opened)
+    use = MotionLimits.of(robot, workspace=near, margin=0.005).use(opened, model)
     told = use.to_dict()
     assert (told["links_gap_m"], told["margin_m"]) == (pytest.approx(0.01, abs=1e-5), 0.005)
 

@@ -31,8 +31,8 @@ from elastic_arm.excitation.criteria import distinct_columns, elastic_motion
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.report import excitation as figures
 from elastic_arm.robot import Robot, load_robot
-from elastic_arm.robot.synthetic import random_arm
 from tests.helpers.motions import trajectory
+from tests.helpers.random_arms import random_arm
 
 
 @pytest.fixture(scope="module")

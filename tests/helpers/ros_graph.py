@@ -66,6 +66,7 @@ class Graph:
         self.peer: Node = rclpy.create_node("peer", context=self._context)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.peer)
+        self._clients: dict[str, Any] = {}
 
     def start(self, name: str, /, *arguments: str, **parameters: Any) -> NodeProcess:
         """Start a node with parameters, and further arguments of ROS such as `-r __ns:=/left`."""
@@ -90,12 +91,13 @@ class Graph:
 
     def call(self, kind: Any, service: str, request: Any) -> Any:
         """Call a service and return its response."""
-        client = self.peer.create_client(kind, service)
-        self.until(client.service_is_ready, f"{service} is offered")
-        # The client knows the server then; the server may yet have to discover where its answers are read.
-        discovered = time.monotonic() + 0.5
-        self.until(lambda: time.monotonic() > discovered, "half a second has passed")
-        future = client.call_async(request)
+        if service not in self._clients:
+            self._clients[service] = self.peer.create_client(kind, service)
+            self.until(self._clients[service].service_is_ready, f"{service} is offered")
+            # The client knows the server then; the server may yet have to discover where its answers are read.
+            discovered = time.monotonic() + 0.5
+            self.until(lambda: time.monotonic() > discovered, "half a second has passed")
+        future = self._clients[service].call_async(request)
         self.until(future.done, f"{service} answers")
         return future.result()
 

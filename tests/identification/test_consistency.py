@@ -25,8 +25,8 @@ from elastic_arm.identification.consistency.identified_robot import identified_r
 from elastic_arm.identification.verdict import remarks
 from elastic_arm.recording import Recording, Samples, Side
 from elastic_arm.robot import Inertia, Robot, load_robot, parse_urdf, to_urdf
-from elastic_arm.robot.synthetic import random_arm
 from tests.helpers.periodic_arm import derivative, link_motion, record
+from tests.helpers.random_arms import random_arm
 
 
 def recorded(samples: Samples, robot: Robot, source: str = "test") -> Recording:

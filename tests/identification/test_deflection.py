@@ -52,9 +52,7 @@ def test_torque_sets_the_scale_whatever_the_encoders_noise(arm: Robot, noise: fl
     """From a description that is 30 % wrong, stiffnesses come out to 3 % and all parameters within their deviations."""
     samples = measured(arm, noise)
     result = identify(
-        without_sensors(arm, samples, samples.q),
-        described(arm),
-        IdentificationSettings(consistent=False),
+        without_sensors(arm, samples, samples.q), described(arm), IdentificationSettings(consistent=False)
     )
     for joint in arm.joints:
         assert value_of(result, f"{joint.name}.K") == pytest.approx(joint.transmission.stiffness, rel=0.03)
@@ -66,11 +64,7 @@ def test_a_damping_that_the_recording_does_not_hold_stays_with_the_description(a
     """With 1e-4 rad of encoder noise no damping of joint 1 is known: it is the description's, "not", and listed."""
     samples = measured(arm, 1e-4)
     nominal = described(arm)
-    result = identify(
-        without_sensors(arm, samples, samples.q),
-        nominal,
-        IdentificationSettings(consistent=False),
-    )
+    result = identify(without_sensors(arm, samples, samples.q), nominal, IdentificationSettings(consistent=False))
     damping = next(e for e in result.estimates if e.name == "joint_1.D")
     assert (damping.value, damping.verdict) == (nominal.joints[0].transmission.damping, "not")
     assert any("joint_1.D" in note and "as in the description" in note for note in result.notes)

@@ -27,9 +27,9 @@ from elastic_arm.identification.regularisation import law_sizes, prior_of
 from elastic_arm.identification.stream import Identifier
 from elastic_arm.recording import Recording
 from elastic_arm.robot import Robot
-from elastic_arm.robot.synthetic import random_arm
 from elastic_arm.simulation import SimulationSettings, simulate
 from tests.helpers.motions import trajectory
+from tests.helpers.random_arms import random_arm
 
 FRICTION = ("viscous_friction", "coulomb_friction")
 
@@ -75,7 +75,7 @@ def test_what_a_short_recording_does_not_show_is_held_to_what_is_ordinary(robot:
         assert abs(sizes.get(f"motor_torque_offset:{joint}.offset", 0.0)) < 2 * ZERO * size
     assert all(abs(sizes.get(f"{TILT}:{robot.name}.{axis}", 0.0)) < 2 * LEVEL for axis in "xy")
     assert not any("without being asked for" in note for note in found.notes)
-    assert any("held to what is ordinary" in note for note in found.notes)
+    assert any("kept within what is usual" in note for note in found.notes)
 
 
 def test_what_the_recordings_show_to_be_none_is_left_out(robot: Robot) -> None:
@@ -150,7 +150,7 @@ def test_imperfections_are_named_with_why_and_how(robot: Robot) -> None:
     first, second = parse_laws(["motor_torque_offset"], robot)[:2]
     shown, held = described_imperfections([NuisanceLaw(first), NuisanceLaw(second, 1.0)])
     assert "differ from none" in shown and shown.endswith(f"motor_torque_offset:{first.joint}")
-    assert "held to what is ordinary: the other zeros of torques (10%" in held
+    assert "kept within what is usual: the other zeros of torques (10%" in held
     assert described_imperfections([]) == []
 
 

@@ -11,10 +11,10 @@ from elastic_arm.estimation.motion import Motion
 from elastic_arm.identification import identify
 from elastic_arm.identification.batch.mounting import Mounting, about_x, about_y, other_mounting
 from elastic_arm.robot import Robot
-from elastic_arm.robot.synthetic import random_arm
 from elastic_arm.robot.variation import varied
 from elastic_arm.simulation import simulate
 from tests.helpers.motions import trajectory
+from tests.helpers.random_arms import random_arm
 
 Array = NDArray[np.float64]
 DOWN = np.array([0.0, 0.0, -9.81])

@@ -74,16 +74,8 @@ def test_torques_with_right_zeros_get_none(arm: Robot, samples: Samples) -> None
     """Without an offset there is none among the estimates, nor without laws where there is one."""
     torque = np.tanh(samples.dtheta / 1e-3) * np.array([0.0, 0.0, 10.0])
     laws = parse_laws(FRICTION, arm)
-    right = identify(
-        with_torque(arm, samples, torque),
-        arm,
-        IdentificationSettings(effects=laws, consistent=False),
-    )
-    unasked = identify(
-        with_torque(arm, samples, np.array([0, 0, 4.0])),
-        arm,
-        IdentificationSettings(consistent=False),
-    )
+    right = identify(with_torque(arm, samples, torque), arm, IdentificationSettings(effects=laws, consistent=False))
+    unasked = identify(with_torque(arm, samples, np.array([0, 0, 4.0])), arm, IdentificationSettings(consistent=False))
     assert not zeros_of(right) and not zeros_of(unasked)
 
 
@@ -91,11 +83,7 @@ def test_dry_friction_turns_over_at_each_joint_where_it_does(arm: Robot, samples
     """Sharp friction at one joint and gradual at another are both found within 5 %."""
     turning, dry = np.array([1e-4, 1e-4, 5e-2]), np.array([0.0, 20.0, 20.0])
     recording = with_torque(arm, samples, dry * np.tanh(samples.dtheta / turning))
-    found = identify(
-        recording,
-        arm,
-        IdentificationSettings(effects=parse_laws(FRICTION, arm), consistent=False),
-    )
+    found = identify(recording, arm, IdentificationSettings(effects=parse_laws(FRICTION, arm), consistent=False))
     sizes = {e.name: e.value for e in found.estimates}
     found_dry = [sizes[f"coulomb_friction:joint_{k}.torque"] for k in (2, 3)]
     np.testing.assert_allclose(found_dry, dry[1:], rtol=0.05)

@@ -10,11 +10,11 @@ from elastic_arm.excitation import MotionLimits, random_trajectories
 from elastic_arm.mujoco import to_mjcf
 from elastic_arm.mujoco.new_model import DEFLECTION
 from elastic_arm.robot import load_robot
-from elastic_arm.robot.synthetic import random_arm
 from elastic_arm.robot.urdf import parse_urdf
 from elastic_arm.robot.urdf_export import to_urdf
 from elastic_arm.simulation import SimulationSettings, Simulator
 from tests.helpers.mujoco_arms import MODELS, random_motion
+from tests.helpers.random_arms import random_arm
 
 mujoco = pytest.importorskip("mujoco")
 

@@ -105,12 +105,28 @@ FOUND: dict[str, Any] = {
             },
             "shrink": 0.9,
             "confidence": 0.8,
+            "from": {"delay": 0.001},
+            "to": {"delay": 0.004},
             "alternatives": [
                 {"effect": "damping_mismatch", "joint": "joint_1", "confidence": 0.2, "separated_by": "faster motion"}
             ],
         }
     ],
     "unexplained": [{"joint": "joint_1", "side": "motor", "regime": "load", "rmse": 0.5}],
+    "changes": [
+        {
+            "effect": "time_delay",
+            "joint": None,
+            "parameter": "delay",
+            "unit": "s",
+            "values": [
+                {"recording": "a", "value": 0.004, "std": 1e-5},
+                {"recording": "b", "value": 0.002, "std": 1e-5},
+            ],
+            "confidence": 0.99,
+        }
+    ],
+    "trust": {"as measured": 0.2, "as built": 0.8},
 }
 
 
@@ -131,11 +147,16 @@ def test_a_message_says_what_the_file_says() -> None:
     )
     delay, channels = cause.parameters
     assert (delay.name, list(delay.value), list(delay.std), delay.unit) == ("delay", [0.004], [1e-5], "s")
+    assert (list(delay.stated), list(channels.stated)) == ([0.001], [])
     assert (list(channels.words), list(channels.value)) == (["joint_torque"], [])
     (other,) = cause.alternatives
     assert (other.effect, other.joint, other.separated_by) == ("damping_mismatch", "joint_1", "faster motion")
     (place,) = message.unexplained
     assert (place.joint, place.side, place.regime, place.rmse) == ("joint_1", "motor", "load", 0.5)
+    (change,) = message.changes
+    assert (change.effect, change.joint, change.parameter, change.confidence) == ("time_delay", "", "delay", 0.99)
+    assert (list(change.recording), list(change.value)) == (["a", "b"], [0.004, 0.002])
+    assert dict(zip(message.trust, message.trust_probability, strict=True)) == FOUND["trust"]
     assert in_words(FOUND) == "explained: time_delay"
 
 
@@ -257,15 +278,14 @@ def test_an_arm_at_rest_is_not_diagnosed(graph: Graph) -> None:
 
 
 @pytest.mark.graph
-@pytest.mark.parametrize(
-    ("parameters", "named"),
-    [({"robot": "/nowhere/arm.yaml"}, "/nowhere/arm.yaml"), ({"known": "['coulomb_frictoin']"}, "coulomb_friction")],
-    ids=["no such arm", "no such effect"],
-)
-def test_a_mistake_is_answered_in_one_line(graph: Graph, parameters: dict[str, Any], named: str) -> None:
+def test_mistakes_are_answered_in_one_line(graph: Graph) -> None:
     """The node ends with code 2 and a line that names what was wrong."""
-    node = graph.start("gap_monitor", **parameters)
-    assert node.wait() == 2, node.output
-    (line,) = node.output.splitlines()
-    assert line.startswith("error: ")
-    assert named in line
+    mistakes = {
+        "/nowhere/arm.yaml": {"robot": "/nowhere/arm.yaml"},
+        "coulomb_friction": {"known": "['coulomb_frictoin']"},
+    }
+    nodes = {named: graph.start("gap_monitor", **parameters) for named, parameters in mistakes.items()}
+    for named, node in nodes.items():
+        assert node.wait() == 2, node.output
+        (line,) = node.output.splitlines()
+        assert line.startswith("error: ") and named in line

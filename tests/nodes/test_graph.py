@@ -113,12 +113,18 @@ def test_the_recording_holds_the_whole_run(run: Run) -> None:
 
 
 def test_online_and_offline_agree(graph: Graph, run: Run) -> None:
-    """The samples of a bag give the same estimate over the graph as fed to the estimator at once, to rounding."""
+    """The samples of a bag give the same estimate over the graph as fed to the estimator at once, to rounding.
+
+    With `print`, every estimate is a line of JSON on stdout, for a program that shows the course.
+    """
     folder = graph.folder / "online"
-    identifier = graph.start("identifier", save_to=folder, save_at_exit=True)
+    identifier = graph.start("identifier", save_to=folder, save_at_exit=True, print=True)
     replayer = graph.start("replayer", bag=run.bag, topics="['/joint_states', '/motor_states']", rate=3.0)
     graph.until(lambda: replayer.process.poll() is not None, "the bag ends")
     assert identifier.stop() == 0
+    printed = [json.loads(line) for line in identifier.output.splitlines() if line.startswith("{")]
+    assert len(printed) > 1 and printed[0]["samples"] > 0
+    assert len(printed[0]["name"]) == len(printed[0]["value"]) == len(printed[0]["std"]) == len(printed[0]["unit"])
     online = Identification.load(folder / "identification.json")
     estimator = identifier_of(load_robot(None))
     estimator.add(read_recording(run.bag).samples())
@@ -245,6 +251,20 @@ def test_an_arm_that_is_held_up_in_real_time_loses_no_sample(graph: Graph) -> No
     reference, followed, stamp_ns = reference_and_motion(graph)
     assert set(np.diff(stamp_ns)) == {STEP_NS}
     np.testing.assert_allclose(followed, reference, atol=0.01)
+
+
+def test_the_generator_goes_on_with_an_arm_that_was_started_again(graph: Graph) -> None:
+    """Where the simulator ends in the middle of a motion, the generator waits for the next one and begins anew."""
+    trajectory = lively_excitation(graph.folder, 4.0)
+    simulator = graph.start("simulator")
+    generator = graph.start("trajectory_generator", trajectory=trajectory)
+    graph.until(lambda: "streaming 4.0 s" in generator.output, "the motion is announced")
+    assert simulator.stop() == 0
+    graph.until(lambda: "waiting for it" in generator.output, "the generator misses the arm")
+    assert generator.process.poll() is None
+    graph.start("simulator")
+    graph.until(lambda: generator.process.poll() is not None, "the motion ends")
+    assert generator.process.returncode == 0 and generator.output.count("streaming 4.0 s") == 2
 
 
 def test_two_clocks_are_a_mistake(graph: Graph) -> None:
@@ -500,24 +520,10 @@ MISTAKES = {
 }
 
 
-@pytest.mark.parametrize("mistake", MISTAKES)
-def test_a_mistake_is_answered_in_one_line(graph: Graph, mistake: str) -> None:
-    """The node ends with code 2 and a line that names what was wrong."""
-    name, parameters, named = MISTAKES[mistake]
-    node = graph.start(name, **parameters)
-    assert node.wait() == 2, node.output
-    (line,) = node.output.splitlines()
-    assert line.startswith("error: ")
-    assert named in line
-
-
-def test_printed_estimates_are_lines_of_json(graph: Graph, run: Run) -> None:
-    """With `print`, every estimate is a line of JSON on stdout, for a program that shows the course."""
-    identifier = graph.start("identifier", print=True)
-    graph.start("replayer", bag=run.bag, topics="['/joint_states', '/motor_states']", rate=4.0)
-    graph.until(lambda: identifier.output.count("\n{") > 1, "two lines")
-    assert identifier.stop() == 0
-    line = next(line for line in identifier.output.splitlines() if line.startswith("{"))
-    estimate = json.loads(line)
-    assert len(estimate["name"]) == len(estimate["value"]) == len(estimate["std"]) == len(estimate["unit"])
-    assert estimate["samples"] > 0
+def test_mistakes_are_answered_in_one_line(graph: Graph) -> None:
+    """Each node ends with code 2 and a line that names what was wrong."""
+    nodes = {mistake: graph.start(name, **parameters) for mistake, (name, parameters, _) in MISTAKES.items()}
+    for mistake, node in nodes.items():
+        assert node.wait() == 2, (mistake, node.output)
+        (line,) = node.output.splitlines()
+        assert line.startswith("error: ") and MISTAKES[mistake][2] in line

@@ -27,7 +27,7 @@ from elastic_arm.nodes.support.pacing import Pace
 from elastic_arm.nodes.support.pairing import Pairing
 from elastic_arm.nodes.support.running import run
 from elastic_arm.nodes.support.wire import Form, Inbox
-from elastic_arm.recording import limits
+from elastic_arm.recording import ChannelMap, limits, load_channels
 
 MS = 1_000_000
 
@@ -406,6 +406,63 @@ def test_joints_in_another_order_find_their_columns() -> None:
     assert samples.tau_m.tolist() == [[5.0, 6.0]]
     assert samples.tau_J is None
     assert samples.dq is None
+
+
+def driver_map(folder: Path, text: str) -> ChannelMap:
+    (folder / "map.yaml").write_text(text)
+    return load_channels(folder / "map.yaml")
+
+
+DRIVER = """
+defaults:
+  motor:
+    position: {topic: /arm/joint_states, unit: deg, ratio: 100}
+    effort: {topic: /arm/joint_states, unit: A, torque_constant: 0.2, ratio: 100}
+joints: {a: {name: axis_1}, b: {name: axis_2, motor: {effort: {sign: -1}}}}
+"""
+
+
+def test_a_driver_that_publishes_currents_is_read_by_a_map(tmp_path: Path) -> None:
+    """Degrees and amperes of motors under the driver's names become rad and Nm at the output; others are foreign."""
+    box = Collector(("a", "b"), channels=driver_map(tmp_path, DRIVER))
+    (inbox,) = box.inboxes.values()
+    assert list(box.inboxes) == ["/arm/joint_states"] and box.channels == ("theta", "dtheta", "tau_m")
+    inbox.put(states(["axis_2", "axis_1"], 1, position=[18000.0, 9000.0], effort=[2.0, 1.0]))
+    inbox.put(states(["axis_2"], 2, position=[18000.0], effort=[2.0]))
+    samples = box.take(everything=True)
+    assert samples is not None and samples.theta is not None and samples.tau_m is not None and samples.q is None
+    np.testing.assert_allclose(samples.theta, [[np.pi / 2, np.pi]])
+    np.testing.assert_allclose(samples.tau_m, [[20.0, -40.0]])
+    assert box.faults.foreign == 1
+
+
+def test_both_sides_may_come_on_one_topic(tmp_path: Path) -> None:
+    """A driver with link and motor encoders in one message, under different names, gives samples of both sides."""
+    text = "joints:\n" + "".join(
+        f"  {j}:\n    link: {{position: {{topic: /js, name: {j}_link}}}}\n"
+        f"    motor: {{position: {{topic: /js, name: {j}_motor}}}}\n"
+        for j in "ab"
+    )
+    box = Collector(("a", "b"), channels=driver_map(tmp_path, text))
+    names = ["a_link", "a_motor", "b_link", "b_motor"]
+    box.inboxes["/js"].put(states(names, 1, position=[1.0, 2.0, 3.0, 4.0]))
+    samples = box.take(everything=True)
+    assert samples is not None and samples.q is not None and samples.theta is not None
+    assert (samples.q.tolist(), samples.theta.tolist()) == ([[1.0, 3.0]], [[2.0, 4.0]])
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        (("b: {name: axis_2, motor: {effort: {sign: -1}}}", ""), "lacks b"),
+        (("joints:", "time: arrival\njoints:"), "Record a bag"),
+        (("effort: {topic: /arm/joint_states", "effort: {topic: /arm/currents"), "one topic"),
+    ],
+)
+def test_a_map_that_a_live_graph_cannot_serve_is_refused(tmp_path: Path, changed: tuple[str, str], said: str) -> None:
+    """What only a bag can be read by is refused at the start, with what to do."""
+    with pytest.raises(RecordingError, match=said):
+        Collector(("a", "b"), channels=driver_map(tmp_path, DRIVER.replace(*changed)))
 
 
 def test_messages_that_cannot_be_used_are_counted_and_told() -> None:

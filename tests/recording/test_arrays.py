@@ -109,14 +109,8 @@ def test_a_force_beside_currents_has_no_constant(tmp_path: Path) -> None:
         ({"link": {"position": {"key": "junk"}}, "ignore": ["q"]}, "junk has shape"),
         ({"times": {}}, "give either key or rate"),
         ({"robot_description": "no.urdf"}, "no.urdf: no such file"),
-        (
-            {"link": {"position": {"key": "q", "unit": "degrees"}}},
-            "position.unit: is 'degrees'. Choose one of 'rad',",
-        ),
-        (
-            {"link": {"position": {"key": "q", "unit": ["rad", "degrees"]}}},
-            "position.unit[1]: is 'degrees'. Choose",
-        ),
+        ({"link": {"position": {"key": "q", "unit": "degrees"}}}, "position.unit: is 'degrees'. Choose one of 'rad',"),
+        ({"link": {"position": {"key": "q", "unit": ["rad", "degrees"]}}}, "position.unit[1]: is 'degrees'. Choose"),
         ({"link": {"position": {"key": "q", "offset": "zero"}}}, "link.position.offset: is 'zero', not a number. Mend"),
     ],
 )

@@ -46,10 +46,7 @@ def test_names_units_signs_and_ratios_are_applied(tmp_path: Path) -> None:
     motor = {"topic": "/drives", "ratio": 121}
     channels = {
         "defaults": {
-            "link": {
-                "position": {"topic": "/links", "unit": "deg"},
-                "velocity": {"topic": "/links", "unit": "deg/s"},
-            },
+            "link": {"position": {"topic": "/links", "unit": "deg"}, "velocity": {"topic": "/links", "unit": "deg/s"}},
             "motor": {
                 "position": {**motor, "unit": "turns"},
                 "velocity": {**motor, "unit": "rpm"},
@@ -87,9 +84,7 @@ def test_arrays_without_header_and_names_are_read_by_index(tmp_path: Path) -> No
         messages.append(("/angles", JOINT_STATE, int(stamp), joint_state(stamp, ["a", "b"], [row, -row])))
     current = {"topic": "/currents", "field": "data", "unit": "A", "torque_constant": 0.1, "ratio": 50}
     joints = {
-        name: {
-            "motor": {"position": {"topic": "/angles", "name": name}, "effort": {**current, "index": index}},
-        }
+        name: {"motor": {"position": {"topic": "/angles", "name": name}, "effort": {**current, "index": index}}}
         for index, name in enumerate("ab")
     }
     channels = write_yaml(tmp_path / "map.yaml", {"time": "arrival", "joints": joints})

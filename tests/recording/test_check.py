@@ -12,17 +12,8 @@ from elastic_arm.errors import RecordingError
 from elastic_arm.recording import Recording, read_recording, write_recording
 from elastic_arm.recording.inspection.check import check_bag
 from elastic_arm.recording.inspection.repair import repair_bag
-from elastic_arm.robot.synthetic import random_arm
-from tests.helpers.bags import (
-    JOINT_STATE,
-    JOINTS,
-    joint_state,
-    side,
-    stamps,
-    states,
-    two_sided,
-    write_foreign,
-)
+from tests.helpers.bags import JOINT_STATE, JOINTS, joint_state, side, stamps, states, two_sided, write_foreign
+from tests.helpers.random_arms import random_arm
 
 
 @pytest.fixture

@@ -96,7 +96,7 @@ def test_a_file_is_read_where_the_user_s_own_limit_is_lower(tmp_path: Path) -> N
 
 @pytest.mark.parametrize("name", ["run.parquet", "run.h5"])
 def test_damaged_bytes_end_in_one_line_and_never_this_process(tmp_path: Path, name: str) -> None:
-    """Ten files with bytes changed at random, as episodes of a dataset: what their libraries abort on is named."""
+    """Five files with bytes changed at random, as episodes of a dataset: what their libraries abort on is named."""
     pa, pq, h5py = (pytest.importorskip(library) for library in ("pyarrow", "pyarrow.parquet", "h5py"))
     numbers = np.arange(60.0).reshape(30, 2)
     if name.endswith("h5"):
@@ -106,7 +106,7 @@ def test_damaged_bytes_end_in_one_line_and_never_this_process(tmp_path: Path, na
         pq.write_table(pa.table({"q": numbers.tolist(), "t": numbers[:, 0]}), tmp_path / name)
     whole, rng = (tmp_path / name).read_bytes(), np.random.default_rng(0)
     (tmp_path / name).unlink()
-    for k in range(10):
+    for k in range(5):
         content = bytearray(whole)
         for at in rng.integers(len(whole), size=6):
             content[at] = rng.integers(256)

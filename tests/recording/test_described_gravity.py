@@ -16,7 +16,7 @@ from elastic_arm.recording import Recording, Side, write_recording
 from elastic_arm.recording.inspection.check import check_bag
 from elastic_arm.recording.inspection.described_gravity import contradicted_gravity
 from elastic_arm.robot import Robot
-from elastic_arm.robot.synthetic import random_arm
+from tests.helpers.random_arms import random_arm
 
 Array = NDArray[np.float64]
 DOWN = np.array([0.0, 0.0, -9.81])

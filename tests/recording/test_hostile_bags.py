@@ -51,8 +51,7 @@ MCAP_FILES: dict[str, bytes] = {
     "statistics of 2^60 messages": mcap(
         chunk(message(data=bytes([0, 1]) + bytes(10)), 43),
         record(
-            Opcode.STATISTICS,
-            struct.pack("<QHIIIIQQI", 2**60, 1, 1, 0, 0, 1, 0, 0, 10) + struct.pack("<HQ", 1, 2**60),
+            Opcode.STATISTICS, struct.pack("<QHIIIIQQI", 2**60, 1, 1, 0, 0, 1, 0, 0, 10) + struct.pack("<HQ", 1, 2**60)
         ),
     ),
 }

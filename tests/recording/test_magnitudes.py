@@ -14,7 +14,7 @@ from elastic_arm.recording.inspection.check import check_bag
 from elastic_arm.recording.inspection.magnitudes import beyond_limits, hardly_usable
 from elastic_arm.robot import Robot
 from elastic_arm.robot.parts import Limits
-from elastic_arm.robot.synthetic import random_arm
+from tests.helpers.random_arms import random_arm
 
 T = np.arange(0.0, 4.0, 0.005)[:, None]
 W = np.array([1.0, 1.5, 2.0])

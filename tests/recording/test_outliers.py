@@ -16,7 +16,7 @@ from elastic_arm.errors import RecordingError
 from elastic_arm.identification import IdentificationSettings, identify
 from elastic_arm.recording import Recording, Side, read_recording, write_recording
 from elastic_arm.recording.inspection.check import check_bag
-from elastic_arm.recording.inspection.outliers import find_outliers, usable
+from elastic_arm.recording.inspection.outliers import find_outliers, without_outliers
 from elastic_arm.robot import load_robot
 from tests.helpers.bags import JOINT_STATE, joint_state, two_sided, write_foreign
 
@@ -44,9 +44,9 @@ def spoiled(recording: Recording, side: str, channel: str, value: float, rows: o
 
 def test_a_sound_recording_has_no_outliers(recording: Recording) -> None:
     """Motion, noise and friction stay as they are: the very same object comes back."""
-    assert usable(recording) is recording
+    assert without_outliers(recording) is recording
     noise = two_sided(np.random.default_rng(1), 20_000)
-    assert usable(noise) is noise
+    assert without_outliers(noise) is noise
 
 
 @pytest.mark.parametrize(("side", "channel", "value"), ABSURD)
@@ -58,7 +58,7 @@ def test_absurd_numbers_are_found_and_left_out(
     bad = spoiled(recording, side, channel, value, rows)
     (found,) = find_outliers(bad)
     assert found.rows.tolist() == np.atleast_1d(np.arange(len(bad.link))[rows]).tolist()  # type: ignore[index, arg-type]
-    kept = usable(bad)
+    kept = without_outliers(bad)
     assert len(getattr(kept, side)) == len(getattr(bad, side)) - len(found.rows)
     assert f"{side} {channel} of joint_2" in kept.notes[-1]
 
@@ -70,7 +70,7 @@ def test_impulses_at_regular_intervals_are_outliers(recording: Recording, every:
     spoilt = spoiled(recording, "motor", "effort", value, slice(0, None, every))
     (found,) = find_outliers(spoilt)
     assert found.rows.tolist() == list(range(0, len(spoilt.motor), every))
-    whole = usable(spoilt)
+    whole = without_outliers(spoilt)
     assert np.abs(whole.motor.effort).max() < 5e3
 
 
@@ -98,7 +98,7 @@ def test_a_channel_that_is_of_no_arm_throughout_is_refused(tmp_path: Path, recor
     side = getattr(recording, name)
     spoilt = replace(recording, **{name: replace(side, **{channel: change(side.channels()[channel])})})
     with pytest.raises(RecordingError, match=words):
-        usable(spoilt)
+        without_outliers(spoilt)
     with pytest.raises(RecordingError, match=words):
         identify(spoilt, load_robot())
     with pytest.raises(RecordingError, match=words):
@@ -204,9 +204,9 @@ def within(turn: float) -> Callable[[np.ndarray], np.ndarray]:
 def test_angles_within_a_turn_are_unwound(turn: float, noise: float, hold: int) -> None:
     """A joint's own turn, or that of its motor over the gear ratio; with noise at its end, and held values; said."""
     whole = turning(noise, hold)
-    assert usable(whole) is whole
+    assert without_outliers(whole) is whole
     assert whole.motor is not None and whole.motor.position is not None
-    found = usable(moved(whole, within(turn)))
+    found = without_outliers(moved(whole, within(turn)))
     assert found.motor is not None and found.motor.position is not None
     off = found.motor.position - whole.motor.position
     exact = 1e-9 if turn > 6.0 else 0.02
@@ -218,7 +218,7 @@ def test_angles_within_a_turn_are_unwound(turn: float, noise: float, hold: int) 
 def test_an_encoder_whose_zero_is_set_runs_on(size: float) -> None:
     """Sample, joint and size are named, and the jump taken out: torques and speeds are as before."""
     whole = turning()
-    found = usable(moved(whole, lambda q: q + size * np.outer(T > 9.995, [1.0, 0.0])))
+    found = without_outliers(moved(whole, lambda q: q + size * np.outer(T > 9.995, [1.0, 0.0])))
     assert whole.motor is not None and found.motor is not None
     (note,) = found.notes
     assert "motor position of a jumps as no joint moves, by" in note and "after sample 999, 9.990000 s" in note
@@ -230,12 +230,12 @@ def test_an_encoder_whose_zero_is_set_runs_on(size: float) -> None:
 def test_joined_recordings_are_parted() -> None:
     """Where angles and torques jump nothing is bridged: a hole is left, and the angles stay as they are."""
     joined = moved(turning(), lambda q: np.vstack([q[:1200], q[400:1200]]), effort=True)
-    found = usable(joined)
+    found = without_outliers(joined)
     assert joined.motor is not None and found.motor is not None and found.motor.position is not None
     assert len(found.notes) == 2 and all("joined recordings? It is parted there" in note for note in found.notes)
     kept = np.isin(joined.motor.stamp_ns, found.motor.stamp_ns)
     assert 5 < np.count_nonzero(~kept) < 12 and not kept[1200:1206].any()
-    assert usable(found) is found
+    assert without_outliers(found) is found
     np.testing.assert_array_equal(found.motor.position, joined.motor.position[kept])  # type: ignore[index]
 
 
@@ -245,8 +245,8 @@ def test_what_forces_do_is_no_jump() -> None:
     impact = moved(whole, lambda q: q + np.outer(np.maximum(T - 8.0, 0.0), [0.5, -0.6]))
     stop = moved(whole, lambda q: np.where((T > 5.0)[:, None] & (T < 9.0)[:, None], q[500], q) + 0.0 * q)
     for one in (whole, impact, turning(2e-5, 10), turning(2e-5, 50)):
-        assert usable(one) is one
-    assert all("of a" in note or "of b" in note for note in usable(stop).notes)
+        assert without_outliers(one) is one
+    assert all("of a" in note or "of b" in note for note in without_outliers(stop).notes)
 
 
 @pytest.mark.parametrize("same_stamp", [False, True])
@@ -265,7 +265,7 @@ def test_a_second_publisher_of_zeros_is_left_out(tmp_path: Path, same_stamp: boo
         )
     ]
     bag = write_foreign(tmp_path / "bag", messages)
-    found = usable(read_recording(bag))
+    found = without_outliers(read_recording(bag))
     assert found.motor is not None
     np.testing.assert_array_equal(found.motor.stamp_ns, STAMPS)
     np.testing.assert_array_equal(found.motor.position, whole.motor.position)
@@ -280,13 +280,3 @@ def test_identification_goes_on_without_them(recording: Recording, side: str, ch
     found = identify(spoiled(recording, side, channel, value), load_robot(), IdentificationSettings(consistent=False))
     assert any("outliers" in note for note in found.notes)
     np.testing.assert_array_less(np.abs(found.Psi_base - sound.Psi_base), 0.5 * sound.std)
-
-
-@pytest.mark.slow(10)
-def test_a_diagnosis_goes_on_without_them(recording: Recording) -> None:
-    """One absurd torque does not change the verdict."""
-    judge = read_recording(ROOT / "bags" / "validation")
-    sound = diagnose([recording], Question(load_robot()), [judge])
-    found = diagnose([spoiled(recording, "motor", "effort", 1e6)], Question(load_robot()), [judge])
-    assert found.verdict == sound.verdict
-    assert any("outliers" in note for note in found.notes)

@@ -13,16 +13,7 @@ from rosbags.rosbag2.enums import CompressionFormat, CompressionMode
 
 from elastic_arm.recording import Recording, message_types, read_recording, write_recording
 from elastic_arm.recording.inspection.info import bag_info
-from tests.helpers.bags import (
-    JOINT_STATE,
-    JOINTS,
-    assert_equal,
-    joint_state,
-    side,
-    stamps,
-    states,
-    write_foreign,
-)
+from tests.helpers.bags import JOINT_STATE, JOINTS, assert_equal, joint_state, side, stamps, states, write_foreign
 
 
 @pytest.fixture

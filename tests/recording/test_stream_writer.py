@@ -18,12 +18,7 @@ from elastic_arm.recording.inspection.info import bag_info
 from elastic_arm.recording.inspection.repair import repair_bag
 from elastic_arm.recording.storage.messages import read_messages
 from elastic_arm.recording.stream_writer import StreamWriter
-from tests.helpers.bags import (
-    JOINT_STATE,
-    stamps,
-    states,
-    two_sided,
-)
+from tests.helpers.bags import JOINT_STATE, stamps, states, two_sided
 
 ROOT = Path(__file__).parents[2]
 

@@ -14,7 +14,7 @@ from elastic_arm.recording import Recording, Side, write_recording
 from elastic_arm.recording.inspection.check import check_bag
 from elastic_arm.recording.inspection.report import Finding
 from elastic_arm.recording.inspection.stuck_channels import channel_findings, frozen
-from elastic_arm.robot.synthetic import random_arm
+from tests.helpers.random_arms import random_arm
 
 Array = NDArray[np.float64]
 NAMES = ("joint_1", "joint_2", "joint_3")

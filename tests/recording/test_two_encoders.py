@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 from elastic_arm.recording import Recording, Side
-from elastic_arm.recording.inspection.outliers import usable
+from elastic_arm.recording.inspection.outliers import without_outliers
 from elastic_arm.recording.inspection.two_encoders import by_motor_encoders, disagreeing
 from elastic_arm.robot import load_robot
-from elastic_arm.robot.synthetic import random_arm
+from tests.helpers.random_arms import random_arm
 
 T = np.arange(0.0, 10.0, 0.004)
 STAMPS = 10**18 + np.round(T * 1e9).astype(np.int64)
@@ -62,12 +62,12 @@ def test_encoders_that_agree_but_for_the_wind_up_are_not_blamed() -> None:
     """Drives of 500 Nm/rad wind up by 0.2 rad; a zero of some milliradians is ordinary."""
     for stiffness in (500.0, 2e4, 1e6):
         whole = elastic(0.005, stiffness=stiffness)
-        assert disagreeing(whole) == [] and usable(whole) is whole
+        assert disagreeing(whole) == [] and without_outliers(whole) is whole
 
 
 def test_a_zero_and_a_ratio_of_encoders_are_named() -> None:
     """An incremental encoder 0.4 rad off, a ratio 0.35 % off: the joint, and by how much."""
-    cleared = usable(elastic(0.4))
+    cleared = without_outliers(elastic(0.4))
     assert any("position of joint_2 are 0.4 rad apart" in note for note in cleared.notes)
     assert cleared.motor is not None and cleared.motor.position is not None
     np.testing.assert_allclose(cleared.motor.position, elastic().motor.position, rtol=0, atol=2e-4)  # type: ignore[union-attr, arg-type]

@@ -14,14 +14,7 @@ from rosbags.highlevel import AnyReader
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording import Recording, Side, message_types, read_recording, write_recording
 from elastic_arm.recording.stream_writer import StreamWriter
-from tests.helpers.bags import (
-    JOINT_STATE,
-    JOINTS,
-    assert_equal,
-    side,
-    stamps,
-    two_sided,
-)
+from tests.helpers.bags import JOINT_STATE, JOINTS, assert_equal, side, stamps, two_sided
 
 COMPRESSIONS = ("none", "lz4", "zstd")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import html
 import io
 import json
@@ -25,11 +26,16 @@ from elastic_arm.diagnosis import Question, diagnose, follow_up
 from elastic_arm.diagnosis.corrected_robot import repaired_robot
 from elastic_arm.diagnosis.estimates import ParameterEstimate
 from elastic_arm.diagnosis.result import SEPARATING, Change, Diagnosis, ResidualSizes
-from elastic_arm.diagnosis.words import cause_sentence, estimates_text, probability_text, verdict_sentence
+from elastic_arm.diagnosis.words import cause_sentence, estimates_text, probability_text, summary
 from elastic_arm.effects import EFFECTS
+from elastic_arm.effects.model import REGIMES
 from elastic_arm.recording import read_recording, write_recording
-from elastic_arm.report.diagnosis import write_gap_report
+from elastic_arm.recording.message_types import typestore
+from elastic_arm.recording.storage.messages import read_messages
+from elastic_arm.report.diagnosis import sections, write_gap_report
 from elastic_arm.report.diagnosis_figures import angle_within_turn, shown_sides
+from elastic_arm.report.html import Table
+from elastic_arm.report.legend import meaning
 from tests.helpers.browser import rendered_page
 from tests.helpers.gap_recordings import ROBOT, gentle, motions, record
 
@@ -62,8 +68,9 @@ def test_report_shows_verdict_map_causes_and_prediction_in_a_browser(two_causes:
     assert {"coulomb friction, joint_2", "transmission error, joint_1"} < set(titles)
     assert {"Before and after", "How far ahead the model sees", "What the residuals follow"} < set(titles)
     assert page.index("explained: ") < page.index("<svg")
-    # Map, two causes, before and after, horizons.
-    assert page.count("<svg") == 5
+    # Map, two causes, horizons are drawings; what is over time can be zoomed: two causes, and nine residuals.
+    assert (page.count("<svg"), page.count("<canvas")) == (4, 2 + 9)
+    assert len(page.encode()) < 3e6 and not re.findall(r'(?:src|href)="http', page)
     for words in ("velocity [rad/s]", "wave generator angle", "frequency [Hz]", "ahead [ms]", "Trust in the"):
         assert words in page
 
@@ -73,6 +80,22 @@ def test_figures_and_tables_carry_units(two_causes: Diagnosis, tmp_path: Path) -
     page = write_gap_report(tmp_path / "report.html", two_causes).read_text()
     for label in ("time [s]", "Nm/√Hz", "prediction error [µrad]", "residual, Nm"):
         assert label in page
+
+
+def test_every_column_of_the_report_is_explained(two_causes: Diagnosis) -> None:
+    """Below a table stands what each of its columns means, but for joints, times and what residuals follow."""
+    tables = [block for part in sections(two_causes) for block in part.blocks if isinstance(block, Table)]
+    named = {"joint", *(regime.replace("_", " ") for regime in REGIMES)}
+    bare = [head for table in tables for head in table.header if not meaning(head) and head not in named]
+    assert len(tables) >= 5 and not [head for head in bare if " ms" not in head]
+
+
+@pytest.mark.browser
+def test_details_are_folded_under_the_summary(two_causes: Diagnosis, tmp_path: Path) -> None:
+    """The verdict stands open on top; numbers, prediction and what it rests on are opened by a click."""
+    page = rendered_page(write_gap_report(tmp_path / "report.html", two_causes), tmp_path / "profile")
+    folded = re.findall(r"<details><summary><h2>([^<]*)</h2>", page)
+    assert folded[0] == "Before and after" and folded[-1] == "What this rests on" and "Verdict" not in folded
 
 
 def test_prediction_is_written_as_numbers(two_causes: Diagnosis, tmp_path: Path) -> None:
@@ -117,14 +140,40 @@ def test_command_writes_the_motion_that_the_simulator_takes(tmp_path: Path) -> N
     for k in (1, 2):
         write_recording(tmp_path / f"bag_{k}", record(gentle(k), PLAY, seed=k))
     folder = tmp_path / "diagnosis"
-    told = run("diagnose", tmp_path / "bag_1", "--validate", tmp_path / "bag_2", "--out", folder)
+    bags, further = (tmp_path / "bag_1", "--validate", tmp_path / "bag_2"), ("--csv", "--mcap", tmp_path / "residuals")
+    told = run("diagnose", *bags, "--out", folder, *further)
     assert told.exit_code == 0, told.output
-    assert {p.name for p in folder.iterdir()} == {"diagnosis.json", "report.html", "robot.yaml", SEPARATING}
+    tables = {"causes.csv", "gap.csv", "parameters.csv", "residuals.csv"}
+    assert {p.name for p in folder.iterdir()} == {"diagnosis.json", "report.html", "robot.yaml", SEPARATING, *tables}
+    check_residuals(folder / "residuals.csv", tmp_path)
     words = " ".join(told.stdout.split())
     assert f"told apart by: {SEPARATING}" in words and "prediction: Driven by the measured torque" in words
     told = run("simulate", "--out", tmp_path / "next", "--trajectory", folder / SEPARATING, "--duration", 1.0)
     assert told.exit_code == 0, told.output
     assert read_recording(tmp_path / "next").duration == pytest.approx(1.0, abs=0.01)
+
+
+def test_the_layout_of_residuals_shows_what_the_bag_holds(two_causes: Diagnosis) -> None:
+    """Every curve of layouts/residuals.json is a residual of the bag, and every panel has its place."""
+    layout = json.loads((Path(__file__).parents[2] / "layouts" / "residuals.json").read_text())
+    panels = layout["configById"]
+    curves = [p["value"] for name, panel in panels.items() if name.startswith("Plot!") for p in panel["paths"]]
+    topics = {f"{topic}.effort[{k}]" for topic in two_causes.residual_sides(0, 0) for k in range(ROBOT.n)}
+    assert set(curves) == topics
+    assert sorted(re.findall(r'"(\w+!\w+)"', json.dumps(layout["layout"]))) == sorted(panels)
+
+
+def check_residuals(table: Path, folder: Path) -> None:
+    """The bag of residuals is the recording that judged, and its topics hold at each time what the table has."""
+    rows = list(csv.DictReader(table.read_text().splitlines()))
+    messages = list(read_messages(folder / "residuals", {"/residuals/motor/before"}))
+    assert read_recording(folder / "residuals").duration == read_recording(folder / "bag_2").duration
+    assert len(messages) == len(rows)
+    states = [typestore().deserialize_cdr(m.data, "sensor_msgs/msg/JointState") for m in messages[::50]]
+    effort = [float(row["joint_2.motor.before"]) for row in rows[::50]]
+    np.testing.assert_allclose([state.effort[1] for state in states], effort, rtol=1e-6)
+    stamps = [state.header.stamp.sec + 1e-9 * state.header.stamp.nanosec for state in states]
+    np.testing.assert_allclose(stamps, [float(row["t"]) for row in rows[::50]], atol=1e-6)
 
 
 def shown(found: Diagnosis, folder: Path, monkeypatch: pytest.MonkeyPatch, **screen: Any) -> list[str]:
@@ -157,8 +206,9 @@ def test_causes_are_readable_on_a_narrow_screen(two_causes: Diagnosis, monkeypat
 def test_piped_causes_are_a_line_each(two_causes: Diagnosis, monkeypatch: pytest.MonkeyPatch) -> None:
     """Where no screen ends the line, a cause stands on one with all its sizes, and no sentence is broken."""
     lines = shown(two_causes, Path("diagnosis"), monkeypatch, width=UNLIMITED)
-    assert lines[0] == f"explained: {verdict_sentence(two_causes)}"
-    assert lines[1:3] == [cause_sentence(cause, "mod3") for cause in two_causes.causes]
+    assert lines[:3] == summary(two_causes)
+    first, second = two_causes.causes
+    assert lines[:2] == [f"explained: {cause_sentence(first, 'mod3')}", cause_sentence(second, "mod3")]
     for cause in two_causes.causes:
         (line,) = [line for line in lines if line.startswith(f"{cause.effect}  ")]
         assert estimates_text(cause.parameters) in line and line.endswith(probability_text(cause.confidence))
@@ -174,7 +224,7 @@ def test_numbers_that_puzzle_are_explained_beside_them(
     page = write_gap_report(tmp_path / "report.html", found).read_text()
     screen = "\n".join(shown(found, tmp_path, monkeypatch, width=UNLIMITED))
     for told in (html.unescape(page), screen):
-        assert "-4.8 %" not in told and "only beside others" in told and "it helps only beside other causes" in told
+        assert "-4.8 %" not in told and "only with others" in told
         assert "> 99.9 %" in told
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from elastic_arm.identification import IdentificationSettings, identify_with, parse_laws
-from elastic_arm.report.html import Figure
+from elastic_arm.report.html import Figure, Table
 from elastic_arm.report.identification import residuals, sections, sentence
 from tests.helpers.gap_recordings import ROBOT, motions, record
 
@@ -44,3 +44,16 @@ def test_instants_at_which_a_joint_sticks_are_gaps_in_the_figures() -> None:
         b for part in sections(result, identifier.equations, motion) for b in part.blocks if isinstance(b, Figure)
     ]
     assert sum("where a joint sticks" in figure.caption for figure in figures) == 2
+
+
+def test_combinations_go_by_their_first_term_and_friction_comes_first() -> None:
+    """The report lists friction before base parameters, these by short names, and what they stand for further down."""
+    recording = record(motions()[0], "coulomb_friction:joint_2:torque=14")
+    settings = IdentificationSettings("mod3", parse_laws(["coulomb_friction"], ROBOT), consistent=False)
+    result, *_ = identify_with([recording], ROBOT, settings, validate=[record(motions()[1], seed=1)])
+    shown = sections(result)
+    laws, base, full = (next(b for b in part.blocks if isinstance(b, Table)) for part in shown[1:4])
+    assert [row[0] for row in laws.rows] == [f"coulomb_friction:joint_{k}.torque" for k in (1, 2, 3)]
+    assert "link_2.mx + 5 terms" in [row[0] for row in base.rows]
+    assert dict(full.rows)["link_2.mx + 5 terms"].startswith("link_2.mx - 0.75 link_2.m - 0.75 link_3.m")
+    assert "the identified one by up to" in result.summary()[1]

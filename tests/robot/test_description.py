@@ -14,7 +14,7 @@ import yaml
 from elastic_arm.errors import RobotError
 from elastic_arm.robot import Inertia, Joint, Robot, load_robot, robot_to_dict, save_robot
 from elastic_arm.robot.loading import NOMINAL_ARM
-from elastic_arm.robot.synthetic import random_arm
+from tests.helpers.random_arms import random_arm
 
 
 @pytest.fixture

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import resource
 import sys
 import time
 from dataclasses import replace
@@ -265,18 +264,6 @@ def test_hostile_models_are_refused_within_the_limits(
         load_robot(file)
     assert "\n" not in str(caught.value)
     assert str(caught.value).startswith(f"{file}: ")
-
-
-@pytest.mark.parametrize("name", ["two billion keyframes", "copies without end"])
-def test_hostile_models_end_within_five_seconds_of_processor(tmp_path: Path, name: str) -> None:
-    """What takes MuJoCo's time, with the limit that users have."""
-    named, inside, more, reason = HOSTILE[name]
-    (tmp_path / "a.xml").write_text(ARM.format(name=named, inside=inside, more=more))
-    begin = resource.getrusage(resource.RUSAGE_CHILDREN)
-    with pytest.raises(RobotError, match=reason):
-        load_robot(tmp_path / "a.xml")
-    end = resource.getrusage(resource.RUSAGE_CHILDREN)
-    assert end.ru_utime + end.ru_stime - begin.ru_utime - begin.ru_stime < 5.0
 
 
 @pytest.mark.parametrize("text", ["<!--" * 300_000, "<?" * 300_000, "<!DOCTYPE" * 300_000, "<" * 300_000])

@@ -14,9 +14,9 @@ from benchmarks import judge as judging
 from benchmarks.judge import Arm, judge, row, summary
 from elastic_arm.dynamics import build_model
 from elastic_arm.recording import Recording, Side
-from elastic_arm.robot.synthetic import random_arm
 from elastic_arm.studies.blind_challenge.hidden_arms.motion import random_motion
 from examples.bench import NOTICED, TIMES, Bench, against, with_mass
+from tests.helpers.random_arms import random_arm
 
 TRUTH = {"effect": "payload", "joint": "j3", "parameters": {"mass": 2.0, "position": [0.1, 0.0, 0.0]}, "phases": []}
 ARM = Arm("a", "laboratory", "single", ["fit"], ["held"], [TRUTH], verdicts=["explained"])

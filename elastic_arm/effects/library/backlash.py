@@ -23,6 +23,7 @@ EFFECT = Effect(
     id="backlash",
     formula="d replaced by sign(d) max(abs(d) - b, 0) in K d; D acts throughout",
     description="Play: within the gap the drive transmits damping only.",
+    plain="has {half_gap} of play to either side in its drive",
     signature="Joint torque over deflection is flat in the middle; where the load changes sign the residual steps from "
     "+K b to -K b and the link rings.",
     law=law,

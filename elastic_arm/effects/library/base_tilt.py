@@ -2,7 +2,7 @@
 
 import casadi as ca
 
-from elastic_arm.effects.law import Confusion, Contribution, Effect, Numbers, Parameter, Scope, SymbolicMotion
+from elastic_arm.effects.law import Confusion, Contribution, Effect, Numbers, Scope, SymbolicMotion, signed
 
 
 def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
@@ -21,12 +21,10 @@ EFFECT = Effect(
     id=TILT,
     formula="base rotated by Rx(a) Ry(b) in the ground frame",
     description="The arm's base does not stand level, so gravity pulls askew.",
+    plain="stands on a base that leans by {x} about x and {y} about y",
     signature="A link residual that depends on the pose alone, on all joints at once, even on a vertical first axis.",
     law=law,
-    parameters=(
-        Parameter("x", "rad", -0.1, 0.1, neutral=0.0, default=0.0, meaning="a"),
-        Parameter("y", "rad", -0.1, 0.1, neutral=0.0, default=0.0, meaning="b"),
-    ),
+    parameters=(signed("x", "rad", 0.1, "a", default=0.0), signed("y", "rad", 0.1, "b", default=0.0)),
     magnitude=("x", "y"),
     scope=Scope.ARM,
     sides=("link",),

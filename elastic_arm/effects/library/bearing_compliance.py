@@ -1,9 +1,24 @@
-"""Bearings that tilt."""
+"""Bearings that tilt: as a law without ringing, and as the tilts that a regressor estimates from their moments.
 
+The law adds nothing to the residuals of the locked arm, as the tilts are coordinates of their own. What they do
+follows in steps: the moments about the tilting axes move the tilts against the bearings' stiffness, damping and the
+arm's own inertia, and the tilts enter the equations of link and motor. The first step takes the inertia for the same in
+all poses; each further one mends the tilts by the moment that is missing then.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import cached_property
+from typing import Any
 
 import casadi as ca
+import numpy as np
+import scipy  # its parts are loaded when they are used
 
+from elastic_arm.arrays import Array
+from elastic_arm.dynamics import Model, build_model
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.effects.law import (
     Contribution,
@@ -15,9 +30,19 @@ from elastic_arm.effects.law import (
     SymbolicMotion,
     searched,
 )
-from elastic_arm.effects.library.tilts import TiltRegressor
+from elastic_arm.effects.regressor import MotionSignals
 from elastic_arm.errors import EffectError
 from elastic_arm.robot import Robot
+
+POSES = 40
+# Above, in Hz, the moments hold more of the encoders' noise, twice differentiated, than of motion; the same noise is in
+# the residuals, so they are smoothed further where accelerations are good up to a low frequency only. Each step lets
+# through a part of what the steps before have not: after four, half passes at about twice this.
+SMOOTH, SMOOTHER = 12.0, 0.6
+PADDING = 0.5  # s mirrored at both ends, in which the tilts swing in
+RATE = 250.0  # Hz, more than the motion that columns are made of holds
+BEYOND = 8.0  # of the frequency up to which moments are taken: there rounding is left of them (exp(-32)); numerical
+STEPS = 4
 
 
 def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
@@ -75,10 +100,81 @@ def change(plant: Plant, p: Numbers) -> Plant:
     return replace(plant, robot=plant.robot.with_(joints=tuple(joints)), bearings=True)
 
 
+class TiltRegressor:
+    """The bearings of all joints, with `stiffness_scale` times the stiffness of the arm file."""
+
+    def __init__(self, equations: ArmEquations) -> None:
+        self.equations = equations
+
+    @property
+    def acts(self) -> bool:
+        """Whether the arm file describes bearings."""
+        robot = self.equations.robot
+        return all(joint.transmission is not None and joint.transmission.bearing for joint in robot.joints)
+
+    @cached_property
+    def _model(self) -> Model:
+        return build_model(self.equations.robot, self.equations.model_name, bearings=True)
+
+    @cached_property
+    def _bearings(self) -> tuple[Array, Array]:
+        gears = [joint.transmission for joint in self.equations.robot.joints]
+        bearings = [gear.bearing for gear in gears if gear is not None and gear.bearing is not None]
+        return np.array([b.stiffness for b in bearings * 2]), np.array([b.damping for b in bearings * 2])
+
+    def residuals(self, signals: MotionSignals, values: Mapping[str, Any]) -> Array:
+        """Return what the tilts add to the residuals, (N, 3 n)."""
+        n, scale = self.equations.robot.n, float(values["stiffness_scale"])
+        thin = slice(None, None, max(1, int((1.0 / RATE) / (signals.t[1] - signals.t[0]))))
+        t, motion = signals.t[thin], [signals.values[name][thin] for name in ("x", "dx", "ddx")]
+        tilts = np.zeros((3, len(t), 2 * n))
+        rest = moving = self._left_side(motion, tilts)
+        response = self._response(t, motion[0], scale, min(SMOOTH, SMOOTHER * signals.cutoff))
+        for _ in range(STEPS):
+            missing = moving[:, 2 * n :] + (scale - 1.0) * self._bearings[0] * tilts[0]
+            tilts = tilts + _driven(-missing, t, response)
+            moving = self._left_side(motion, tilts)
+        change = scipy.interpolate.CubicSpline(t, (moving - rest)[:, : 2 * n])(signals.t)
+        return np.concatenate([change[:, :n], np.zeros((len(change), n)), change[:, n:]], axis=1)
+
+    def _left_side(self, motion: Sequence[Array], tilts: Array) -> Array:
+        return self._model.inverse_dynamics(*(np.hstack(pair) for pair in zip(motion, tilts, strict=True)))
+
+    def _response(self, t: Array, x: Array, scale: float, smooth: float) -> Array:
+        """Return the tilts per moment (F, 2n, 2n) over frequency, at mean inertia, up to `smooth` Hz."""
+        n = self.equations.robot.n
+        stiffness, damping = self._bearings
+        poses = x[:: max(1, len(x) // POSES)]
+        inertia = self._model.mass_matrix(np.hstack([poses, np.zeros_like(poses)])).mean(axis=0)[2 * n :, 2 * n :]
+        f = _frequencies(t)
+        f = f[f <= BEYOND * smooth]
+        s = 2j * np.pi * f[:, None, None]
+        response = np.linalg.inv(np.diag(scale * stiffness) + s * np.diag(damping) + s**2 * inertia)
+        return np.asarray(response * np.exp(-0.5 * (f / smooth) ** 2)[:, None, None])
+
+
+def _frequencies(t: Array) -> Array:
+    return np.fft.rfftfreq(len(t) + 2 * _padding(t), t[1] - t[0])
+
+
+def _padding(t: Array) -> int:
+    return min(len(t) - 1, round(PADDING / (t[1] - t[0])))
+
+
+def _driven(moment: Array, t: Array, response: Array) -> Array:
+    """Return tilts and their first and second derivatives (3, N, 2n) under moments (N, 2n)."""
+    count = _padding(t)
+    padded = np.pad(moment, ((count, count), (0, 0)), mode="reflect")
+    tilt = (response @ scipy.fft.rfft(padded, axis=0)[: len(response), :, None])[:, :, 0]
+    s = 2j * np.pi * _frequencies(t)[: len(response), None]
+    return np.asarray(scipy.fft.irfft([tilt * s**k for k in range(3)], len(padded), axis=1)[:, count : -count or None])
+
+
 EFFECT: Effect = StructuralEffect(
     id="bearing_compliance",
     formula="tilts q_ix, q_iy of every joint, bearing stiffness times the scale",
     description="The joints' bearings give way about x and y; the model holds them rigid.",
+    plain="has bearings that give way, {stiffness_scale} times as stiff as described",
     signature="Link residuals of all joints that grow with the tilting moments and ring at the bearings' resonances.",
     law=law,
     parameters=(searched("stiffness_scale", "1", 0.01, 10.0, "true / arm file", default=1.0, above=0.0, inverse=True),),

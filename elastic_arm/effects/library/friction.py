@@ -11,10 +11,10 @@ from elastic_arm.effects.law import (
     Contribution,
     Effect,
     Numbers,
-    Parameter,
     SymbolicMotion,
     amount,
     searched,
+    signed,
 )
 
 DRY = "coulomb_friction"
@@ -41,6 +41,7 @@ VISCOUS = friction(
     lambda w, sign, p: p["coefficient"] * w,
     formula="F_v w",
     description="Friction that grows in proportion to the velocity of its side: grease, oil, seals.",
+    plain="loses {coefficient} of friction that grows with its speed",
     signature="The residual is a straight line through zero over velocity, largest where the joint is fastest.",
     parameters=(amount("coefficient", "Nm s/rad", 0.1, 200.0, "F_v", example=(5.0, 30.0)),),
     regime="high_speed",
@@ -57,6 +58,7 @@ COULOMB = friction(
     lambda w, sign, p: p["torque"] * sign,
     formula="F_c sign(w)",
     description="Dry friction: a constant torque against the motion of its side.",
+    plain="loses {torque} of dry friction",
     signature="The residual jumps by twice the torque at every reversal of velocity and is flat in between.",
     parameters=(amount("torque", "Nm", 0.1, 100.0, "F_c", example=(5.0, 20.0)),),
     regime="velocity_reversal",
@@ -78,6 +80,7 @@ STRIBECK = friction(
     lambda w, sign, p: p["torque"] * ca.exp(-((w / p["speed"]) ** 2)) * sign,
     formula="(F_s - F_c) exp(-(w/v_s)^2) sign(w)",
     description="The excess of friction near standstill over Coulomb friction, before a lubricating film builds up.",
+    plain="needs up to {torque} more to break loose below {speed}",
     signature="The residual peaks on both sides of each velocity reversal and dies out above the Stribeck speed.",
     parameters=(
         amount("torque", "Nm", 0.1, 50.0, "F_s - F_c, the excess at standstill"),
@@ -97,6 +100,7 @@ DEGRESSIVE = friction(
     lambda w, sign, p: p["torque"] * ca.tanh(w / p["speed"]),
     formula="F tanh(w/v)",
     description="Viscous friction that levels off: lubricant that thins as it is sheared, such as grease in a gear.",
+    plain="loses up to {torque} of friction that levels off above {speed}",
     signature="The residual rises with velocity near standstill and is flat far above the speed v.",
     parameters=(
         amount("torque", "Nm", 0.1, 100.0, "F, at high speed", example=(5.0, 20.0)),
@@ -117,6 +121,7 @@ LOADED = Effect(
     law=lambda motion, i, p: motion.at(i, motor=p["coefficient"] * ca.fabs(motion.tau_J[i]) * motion.sign("motor", i)),
     formula="mu abs(tau_J) sign(w)",
     description="Dry friction in proportion to the torque that the drive transmits: teeth and wave bearing under load.",
+    plain="loses {coefficient} times the torque of its drive to friction",
     signature="The jump at a velocity reversal grows with the joint torque there; unloaded reversals show none.",
     parameters=(amount("coefficient", "1", 0.002, 0.2, "mu"),),
     sides=("motor",),
@@ -149,12 +154,9 @@ THERMAL = scaling(
     lambda motion, i, p: p["change"] * motion.progress,
     formula="the side's friction times 1 + r (t - t_mid) / T, T the length of the recording",
     description="Friction that changes over the recording: grease thins as the joint warms up.",
+    plain="has friction that changes by a share of {change} over the recording",
     signature="The residual of a friction that is right on average: of one sign at the begin, of the other at the end.",
-    parameters=(
-        Parameter(
-            "change", "1", -1.0, 1.0, neutral=0.0, above=-2.0, draw=(0.6, 1.0), example=(-0.4, -0.2), meaning="r"
-        ),
-    ),
+    parameters=(signed("change", "1", 1.0, "r", above=-2.0, draw=(0.6, 1.0), example=(-0.4, -0.2)),),
     regime="drift",
     in_time=True,
     prior=lambda rate: 0.05,  # friction that was known before changes by up to 10 % in a run, as two deviations
@@ -171,12 +173,9 @@ ASYMMETRIC = scaling(
     lambda motion, i, p: p["asymmetry"] * motion.sign(p["side"], i),
     formula="the side's friction times 1 + a sign(w)",
     description="Dry and viscous friction are larger in one direction than in the other, as in most gears.",
+    plain="has friction that is larger forwards than on average by a share of {asymmetry}",
     signature="The residual rises with speed at other slopes to both sides, and its jump at a reversal is off centre.",
-    parameters=(
-        Parameter(
-            "asymmetry", "1", -0.9, 0.9, neutral=0.0, above=-1.0, draw=(0.2, 0.5), example=(0.2, 0.4), meaning="a"
-        ),
-    ),
+    parameters=(signed("asymmetry", "1", 0.9, "a", above=-1.0, draw=(0.2, 0.5), example=(0.2, 0.4)),),
     regime="velocity_reversal",
     confusions=(
         Confusion(

@@ -23,6 +23,7 @@ EFFECT = Effect(
     formula="recorded torque = true - share * g_i(q)",
     description="The controller compensates gravity by itself, and the torque that it records lacks that, wholly or in "
     "part.",
+    plain="has a recorded torque without a share of {share} of its weight",
     signature="The residual is the weight that the model predicts, with the opposite sign; inertia is felt in full.",
     law=law,
     parameters=(

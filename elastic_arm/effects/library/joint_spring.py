@@ -2,7 +2,7 @@
 
 import casadi as ca
 
-from elastic_arm.effects.law import Confusion, Effect, Parameter, amount, searched
+from elastic_arm.effects.law import Confusion, Effect, amount, searched, signed
 
 ORDERS = (2, 3, 4, 5)  # with a joint spring beside it a gas spring on a crank is met to some 0.1 % over 2 rad
 SMALL = "the joint turns through a small angle, over which any curve is straight"
@@ -14,6 +14,7 @@ SPRING = Effect(
     "joint_spring",
     formula="k (q - q_0) on the link",
     description="A spring from one link to the next: a counterbalance, a dress pack, a hose.",
+    plain="carries a spring of {stiffness}",
     signature="The link residual is a straight line over the joint angle, whatever the speed and the other joints.",
     law=lambda motion, i, p: motion.at(i, link=p["stiffness"] * (motion.q[i] - p["rest"])),
     parameters=(
@@ -27,15 +28,11 @@ SPRING = Effect(
 COUNTERBALANCE = Effect(
     "counterbalance",
     formula="c_2 q^2 + c_3 q^3 + c_4 q^4 + c_5 q^5 on the link, q in rad: what a joint spring lacks",
-    description="A counterbalance on a crank, a gas spring: beside a joint spring, the bend of its torque over the "
-    "angle.",
+    description="A counterbalance on a crank, a gas spring: what a joint spring lacks of its torque over the angle.",
+    plain="carries a counterbalance whose torque bends by {torque} per rad², rad³, …",
     signature="The link residual is one curve over the joint's own angle, whatever the speed and the other joints.",
     law=lambda motion, i, p: motion.at(i, link=ca.dot(p["torque"], ca.vertcat(*(motion.q[i] ** k for k in ORDERS)))),
-    parameters=(
-        Parameter(
-            "torque", "Nm", -2e4, 2e4, neutral=0.0, size=len(ORDERS), example=(-100.0, 100.0), meaning="c_2 to c_5"
-        ),
-    ),
+    parameters=(signed("torque", "Nm", 2e4, "c_2 to c_5", size=len(ORDERS), example=(-100.0, 100.0)),),
     sides=("link",),
     regime="position",
     confusions=(Confusion("joint_spring", SMALL, WIDE), Confusion("link_inertia_mismatch", STILL, OWN)),

@@ -2,7 +2,7 @@
 
 import casadi as ca
 
-from elastic_arm.effects.law import Confusion, Contribution, Effect, Numbers, Parameter, SymbolicMotion
+from elastic_arm.effects.law import Confusion, Contribution, Effect, Numbers, SymbolicMotion, signed
 
 
 def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
@@ -19,21 +19,11 @@ EFFECT = Effect(
     id="joint_zero",
     formula="both encoders of a joint = the description's angle + offset; the arm beyond it is turned by -offset",
     description="The joint's zero differs from the description's: calibrated anew, a motor or encoder exchanged.",
+    plain="has its zero {offset} from where it is described",
     signature="Weight and inertia of all that hangs on the joint are felt at an angle that is off, also on joints "
     "before it; the two encoders agree.",
     law=law,
-    parameters=(
-        Parameter(
-            "offset",
-            "rad",
-            -0.5,
-            0.5,
-            neutral=0.0,
-            draw=(0.02, 0.1),
-            example=(0.02, 0.1),
-            meaning="recorded - described",
-        ),
-    ),
+    parameters=(signed("offset", "rad", 0.5, "recorded - described", draw=(0.02, 0.1), example=(0.02, 0.1)),),
     sides=("link", "motor"),
     regime="position",
     confusions=(

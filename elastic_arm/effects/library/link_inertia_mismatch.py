@@ -5,7 +5,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from elastic_arm.effects.law import Confusion, Contribution, Effect, Numbers, Parameter, SymbolicMotion, ratio
+from elastic_arm.effects.law import Confusion, Contribution, Effect, Numbers, SymbolicMotion, ratio, signed
 
 
 def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
@@ -27,20 +27,12 @@ EFFECT = Effect(
     id="link_inertia_mismatch",
     formula="mass m -> r m, centre of mass c -> c + s, inertia about it I -> rho r I",
     description="The link's inertial parameters differ from the nominal ones: other wall thickness, cables, covers.",
+    plain="has a link of {mass} times the described mass",
     signature="Weight and inertia of that link are off, felt by the link side of its joint and of those before it.",
     law=law,
     parameters=(
         ratio("mass", 0.5, 2.0, "r, true / nominal", default=1.0, above=0.0),
-        Parameter(
-            "com",
-            "m",
-            -0.2,
-            0.2,
-            neutral=0.0,
-            default=(0.0, 0.0, 0.0),
-            size=3,
-            meaning="s, shift of the centre of mass",
-        ),
+        signed("com", "m", 0.2, "s, shift of the centre of mass", default=(0.0, 0.0, 0.0), size=3),
         ratio("inertia", 0.5, 2.0, "rho, beyond that of the mass", default=1.0, above=0.0),
     ),
     sides=("link",),

@@ -29,6 +29,7 @@ EFFECTS = (
         ("mod1",),
         formula="left side of (1) in mod2 - in mod1",
         description="The splines' inertia turns with the motor, not with the link; mod1 folds it into the link.",
+        plain="has splines that turn with the motor, not with the link",
         signature="Small residuals in proportion to the accelerations on link and motor side, of known size.",
     ),
     _form(
@@ -39,6 +40,7 @@ EFFECTS = (
         formula="S theta'' + c1 on the link side, S' q'' + c2 on the motor side (5), (8)",
         description="Spinning rotors and wave generators react on the links that carry them; mod1 and mod2 leave this "
         "out.",
+        plain="has spinning rotors that react on the links that carry them",
         signature="Residuals in proportion to accelerations of other joints and of the other side, of known size.",
         confusions=(
             Confusion(

@@ -2,7 +2,7 @@
 
 from casadi import SX
 
-from elastic_arm.effects.law import Confusion, Contribution, Effect, Numbers, Parameter, SymbolicMotion
+from elastic_arm.effects.law import Confusion, Contribution, Effect, Numbers, SymbolicMotion, signed
 
 
 def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
@@ -18,9 +18,10 @@ EFFECT = Effect(
     id="nonlinear_stiffness",
     formula="K_3 (theta - q)^3 added to tau_J",
     description="The drive stiffens as it is wound up (softens where negative), as harmonic drives do.",
+    plain="has a drive whose torque rises by {cubic} times the cube of its twist",
     signature="Joint torque over deflection is a bent line: the residual grows with the cube of the deflection.",
     law=law,
-    parameters=(Parameter("cubic", "Nm/rad^3", -1e11, 1e11, neutral=0.0, meaning="K_3"),),
+    parameters=(signed("cubic", "Nm/rad^3", 1e11, "K_3"),),
     sides=("drive",),
     regime="load",
     confusions=(

@@ -17,6 +17,7 @@ from elastic_arm.effects.law import (
     SymbolicMotion,
     phase,
     ratio,
+    signed,
 )
 from elastic_arm.sensors import Sensors
 
@@ -77,7 +78,7 @@ def zero(channel: str, law: Law, unit: str, most: float, prior: float, **words: 
     example = words.pop("example", None)
     return SensorEffect(
         law=law,
-        parameters=(Parameter("offset", unit, -most, most, neutral=0.0, example=example, meaning="recorded - true"),),
+        parameters=(signed("offset", unit, most, "recorded - true", example=example),),
         regime="always",
         change=changing(channel, offset="offset"),
         prior=lambda rate: prior,
@@ -108,6 +109,7 @@ EFFECTS = (
         "tau_m",
         0.015,  # current sensors and calibrated torque constants: up to 3 %, as two deviations
         description="The motor's torque constant is not what the drive believes.",
+        plain="records {gain} times its motor torque",
         signature="The motor residual follows the motor torque itself, through rest and motion alike.",
         confusions=(
             Confusion(
@@ -122,6 +124,7 @@ EFFECTS = (
         "tau_J",
         0.01,  # strain gauges: up to 2 % of the reading, as two deviations
         description="The joint torque sensor is scaled wrongly.",
+        plain="records {gain} times its joint torque",
         signature="All three residuals of the joint follow the joint torque, that of the motor with the other sign.",
         confusions=(
             Confusion("stiffness_mismatch", ONLY_DRIVE, "the link or motor equation"),
@@ -141,6 +144,7 @@ EFFECTS = (
         id="motor_torque_offset",
         formula="tau_m recorded = true + offset",
         description="The zero of the motor's current measurement is off.",
+        plain="records its motor torque shifted by {offset}",
         signature="The motor residual is a constant, at rest and in motion.",
         sides=SIDES["motor_torque"],
         confusions=(
@@ -158,6 +162,7 @@ EFFECTS = (
         id="joint_torque_offset",
         formula="tau_J recorded = true + offset",
         description="The zero of the joint torque sensor is off.",
+        plain="records its joint torque shifted by {offset}",
         signature="All three residuals of the joint are shifted by a constant, that of the motor the other way.",
         sides=SIDES["joint_torque"],
         example=(2.0, 6.0),
@@ -174,8 +179,9 @@ EFFECTS = (
         0.01,
         1e-5,
         id="encoder_offset",
-        formula="link encoder = true + offset, beside the motor encoder",
+        formula="link encoder = true + offset, against the motor encoder",
         description="The zeros of link and motor encoder do not agree.",
+        plain="has a link encoder whose zero is {offset} from the motor encoder's",
         signature="The drive residual is a constant: at rest without load the drive seems wound up.",
         sides=("drive",),
         confusions=(
@@ -189,6 +195,7 @@ EFFECTS = (
         "encoder_eccentricity",
         formula="link encoder = true + A sin(q + phi)",
         description="The link encoder's disc sits off centre.",
+        plain="has a link encoder whose disc sits off centre by {amplitude}",
         signature="The drive residual is a sine over one turn of the link, whatever the speed and load.",
         law=_off_centre,
         parameters=(Parameter("amplitude", "rad", 1e-6, 5e-3, neutral=0.0, meaning="A"), phase()),

@@ -53,6 +53,7 @@ EFFECT: Effect = SensorEffect(
     id="time_delay",
     formula="named channels recorded(t) = true(t - delay), late against the motor encoder",
     description="Channels that reach the recorder late: filters, buses, other clocks.",
+    plain="has its {channels} recorded {delay} late",
     signature="The residual follows the rate of what is late: zero where it stands still, largest where it changes.",
     law=law,
     parameters=(

@@ -9,9 +9,9 @@ from elastic_arm.effects.law import (
     Effect,
     Numbers,
     Ordinary,
-    Parameter,
     SensorEffect,
     SymbolicMotion,
+    signed,
 )
 from elastic_arm.effects.library.sensor_error import TORQUES, misread, sides_of
 from elastic_arm.sensors import Sensors
@@ -43,11 +43,10 @@ EFFECT: Effect = SensorEffect(
     id="torque_drift",
     formula="recorded = true + a zero that moves at the mean rate from the first sample on",
     description="The zero of a torque channel wanders while the arm is recorded: a sensor or a drive that warms up.",
+    plain="has a {channel} whose zero drifts by {rate} while it is recorded",
     signature="The residuals that hold the channel move off zero with time, whatever the motion.",
     law=law,
-    parameters=(
-        Parameter("rate", "Nm/s", -2.0, 2.0, neutral=0.0, example=(0.1, 0.3), meaning="mean over the recording"),
-    ),
+    parameters=(signed("rate", "Nm/s", 2.0, "mean over the recording", example=(0.1, 0.3)),),
     choices=(Choice("channel", TORQUES, "joint_torque"),),
     sides=("link", "drive", "motor"),
     sides_of=sides_of,

@@ -15,10 +15,9 @@ import numpy as np
 import scipy  # its parts are loaded when they are used
 from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.effects.regressor import MotionSignals
-
-Array = NDArray[np.float64]
 
 PADDING = 0.5  # s mirrored at both ends
 AVERAGED = 1.0  # Hz, over which a power spectrum is averaged

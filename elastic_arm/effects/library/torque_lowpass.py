@@ -47,6 +47,7 @@ EFFECT: Effect = SensorEffect(
     id="torque_lowpass",
     formula="named channels y with y' = 2 pi cutoff (true - y)",
     description="A torque, or the current that it was computed from, was filtered before it was recorded.",
+    plain="has its {channels} filtered at {cutoff} before it is recorded",
     signature="The residual follows the rate of the filtered torque, and fast torque is missing in the recording.",
     law=law,
     parameters=(

@@ -15,6 +15,7 @@ EFFECT = Effect(
     id="torque_ripple",
     formula="A sin(k r_tot theta + phi) added to the motor's torque, not seen by tau_m",
     description="Cogging and commutation ripple of the motor.",
+    plain="has a motor whose torque ripples by ±{amplitude}, {order} times a turn of the rotor",
     signature="A ripple of the motor residual, periodic in the rotor's angle, as high at all speeds and loads.",
     law=law,
     parameters=(

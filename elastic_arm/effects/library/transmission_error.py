@@ -29,6 +29,7 @@ EFFECT = Effect(
     formula="deflection theta + e(theta) - q, e = A sin(k r_hd theta + phi); on the motor tau_J (1 + de/dtheta)",
     description="The harmonic drive's kinematic error: its output leads and lags periodically in the wave generator's "
     "angle, two times a turn as a rule.",
+    plain="has a gear that leads and lags by ±{amplitude}, {order} times a turn of the wave generator",
     signature="A ripple of joint torque that is periodic in the wave generator's angle and grows at the speeds that "
     "strike the elastic resonance; the motor feels it in proportion to the load.",
     law=law,

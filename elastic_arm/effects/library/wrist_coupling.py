@@ -32,6 +32,7 @@ EFFECT = Effect(
     id="wrist_coupling",
     formula="J dw/dt + b w + F tanh(w/0.02), times s on the joint before; w = dq_i + s dq_(i-1)",
     description="The motor of this joint turns with the joint before it, too: a wrist of an industrial arm.",
+    plain="is turned by a motor that turns the joint before it, too, with {dry} of dry friction",
     signature="The torque of a wrist joint follows the motion of the next joint, and the other way round.",
     law=law,
     parameters=(

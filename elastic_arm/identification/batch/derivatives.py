@@ -14,9 +14,9 @@ from elastic_arm.codegen.parallel import ahead
 from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.estimation.observation import torque_noise
+from elastic_arm.estimation.period import repeats
 from elastic_arm.estimation.resampling import Clock, Grid
 from elastic_arm.estimation.residuals import standing_speed
-from elastic_arm.estimation.series import period_of, repeats
 from elastic_arm.estimation.smoother import Smoother, design_smoother, left_out, runs, with_ends
 from elastic_arm.formatting import JointUnits
 from elastic_arm.identification.base_regression import BaseRegression
@@ -121,10 +121,7 @@ class DerivativeStage:
     @functools.cached_property
     def repeats(self) -> bool:
         """Whether the motion is periodic."""
-        try:
-            return repeats(self._longest, period_of(self._longest))
-        except IdentificationError:
-            return False
+        return repeats(self._longest)
 
     @functools.cached_property
     def torque_noise(self) -> dict[str, Array]:

@@ -45,9 +45,7 @@ from elastic_arm.robot import Robot, require_robot
 # Relative error of the description: where an arm is taken for rigid it is never believed to be off by more. What
 # repeats in all parts of a recording shows no need of a prior, and still predicts another motion badly.
 LOOSE = 3.0
-MOTOR_INERTIA = (
-    "the description states no motor inertia: it was identified beside the links (armature; a URDF cannot hold it)"
-)
+MOTOR_INERTIA = "the description states no motor inertia: it was identified too (armature; a URDF cannot hold it)"
 BARE = "without a torque, and so without an equation: what it alone would show is not determined"
 UNSEEN = "left out, as it acts at a joint without a torque"
 FELT = "taken as what the joint torque sensors feel (side=link), as no motor torque was recorded"
@@ -107,6 +105,7 @@ def identify_with(
         The result, the estimator that it came from, and the first run of smoothed motion.
     """
     require_robot(robot)
+    asked = settings.laws(robot)
     chosen, validate = recordings_of(recordings), recordings_of(validate, "validate")
     if not chosen:
         raise IdentificationError("no recording was given", "Give at least one.")
@@ -117,7 +116,7 @@ def identify_with(
     motored = any(samples.tau_m is not None for samples in prepared)
     described, robot = robot, robot.with_armatures() if motored else robot
     armed = robot is not described
-    asked, moved = on_recorded_side(settings.effects, robot, motored=motored)
+    asked, moved = on_recorded_side(asked, robot, motored=motored)
     known = with_stated(asked, robot, motored=motored, catalogue=settings.catalogue)
     known, unseen = with_trace(known, robot, settings.model, prepared[0])
     # What the description states of imperfections is as uncertain as what it does not.
@@ -178,7 +177,7 @@ def _estimated(trials: Trials, choice: BatchChoice) -> tuple[Identification, Bat
     result = result.with_(notes=tuple(dict.fromkeys([*result.notes, *notes])))
     if trials.settings.consistent:
         trials.report("physical consistency", 1.0)
-        laws = (*trials.settings.effects, *choice.laws)
+        laws = (*trials.effects, *choice.laws)
         result = with_consistency(result, identifier, trials.robot, laws, correlated=correlated)
     return result, trial, correlated
 

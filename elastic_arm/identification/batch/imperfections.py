@@ -151,5 +151,5 @@ def described_imperfections(found: Sequence[NuisanceLaw]) -> list[str]:
     )
     tilt = [f"the tilt of the base ({1e3 * LEVEL:g} mrad)"] if TILT in held else []
     if zeros or tilt:
-        notes.append("identified beside, held to what is ordinary: " + ", ".join(zeros + tilt))
+        notes.append("also identified, kept within what is usual: " + ", ".join(zeros + tilt))
     return notes

@@ -119,6 +119,11 @@ class Trials:
     _known: dict[tuple[object, ...], BatchTrial] = field(default_factory=dict)
 
     @functools.cached_property
+    def effects(self) -> tuple[EffectInstance, ...]:
+        """The laws that are identified."""
+        return self.settings.laws(self.robot)
+
+    @functools.cached_property
     def stages(self) -> list[DerivativeStage]:
         """The derivative stage of each recording."""
         found = []
@@ -153,7 +158,7 @@ class Trials:
 
     def _columns(self, choice: BatchChoice) -> list[Column]:
         """Return the columns of the laws asked for and of the imperfections, these with their priors."""
-        laws = [*self.settings.effects, *choice.laws]
+        laws = [*self.effects, *choice.laws]
         found = law_columns(laws, self.robot, self.settings.model, choice.sign_speed)
         ordinary = {place_of(each.instance, self.robot): each.ordinary for each in choice.imperfections}
         return [replace(column, ordinary=ordinary.get(column.name.rpartition(".")[0])) for column in found]
@@ -171,7 +176,7 @@ class Trials:
 
     def _possible(self) -> tuple[NuisanceLaw, ...]:
         """Return the imperfections that the channels tell from everything else."""
-        asked, catalogue = self.settings.effects, self.settings.catalogue
+        asked, catalogue = self.effects, self.settings.catalogue
         if not self.beside:
             return ()
         samples = [each for _, each in self.recordings]
@@ -188,7 +193,7 @@ class Trials:
     def notes(self, choice: BatchChoice) -> list[str]:
         """Return in words what was chosen."""
         found = []
-        if any(is_dry(instance) for instance in self.settings.effects):
+        if any(is_dry(instance) for instance in self.effects):
             found.append(f"dry friction turns over within {standstill(choice.sign_speed, self.robot)} of standstill")
         if not choice.sticking:
             found.append(STICKS)
@@ -211,7 +216,7 @@ class Trials:
 
         Averages keep them: what the model misses is no noise there, and rows that do not count are predicted worse.
         """
-        if choice.averaged or not any(is_dry(instance) for instance in self.settings.effects):
+        if choice.averaged or not any(is_dry(instance) for instance in self.effects):
             return choice
         rest = self(replace(choice, sticking=False))
         share = 1.0 - rest.linear_blocks.share
@@ -225,7 +230,7 @@ class Trials:
 
     def _speed(self, choice: BatchChoice) -> BatchChoice:
         """Return the choice with the speed at which each joint's dry friction turns over."""
-        if not any(is_dry(instance) for instance in self.settings.effects):
+        if not any(is_dry(instance) for instance in self.effects):
             return choice
         tried = [self(replace(choice, sign_speed=speed)) for speed in SIGN_SPEEDS]
         errors = np.array([_errors_by_block(trial, trial.fit) for trial in tried])

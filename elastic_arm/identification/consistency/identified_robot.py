@@ -38,9 +38,9 @@ def odd_masses(described: Robot, identified: Robot) -> list[str]:
     ]
     if not odd:
         return []
-    stands_in = "masses that no such link has stand in for something else"
+    wrong = "no such link has these masses: they make up for something that the model lacks"
     check = "check signs and units of the torques, how the arm is mounted (base) and what it carries"
-    return [f"robot.yaml: {', '.join(odd)}: {stands_in}; {check}"]
+    return [f"robot.yaml: {', '.join(odd)}: {wrong}; {check}"]
 
 
 def identified_robot(

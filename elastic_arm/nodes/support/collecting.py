@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_arm.nodes.support.driver_channels import DriverSide
 from elastic_arm.nodes.support.pairing import Losses, Pairing
 from elastic_arm.nodes.support.wire import Inbox
-from elastic_arm.recording import Samples, topics
+from elastic_arm.recording import ChannelMap, Samples, topics
 
 Array = NDArray[np.float64]
 FIELDS = ("position", "velocity", "effort")
@@ -54,13 +55,24 @@ class Collector:
         "both", or only "link" or "motor".
     shown
         Full names of the topics, as a node has them in its namespace.
+    channels
+        A map of a driver's topics, names and units; the suite's own when None.
     """
 
     def __init__(
-        self, joints: tuple[str, ...], sides: str = "both", shown: Callable[[str], str] = lambda topic: topic
+        self,
+        joints: tuple[str, ...],
+        sides: str = "both",
+        shown: Callable[[str], str] = lambda topic: topic,
+        channels: ChannelMap | None = None,
     ) -> None:
         self.joints, self._shown = joints, shown
-        self.inboxes = {topic: Inbox(topics.TYPES[topic]) for topic in SIDES[sides]}
+        named = dict(zip(CHANNELS, ("link", "motor"), strict=True))
+        given = {} if channels is None else {t: DriverSide.of(channels, named[t], joints) for t in SIDES[sides]}
+        self._driver = {topic: side for topic, side in given.items() if side is not None}
+        # Side, by the topic that the suite has it on -> the topic that it comes on.
+        self._sources = {t: self._driver[t].topic if channels else t for t in SIDES[sides] if not channels or given[t]}
+        self.inboxes = {topic: Inbox(topics.type_of(topic)) for topic in self._sources.values()}
         self._heard = dict.fromkeys(self.inboxes, time.monotonic())
         self._empty = dict.fromkeys(self.inboxes, 0)
         self.reset()
@@ -83,7 +95,7 @@ class Collector:
     @property
     def channels(self) -> tuple[str, ...]:
         """Names of the channels that an arm with all sensors gives."""
-        return tuple(name for topic in self.inboxes for name in CHANNELS[topic])
+        return tuple(name for side in self._sources for name in CHANNELS[side])
 
     def take(self, everything: bool = False) -> Samples | None:
         """Return the samples that are ready, in order of time and never older than those before; None without any.
@@ -99,11 +111,12 @@ class Collector:
             if len(inbox):
                 self._heard[topic], self._empty[topic] = time.monotonic(), 0
             for names, stamps, numbers in inbox.take():
-                stamps, rows = self._rows(topic, names, stamps, numbers)
-                add[topic](stamps, rows)
-                if len(self.inboxes) == 1:  # the side that is not measured is no reason to wait
-                    other = next(side for side in CHANNELS if side != topic)
-                    add[other](stamps, np.empty((len(stamps), 0)))
+                for side in (side for side, source in self._sources.items() if source == topic):
+                    there, rows = self._rows(side, names, stamps, numbers)
+                    add[side](there, rows)
+                    if len(self._sources) == 1:  # the side that is not measured is no reason to wait
+                        other = next(one for one in CHANNELS if one != side)
+                        add[other](there, np.empty((len(there), 0)))
         pairs = self.pairing.take(everything)
         if pairs is None:
             return None
@@ -143,6 +156,9 @@ class Collector:
         self, topic: str, names: tuple[str, ...], stamps: NDArray[np.int64], numbers: dict[str, NDArray]
     ) -> tuple[NDArray[np.int64], Array]:
         """Return the usable messages' stamps and their fields side by side, (N, fields * n), in the arm's order."""
+        if topic in self._driver:
+            read = self._driver[topic].read(names, numbers)
+            names, numbers = (self.joints, read) if read is not None else ((), numbers)
         given = tuple(field for field in FIELDS if numbers[field].shape[1])
         fields = self._fields.setdefault(topic, given) if self._usable(names) else given
         nothing = stamps[:0], np.empty((0, len(fields) * len(self.joints)))

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from elastic_arm_msgs.msg import GapAlternative, GapCause, GapDiagnosis, GapParameter, GapPlace, GapResidual
+from elastic_arm_msgs.msg import GapAlternative, GapCause, GapChange, GapDiagnosis, GapParameter, GapPlace, GapResidual
 
 from elastic_arm.diagnosis.live import ResidualLevels
 from elastic_arm.estimation.equations import SIDES
@@ -29,6 +29,9 @@ def diagnosis_message(found: Mapping[str, Any]) -> GapDiagnosis:
         shrink_interval=[_number(edge) for edge in interval],
         causes=[_cause(cause) for cause in found["causes"]],
         unexplained=[GapPlace(**{**place, "rmse": _number(place["rmse"])}) for place in found["unexplained"]],
+        changes=[_change(change) for change in found["changes"]],
+        trust=list(found["trust"]),
+        trust_probability=[_number(p) for p in found["trust"].values()],
     )
 
 
@@ -73,12 +76,13 @@ def _residual(found: Mapping[str, Any], joint: str, side: str) -> GapResidual:
 
 
 def _cause(cause: Mapping[str, Any]) -> GapCause:
+    stated = cause["from"] or {}
     return GapCause(
         effect=cause["effect"],
         joint=cause["joint"] or "",
         sides=cause["sides"],
         regime=cause["regime"],
-        parameters=[_parameter(name, estimate) for name, estimate in cause["parameters"].items()],
+        parameters=[_parameter(name, e, stated.get(name)) for name, e in cause["parameters"].items()],
         shrink=_number(cause["shrink"]),
         confidence=_number(cause["confidence"]),
         alternatives=[
@@ -93,15 +97,25 @@ def _cause(cause: Mapping[str, Any]) -> GapCause:
     )
 
 
-def _parameter(name: str, estimate: Mapping[str, Any]) -> GapParameter:
+def _change(change: Mapping[str, Any]) -> GapChange:
+    values = change["values"]
+    return GapChange(
+        **{name: change[name] for name in ("effect", "parameter", "unit", "confidence")},
+        joint=change["joint"] or "",
+        recording=[one["recording"] for one in values],
+        value=[_number(one["value"]) for one in values],
+        std=[_number(one["std"]) for one in values],
+    )
+
+
+def _parameter(name: str, estimate: Mapping[str, Any], stated: Any = None) -> GapParameter:
     value, std = (_listed(estimate[part]) for part in ("value", "std"))
     words = [part for part in value if isinstance(part, str)]
     if words:
         return GapParameter(name=name, words=words, unit=estimate["unit"])
     std = std if len(std) == len(value) else [None] * len(value)
-    return GapParameter(
-        name=name, value=[_number(v) for v in value], std=[_number(s) for s in std], unit=estimate["unit"]
-    )
+    numbers = {"value": value, "std": std, "stated": [] if stated is None else _listed(stated)}
+    return GapParameter(name=name, unit=estimate["unit"], **{k: [_number(v) for v in vs] for k, vs in numbers.items()})
 
 
 def _listed(value: Any) -> list[Any]:

@@ -31,7 +31,6 @@ REFUSED = 3  # exit code where the reason stands on standard error
 MODULE = "elastic_arm.recording.foreign.compiled_readers"
 LIBRARIES = {".mat": "scipy", ".parquet": "pyarrow", ".h5": "h5py", ".hdf5": "h5py"}
 _FILE = "file "  # begin of a line on standard error
-_COPIES = 3  # of the arrays in the process, packed ones included
 
 
 def load_compiled(paths: Sequence[Path], most: int) -> list[dict[str, np.ndarray]]:
@@ -161,7 +160,8 @@ def _main(most: int, seconds: int, paths: Sequence[str]) -> int:
     for library in {LIBRARIES[Path(path).suffix.lower()] for path in paths}:
         importlib.import_module(library)
     own = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0]) * resource.getpagesize()
-    bounds = {resource.RLIMIT_AS: own + _COPIES * most, resource.RLIMIT_CPU: seconds, resource.RLIMIT_CORE: 0}
+    # 3 of the arrays in the process, packed ones included
+    bounds = {resource.RLIMIT_AS: own + 3 * most, resource.RLIMIT_CPU: seconds, resource.RLIMIT_CORE: 0}
     for limited, bound in bounds.items():
         _, allowed = resource.getrlimit(limited)  # a limit of the user's shell cannot be raised
         bound = bound if allowed == resource.RLIM_INFINITY else min(bound, allowed)

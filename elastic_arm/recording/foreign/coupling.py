@@ -12,8 +12,6 @@ from elastic_arm.recording.sides import Array, Side
 # Joint -> motor -> how much the joint turns for one turn of the motor, both at the joint's output.
 Coupling = dict[str, dict[str, Number]]
 
-_SINGULAR = 1e-9  # relative singular value from which on motors cannot move the joints apart
-
 
 def coupling_matrix(coupling: Mapping[str, Mapping[str, float]], joints: Sequence[str]) -> Array:
     """Return the matrix C (n, n) of theta = C theta_motors; joints without an entry turn with their own motor alone."""
@@ -26,7 +24,7 @@ def coupling_matrix(coupling: Mapping[str, Mapping[str, float]], joints: Sequenc
     if not np.isfinite(matrix).all():
         raise ValueError("coupling: a factor is not finite")
     sizes = np.linalg.svd(matrix, compute_uv=False)
-    if sizes[-1] < _SINGULAR * sizes[0]:
+    if sizes[-1] < 1e-9 * sizes[0]:  # relative singular value below which motors cannot move the joints apart
         raise ValueError(
             "coupling: the motors cannot move these joints apart; each row names the joint's own motor too"
         )

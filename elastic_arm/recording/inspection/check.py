@@ -31,15 +31,11 @@ _SIDES = {"link": JOINT_STATES, "motor": MOTOR_STATES, "reference": REFERENCE}
 _GAP = 2.5  # sample intervals: more is a gap, not jitter
 _JITTER = 0.05  # of the sample interval
 _RATE_CHANGE = 0.2
-_SAME_RATE = 0.01  # rates this close are meant to be equal
 _DRIFT = 20e-6  # two good crystals differ by less
 
 
 def check_bag(
-    path: str | Path,
-    channels: ChannelMap | None = None,
-    robot: Robot | None = None,
-    namespace: str | None = None,
+    path: str | Path, channels: ChannelMap | None = None, robot: Robot | None = None, namespace: str | None = None
 ) -> Report:
     """Look for everything that may be wrong with a bag: what readers refuse or mend, and what no arm measures."""
     report = Report(str(path))
@@ -187,7 +183,7 @@ def _check_drift(content: Content, report: Report) -> None:
     # Mean intervals without gaps.
     every = [(np.diff(series.stamp_ns), step) for series, step in zip(both, steps, strict=True)]
     rates = [float(np.mean(apart[apart < 1.5 * step])) for apart, step in every]
-    if abs(drift) <= _DRIFT and abs(rates[1] / rates[0] - 1) < _SAME_RATE:
+    if abs(drift) <= _DRIFT and abs(rates[1] / rates[0] - 1) < 0.01:  # rates this close are meant to be equal
         drift = rates[1] / rates[0] - 1
     duration = (both[0].stamp_ns[-1] - both[0].stamp_ns[0]) * 1e-9
     if abs(drift) > _DRIFT and abs(drift) * duration * 1e9 > 0.5 * steps[0]:

@@ -26,23 +26,15 @@ from scipy.stats import t as student
 from elastic_arm.dynamics import build_model
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.recording.inspection.plausibility import is_motion
-from elastic_arm.recording.inspection.report import Finding, warning
+from elastic_arm.recording.inspection.report import FEWEST, Finding, warning
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import Array, Samples
 from elastic_arm.robot import Robot
 
-FEWEST = 200  # samples; below, nothing is concluded
-SHORTEST = 1.0  # s; the ends that differentiation spoils take 0.2 s
 ENOUGH = 5000  # samples that are looked at; bounds the time
-TRIED = 500  # of them, with every other arrangement
-WINDOW = 0.1  # s over which positions are differentiated: gravity changes more slowly
-STANDSTILL = 0.01  # rad/s within which friction turns over; convention
-ALIKE = 0.5  # correlation that gravity has at least where masses alone are off; convention
 CHANCE = 0.01  # probability that unrelated torques correlate so; convention
 # Times the described gravity: of a sign alone -1, and masses are off. Beyond, something else than gravity is at work.
 FACTOR = (1.0 / 3.0, 3.0)
-CONSIDERABLE = 0.05  # of the largest gravity among the joints; less of it, as wrists have, a payload turns over
-MISSING = 0.5  # times the described gravity; below for certain it was taken out, in part at least
 # Beyond, a unit is mistaken. Masses of a description are not off by so much; convention.
 FAR = (0.2, 5.0)
 LIKE_DEGREES = (57.3 / 2.5, 57.3 * 2.5)  # masses are off, and a small angle is not a small part of a sine
@@ -57,8 +49,6 @@ SIDES = {"tau_J": "link", "tau_m": "motor"}
 # Another arrangement is named where it is e^10 times as likely, and of the torques that it changes leaves a tenth, and
 # a third of what was left as given: poor motions fit many.
 CERTAIN, EXPLAINED, BETTER = 10.0, 0.1, 1.0 / 3.0
-CHANGED = 0.1  # of the logarithm of what is left
-NO_TORQUE = 1e-9  # Nm; what changes less is none
 
 
 class _SideMotion(NamedTuple):
@@ -90,7 +80,8 @@ class GravityFit(NamedTuple):
     @property
     def certain(self) -> bool:
         """Whether the torques follow gravity, or run against it."""
-        return abs(self.correlation) > ALIKE and self.chance < CHANCE
+        # 0.5 is the correlation that gravity has at least where masses alone are off; convention
+        return abs(self.correlation) > 0.5 and self.chance < CHANCE
 
 
 def contradicted_gravity(recording: Recording, robot: Robot) -> list[Finding]:
@@ -101,28 +92,16 @@ def contradicted_gravity(recording: Recording, robot: Robot) -> list[Finding]:
     """
     found = []
     for side, motion, fit in _fits(recording, robot):
-        found += (
-            _size(fit, side) or [finding for finding, _ in _arranged(motion, side, robot)] or _judged(fit, side, robot)
-        )
+        found += _size(fit, side) or _arranged(motion, side, robot) or _judged(fit, side, robot)
     return found
-
-
-def opposed_joints(recording: Recording, robot: Robot) -> tuple[str, ...]:
-    """Return the joints whose torque runs against gravity as described, and the arm is not mounted otherwise."""
-    opposed: set[str] = set()
-    for side, motion, fit in _fits(recording, robot):
-        arranged = _arranged(motion, side, robot)
-        opposed |= {names[0] for finding, names in arranged if finding.code == "gravity_sign"}
-        if not arranged and any(finding.code == "gravity_sign" for finding in _judged(fit, side, robot)):
-            opposed |= set(robot.joint_names)
-    return tuple(name for name in robot.joint_names if name in opposed)
 
 
 def _fits(recording: Recording, robot: Robot) -> Iterator[tuple[str, _SideMotion, GravityFit]]:
     """Yield the torques of each side, and beside the described gravity; none of a recording without motion."""
     samples = recording.select(robot.joint_names).samples()
     position = samples.q if samples.q is not None else samples.theta
-    if position is None or len(samples) < FEWEST or samples.t[-1] < SHORTEST or not is_motion(samples.t, position):
+    # 1.0 s; the ends that differentiation spoils take 0.2 s
+    if position is None or len(samples) < FEWEST or samples.t[-1] < 1.0 or not is_motion(samples.t, position):
         return
     for channel, side in SIDES.items():
         if getattr(samples, channel) is not None:
@@ -134,7 +113,8 @@ def _fits(recording: Recording, robot: Robot) -> Iterator[tuple[str, _SideMotion
 
 def _motion(samples: Samples, position: Array, channel: str) -> _SideMotion:
     step = float(np.median(np.diff(samples.t)))
-    width = max(round(WINDOW / step) // 2 * 2 + 1, 5)
+    # 0.1 s over which positions are differentiated: gravity changes more slowly
+    width = max(round(0.1 / step) // 2 * 2 + 1, 5)
     dq, ddq = (savgol_filter(position, width, 3, deriv=k, delta=step, axis=0) for k in (1, 2))
     # Across a hole there is no derivative.
     holes = np.zeros(len(position), np.bool_)
@@ -144,7 +124,8 @@ def _motion(samples: Samples, position: Array, channel: str) -> _SideMotion:
     rows = rows[:: max(1, len(rows) // ENOUGH)]
     torque: Array = getattr(samples, channel)
     lacking = [(channel, j) in samples.lacking for j in range(position.shape[1])]
-    measured = np.flatnonzero((np.ptp(torque, axis=0) > NO_TORQUE) & ~np.array(lacking)).tolist()
+    # 1e-9 Nm; what changes less is none
+    measured = np.flatnonzero((np.ptp(torque, axis=0) > 1e-9) & ~np.array(lacking)).tolist()
     return _SideMotion(position[rows], dq[rows], ddq[rows], torque[rows], measured)
 
 
@@ -163,19 +144,21 @@ def _fit_gravity(motion: _SideMotion, robot: Robot, *, motors: bool) -> GravityF
     if not count or np.abs(gravity).max() <= RANK * float(np.abs(pull @ robot.gravity).max()):
         return GravityFit(left, np.zeros_like(gravity), weight, 0.0, 0.0, 1.0, False)
     squares, power, both = np.sum(left**2, axis=0), np.sum(gravity**2, axis=0), np.sum(left * gravity, axis=0)
-    heavy = power > CONSIDERABLE**2 * power.max()
+    # 0.05 of the largest gravity among the joints; less of it, as wrists have, a payload turns over
+    heavy = power > 0.05**2 * power.max()
     factors, rest = both[heavy] / power[heavy], squares[heavy] - both[heavy] ** 2 / power[heavy]
     most = np.abs(factors) + 3.0 * np.sqrt(np.maximum(rest, 0.0) / power[heavy] / free[heavy])
     correlation = float(both.sum() / np.sqrt(squares.sum() * power.sum()))
     size = abs(correlation) * np.sqrt(free.sum() / max(1.0 - correlation**2, 1e-12))
     chance = float(student.sf(size, free.sum()))
     factor = float(both.sum() / power.sum())
-    return GravityFit(left, gravity, weight, correlation, factor, chance, bool((most < MISSING).all()))
+    # 0.5 times the described gravity; below for certain it was taken out, in part at least
+    return GravityFit(left, gravity, weight, correlation, factor, chance, bool((most < 0.5).all()))
 
 
 def _own(motion: _SideMotion, j: int, *more: Array) -> Array:
     """Return an orthonormal basis (N, r) of a joint's zero, friction and motor inertia, and of further columns."""
-    friction = np.tanh(motion.dq[:, j] / STANDSTILL)
+    friction = np.tanh(motion.dq[:, j] / 0.01)  # 0.01 rad/s within which friction turns over; convention
     columns = [np.ones(len(friction)), friction, motion.dq[:, j], motion.ddq[:, j], *more]
     scaled = np.column_stack([column / max(float(np.linalg.norm(column)), 1e-300) for column in columns])
     basis, sizes, _ = np.linalg.svd(scaled, full_matrices=False)
@@ -188,13 +171,13 @@ def _independent(one: Array, other: Array) -> float:
     return len(one) / max(1.0, 1.0 + 2.0 * float(alike[0] @ alike[1]))
 
 
-def _arranged(motion: _SideMotion, side: str, robot: Robot) -> list[tuple[Finding, tuple[str, ...]]]:
+def _arranged(motion: _SideMotion, side: str, robot: Robot) -> list[Finding]:
     """Return which joints turn the other way, or have their channels exchanged, as the geometry shows it."""
-    steps: list[tuple[Finding, tuple[str, ...]]] = []
-    found: list[tuple[Finding, tuple[str, ...]]] = []
+    steps: list[Finding] = []
+    found: list[Finding] = []
     if len(motion.measured) < 2:
         return found
-    every = max(1, len(motion.q) // TRIED)
+    every = max(1, len(motion.q) // 500)  # so many samples are tried with every other arrangement
     motion = _SideMotion(*(rate[::every] for rate in motion[:4]), motion.measured)  # type: ignore[call-arg, arg-type]
     # A few thousand samples: compiling would take longer than all that is computed.
     n, model = robot.n, build_model(robot, engine="numpy")
@@ -211,14 +194,14 @@ def _arranged(motion: _SideMotion, side: str, robot: Robot) -> list[tuple[Findin
         for angles, ways in _arrangements(robot.joint_names, motion.measured):
             q, dq, ddq = (angles(rate) for rate in motion[:3])
             Y = regressor(q, dq, ddq)
-            for code, words, names, torques in ways:
+            for code, words, torques in ways:
                 squares, *_ = _squares(_SideMotion(q, dq, ddq, torques(motion.torque), motion.measured), Y)
                 # In the order of the torques as they were given.
                 order = np.argsort(np.abs(torques(np.arange(1.0, n + 1.0)))[motion.measured])
                 change = np.log(squares[order] / left)
-                tried.append((0.5 * float(free @ change), change, code, words, names, angles, torques))
-        odds, change, code, words, names, angles, torques = min(tried, key=lambda each: each[0])
-        changed = np.abs(change) > CHANGED
+                tried.append((0.5 * float(free @ change), change, code, words, angles, torques))
+        odds, change, code, words, angles, torques = min(tried, key=lambda each: each[0])
+        changed = np.abs(change) > 0.1  # logarithm of what is left
         if -odds < CERTAIN or not changed.any():
             break
         share = np.log(left / power)[changed]
@@ -226,7 +209,7 @@ def _arranged(motion: _SideMotion, side: str, robot: Robot) -> list[tuple[Findin
         shown, given = (f"{100 * np.exp(each):.2g} %" for each in (after, before))
         message = f"{side} side: {words}: so {shown} of the torques' squares are left, as given {given}"
         remedy = "check names, order and signs of the columns in the map, of angle and torque"
-        steps.append((warning(code, message, remedy), names))
+        steps.append(warning(code, message, remedy))
         if after - before < np.log(BETTER) and after < np.log(EXPLAINED):
             # What is only better beside another one comes before it.
             found = [*steps]
@@ -236,7 +219,7 @@ def _arranged(motion: _SideMotion, side: str, robot: Robot) -> list[tuple[Findin
 
 
 _Change = Callable[[Array], Array]
-_Way = tuple[str, str, tuple[str, ...], _Change]
+_Way = tuple[str, str, _Change]
 
 
 def _arrangements(joints: Sequence[str], measured: Sequence[int]) -> Iterator[tuple[_Change, list[_Way]]]:
@@ -254,9 +237,9 @@ def _arrangements(joints: Sequence[str], measured: Sequence[int]) -> Iterator[tu
 
         both = f"{name} turns the other way than described, its angle and its torque have the other sign"
         angle = f"the angle of {name} has the other sign than described"
-        yield mirrored, [("mirrored", both, (name,), mirrored), ("mirrored", angle, (name,), same)]
+        yield mirrored, [("mirrored", both, mirrored), ("mirrored", angle, same)]
         if j in measured:
-            alone.append(("gravity_sign", f"the torque of {name} has the other sign than described", (name,), mirrored))
+            alone.append(("gravity_sign", f"the torque of {name} has the other sign than described", mirrored))
     orders = [(np.array([j, i]), np.array([i, j])) for i, j in combinations(measured, 2)]
     backwards = np.array(measured)[::-1]
     for new, old in [*orders, *([(backwards, np.array(measured))] if len(measured) > 3 else [])]:
@@ -266,14 +249,10 @@ def _arrangements(joints: Sequence[str], measured: Sequence[int]) -> Iterator[tu
         def exchanged(values: Array, order: Any = order) -> Array:
             return values[..., order]
 
-        names = tuple(joints[k] for k in old)
-        whose = (
-            f"of {' and '.join(names)} seem to be exchanged"
-            if len(names) == 2
-            else "are in the reversed order of joints"
-        )
-        yield exchanged, [("exchanged", f"all channels {whose}", names, exchanged)]
-        alone.append(("exchanged", f"efforts {whose}", names, exchanged))
+        names = " and ".join(joints[k] for k in old)
+        whose = f"of {names} seem to be exchanged" if len(old) == 2 else "are in the reversed order of joints"
+        yield exchanged, [("exchanged", f"all channels {whose}", exchanged)]
+        alone.append(("exchanged", f"efforts {whose}", exchanged))
     yield same, alone
 
 

@@ -6,16 +6,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from elastic_arm.arrays import Array
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording.recording import Recording
 
-Array = NDArray[np.float64]
-
 CHANNELS = ("q", "dq", "tau_J", "theta", "dtheta", "tau_m")  # of `Samples`
-SEARCH_RATE = 100.0  # Hz, at which the two are shifted over each other; steps then mend the time
 STEPS = 5  # Gauss-Newton, each some ten times closer
 SHORTEST = 1.0  # s that two recordings have to share
 ALIKE = 0.5  # correlation of the two motions, below which they are of other commands; convention
@@ -116,7 +113,7 @@ def _commands(real: Recording, simulated: Recording) -> tuple[str, tuple[Array, 
 
 def _offset(t: Array, values: Array, t_other: Array, other: Array, name: str) -> float:
     """Return the s to add to times of one recording for those of the other: shifted in steps, then mended."""
-    step = 1.0 / SEARCH_RATE
+    step = 0.01  # s, at which the two are shifted over each other; steps then mend the time
     rates = [_on_grid(*pair, step) for pair in ((t, values), (t_other, other))]
     count = sum(len(rate) for rate in rates)
     spectra = [np.fft.rfft(rate, count, axis=0) for rate in rates]

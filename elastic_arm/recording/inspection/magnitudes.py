@@ -8,22 +8,18 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from elastic_arm.recording.inspection.report import Finding, warning
+from elastic_arm.recording.inspection.report import FEWEST, Finding, warning
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import Array, joints_with, listed, span_of
 from elastic_arm.robot import Joint, Robot
-
-_FEWEST = 200  # samples; below, nothing is concluded
-_BEYOND = 0.1  # of a joint's range: more than a zero, or a limit, that is set a little otherwise
-_TOO_FAST = 3.0  # times the limit of the velocity; controllers may pass that a little
 
 
 def hardly_usable(recording: Recording) -> list[str]:
     """Return in words why a recording that is whole cannot be used: few samples, or joints without a position."""
     sides, words = recording.measured(), []
     count = min((len(side) for side in sides.values()), default=0)
-    if count < _FEWEST:
-        words.append(f"there are {count} samples only: nothing can be concluded of fewer than {_FEWEST}")
+    if count < FEWEST:
+        words.append(f"there are {count} samples only: nothing can be concluded of fewer than {FEWEST}")
     have = np.zeros(len(recording.joints), np.bool_)
     for side in sides.values():
         have |= False if side.position is None else joints_with(side.position)
@@ -37,9 +33,9 @@ def beyond_limits(recording: Recording, robot: Robot) -> list[Finding]:
     """Return which angles and speeds are far beyond the limits of the description."""
     findings = []
     for name, side in recording.select(robot.joint_names).measured().items():
-        if len(side) >= _FEWEST and side.position is not None:
+        if len(side) >= FEWEST and side.position is not None:
             findings += _positions(name, side.position, robot)
-        if len(side) >= _FEWEST and side.velocity is not None:
+        if len(side) >= FEWEST and side.velocity is not None:
             findings += _speeds(name, side.velocity, robot)
     return findings
 
@@ -76,7 +72,7 @@ def _within(joint: Joint, low: float, high: float) -> bool:
     least, most = _range(joint)
     if np.isinf(least):
         return True
-    more = _BEYOND * (most - least)
+    more = 0.1 * (most - least)  # 0.1 of a joint's range: more than a zero, or a limit, that is set a little otherwise
     turns = 0.0 if joint.prismatic else 2 * np.pi * round(0.5 * (least + most - low - high) / (2 * np.pi))
     return bool(least - more <= low + turns and high + turns <= most + more)
 
@@ -85,7 +81,7 @@ def _speeds(name: str, velocity: Array, robot: Robot) -> list[Finding]:
     """Look at the root mean square of the velocities: of a joint at its limit all the time it is the limit."""
     limit = np.array([joint.limits.velocity or np.inf for joint in robot.joints])
     share = np.sqrt(np.mean(velocity**2, axis=0)) / limit
-    found = share > _TOO_FAST
+    found = share > 3.0  # 3.0 times the limit of the velocity; controllers may pass that a little
     if not found.any():
         return []
     units, what = _other_units(robot, found)

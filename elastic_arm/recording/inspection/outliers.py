@@ -33,27 +33,19 @@ SMALLEST_TORQUE = 1e-150
 _FEWEST = 50  # samples; of fewer no range is known
 _LOOKED_AT = 5000  # samples that the range is taken from
 _CENTRAL = (0.5, 99.5)  # per cent of the samples that the range spans
-_IMPULSIVE = 5.0  # times the range of medians of five samples; of noise alone it is less than twice that
 _INNER = (5.0, 95.0)  # of the narrower one that decides what is absurd
 _BEYOND = 3.0  # ranges from the neighbours
 _ABSURD = 1e2  # inner ranges from the middle; such numbers must not enter the range itself
 _LEAST_INNER = 1000.0  # times the least range: an arm may rest nearly all of the time
 _NEIGHBOURS = 5  # on either side
-_SHARE = 0.05  # of the largest range among the joints, for those that hardly move
 _SPIKE = 12.0  # standard deviations of the noise, of the distance from the cubic
-_SPIKE_TAIL = 5.0  # times the distance that nearly all samples keep within: noise has no such tail
 _NEARLY_ALL = 98.0  # per cent
 _SPIKE_SHARE = 0.01  # of the samples; more are no outliers but the noise
 _STEPS = 4.0  # of the channel's resolution
 _ACCELERATION = 30.0  # rad/s^2, to which an arm changes within a sample
-_TORQUE_STEP = 0.003  # of the range
-_OPPOSITE = 0.45  # of a spike's distance, by which its neighbours are off the other way
 _CUBIC = np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / 6.0
 _LEAST = {"position": 1e-3, "velocity": 1e-3, "effort": 0.1, "acceleration": 1e-2}  # rad, rad/s, Nm, rad/s^2
 _RANGE = 1.1  # turns, with noise at the ends, that an angle spans which is given within one
-_SLACK = 0.05  # rad, that play and wind-up of a drive release at once where it turns round
-_LATE = 3.0  # cycles that a sample may be late
-_OF_A_TURN = 0.1  # that nearly all steps are below, where turns can be told from motion
 _APART, _APART_SECONDS = 6, 0.02  # samples, and s, left out behind a jump: a hole that nobody bridges
 
 
@@ -74,7 +66,7 @@ class Outliers:
         return f"{count} of the {self.side} {self.channel} of {self.joint} up to {self.largest:.3g}, {self.why}"
 
 
-def usable(recording: Recording) -> Recording:
+def without_outliers(recording: Recording) -> Recording:
     """Return the recording as all that computes from it takes it; its notes state what was done."""
     whole, found = cleared(recording)
     if not found:
@@ -83,13 +75,10 @@ def usable(recording: Recording) -> Recording:
     return replace(whole, notes=(*recording.notes, *(f"{where}: {finding.message}." for finding in found)))
 
 
-without_outliers = usable
-
-
 def cleared(recording: Recording) -> tuple[Recording, list[Finding]]:
     """Return the recording as it can be used, and what was done to it; one of which nothing was is the same object."""
     found: list[Finding] = []
-    for step in (without_zeros, _without_outliers, _in_one_piece):
+    for step in (without_zeros, _without_far_samples, _in_one_piece):
         recording = step(recording, found)
     _require_possible(recording)
     return with_one_zero(recording, found), found
@@ -120,7 +109,7 @@ def without_zeros(recording: Recording, found: list[Finding]) -> Recording:
     return replace(recording, **kept) if kept else recording
 
 
-def _without_outliers(recording: Recording, found: list[Finding]) -> Recording:
+def _without_far_samples(recording: Recording, found: list[Finding]) -> Recording:
     good: dict[str, NDArray[np.bool_]] = {}
     for outliers in find_outliers(recording):
         side: Side = getattr(recording, outliers.side)
@@ -208,7 +197,8 @@ def _continuous(t: Array, q: Array) -> _Continuous:
         # What still jumps then was no turn, and nothing is where any two samples are half a turn apart.
         unwound = _less(q, 2 * np.pi * turns)
         turns[_jumps(t, unwound)[0]] = 0.0
-        turns *= np.percentile(np.abs(np.diff(unwound)), _NEARLY_ALL) < _OF_A_TURN * 2 * np.pi
+        # 0.1 of a turn, which nearly all steps are below, where turns can be told from motion
+        turns *= np.percentile(np.abs(np.diff(unwound)), _NEARLY_ALL) < 0.1 * 2 * np.pi
         q = _less(q, 2 * np.pi * turns)
     turned = np.flatnonzero(turns)
     rows, size, doubt, runs_on = _jumps(t, q)
@@ -244,10 +234,11 @@ def _jumps(t: Array, q: Array) -> tuple[NDArray[np.intp], Array, Array, NDArray[
     around = np.stack([near[k : k + len(moved)] for k in (0, 1, 3, 4)])
     noise = 1.48 * float(np.median(np.abs(moved[1:] - moved[:-1] * (lasting[1:] / lasting[:-1]))))
     fastest = np.abs(around).max(axis=0)
-    limit = _SLACK + _SPIKE * noise + 0.5 * _ACCELERATION * lasting**2 + _STEPS * _resolution(q)
+    # 0.05 rad, that play and wind-up of a drive release at once where it turns round
+    limit = 0.05 + _SPIKE * noise + 0.5 * _ACCELERATION * lasting**2 + _STEPS * _resolution(q)
     # A sample that is some cycles late moves as far as the joint does in them.
     usual = float(np.median(np.diff(t)))
-    limit += _LATE * fastest * usual
+    limit += 3.0 * fastest * usual  # 3.0 cycles that a sample may be late
     # Where samples are missing a joint may have gone anywhere.
     together = t[rows + 1] - t[rows] < 2.5 * usual
     found = np.flatnonzero(together & (np.abs(moved) - fastest * lasting > limit))
@@ -320,17 +311,19 @@ def _off_neighbours(
     apart = np.abs(off)
     typical = apart[:: max(len(apart) // _LOOKED_AT, 1)]
     tail = float(np.percentile(typical, _NEARLY_ALL))
-    limit = max(_SPIKE * float(np.median(typical)) / 0.6745, _SPIKE_TAIL * tail)
+    # 5.0 times the distance that nearly all samples keep within: noise has no such tail
+    limit = max(_SPIKE * float(np.median(typical)) / 0.6745, 5.0 * tail)
     limit += {
         "position": _ACCELERATION * step**2,
         "velocity": _ACCELERATION * step,
-        "effort": _TORQUE_STEP * float(high - low),
+        "effort": 0.003 * float(high - low),  # 0.003 of the range
     }.get(channel, 0.0)
     rows = 1 + np.flatnonzero((apart > limit)[1:-1] & regular[1:-1])
     if not 0 < len(rows) <= _SPIKE_SHARE * len(column):
         return rows[:0], ""
     opposite = np.maximum(off[rows - 1] / off[rows], off[rows + 1] / off[rows])
-    rows = rows[(opposite < -_OPPOSITE) & (apart[rows] > limit + _STEPS * _resolution(column))]
+    # 0.45 of a spike's distance, by which its neighbours are off the other way
+    rows = rows[(opposite < -0.45) & (apart[rows] > limit + _STEPS * _resolution(column))]
     furthest = float(apart[rows].max(initial=0.0))
     kept = f"where {_NEARLY_ALL:.0f} % of all stay within {tail:.2g}"
     return rows + 2, f"off the curve through its neighbours by up to {furthest:.2g}, {kept}"
@@ -360,9 +353,11 @@ def _central(values: Array, channel: str) -> tuple[Array, Array]:
     low, high = np.percentile(sane, _CENTRAL, axis=0)
     # Impulses that one sample in a hundred or more holds, and neighbours do not, must not widen it either.
     calm_low, calm_high = np.percentile(np.median(looked_at, axis=1), _CENTRAL, axis=0)
-    impulsive = (high - low) / _IMPULSIVE > np.maximum(calm_high - calm_low, _LEAST[channel])
+    # 5.0 times the range of medians of five samples; of noise alone it is less than twice that
+    impulsive = (high - low) / 5.0 > np.maximum(calm_high - calm_low, _LEAST[channel])
     low, high = np.where(impulsive, calm_low, low), np.where(impulsive, calm_high, high)
-    narrow = 0.5 * np.maximum(np.maximum(_LEAST[channel], _SHARE * (high - low).max()) - (high - low), 0.0)
+    # 0.05 of the largest range among the joints, for those that hardly move
+    narrow = 0.5 * np.maximum(np.maximum(_LEAST[channel], 0.05 * (high - low).max()) - (high - low), 0.0)
     return low - narrow, high + narrow
 
 

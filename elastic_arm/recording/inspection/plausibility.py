@@ -18,29 +18,18 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from elastic_arm.recording.inspection.report import Finding, warning
-from elastic_arm.recording.inspection.torque_spectrum import FEWEST, torque_spectrum
+from elastic_arm.recording.inspection.report import FEWEST, Finding, warning
+from elastic_arm.recording.inspection.torque_spectrum import torque_spectrum
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import Array, Samples, Side, joints_with, listed, span_of
 from elastic_arm.recording.timebase.clocks import evidence, numbered
 
 _ENOUGH = 20_000  # samples of a side that show a wrong unit; bounds the time
-_WINDOW = 0.02  # s over which a velocity is compared with the position's advance: above the encoders' steps
 _STILL = 1e-3  # rad/s rms below which a joint does not move
-_TRAVEL = 0.05  # rad that a joint has moved all the same, if at a speed below: slowly, or by stamps of a wrong unit
-_FASTEST = 500.0  # rad/s rms from sample to sample; beyond, the numbers are no motion of an arm
 _SMOOTH = "smooth_torque"
-_FOLLOWS = 0.5  # share of a velocity that its position must explain
 _GAIN = 0.03  # a unit or a sign is off by more
-_REGULAR = 2e-6  # of the interval: rounding of stamps to a nanosecond or a float, no clock
-_COMMON = 0.02  # of the interval: joints advance too far together by more than that
-_AGREE = 0.3  # correlation of two groups of joints about it
 _JITTER = 0.02  # of the interval: stamps that spread more must be those of the motion
-_SAME = 1e-12  # span of a difference of two channels that are the same numbers, but for an offset
 _PARTS = 20  # of a recording, whose scatter shows how certain its work is
-_CERTAIN = 3.0  # standard deviations
-_LENT = 1.5  # of the torque's rms times the range: what gravity may have taken at the end
-_WORK = 0.05  # of the torque's rms times the path, beyond that
 
 
 class _Compared(NamedTuple):
@@ -103,12 +92,14 @@ def _compared(side: Side) -> _Compared:
     assert side.position is not None and side.velocity is not None
     t = (side.stamp_ns - side.stamp_ns[0]) * 1e-9
     q, v = np.unwrap(side.position, axis=0), side.velocity
-    width = min(max(round(_WINDOW / float(np.median(np.diff(t)))), 1), len(t) // 20)
+    # 0.02 s over which a velocity is compared with the position's advance: above the encoders' steps
+    width = min(max(round(0.02 / float(np.median(np.diff(t)))), 1), len(t) // 20)
     advance, mean, change = _advances(t, q, v, width)
     fits = np.full((4, q.shape[1]), np.nan)
     slow = np.sqrt(np.mean(advance**2, axis=0)) < _STILL
     # Stamps of a wrong unit make any motion slow; the velocity beside it knows nothing of them.
-    still = slow & ((np.ptp(q, axis=0) < _TRAVEL) | (np.sqrt(np.mean(v**2, axis=0)) < _STILL))
+    # 0.05 rad that a joint has moved all the same, if at a speed below: slowly, or by stamps of a wrong unit
+    still = slow & ((np.ptp(q, axis=0) < 0.05) | (np.sqrt(np.mean(v**2, axis=0)) < _STILL))
     for j in np.flatnonzero(~still).tolist():
         columns = np.column_stack([mean[:, j], change[:, j]])
         fit = np.linalg.lstsq(columns, advance[:, j], rcond=None)[0]
@@ -131,7 +122,8 @@ def is_motion(t: Array, position: Array) -> bool:
     if len(t) < 2:
         return False
     speed = np.diff(np.unwrap(position, axis=0), axis=0) / np.diff(t)[:, None]
-    return bool((np.sqrt(np.mean(speed**2, axis=0)) < _FASTEST).all())
+    # 500.0 rad/s rms from sample to sample; beyond, the numbers are no motion of an arm
+    return bool((np.sqrt(np.mean(speed**2, axis=0)) < 500.0).all())
 
 
 def _advances(t: Array, q: Array, v: Array, width: int) -> tuple[Array, Array, Array]:
@@ -143,7 +135,7 @@ def _advances(t: Array, q: Array, v: Array, width: int) -> tuple[Array, Array, A
 
 def _velocities(name: str, motion: _Compared, joints: Sequence[str]) -> list[Finding]:
     moving = np.isfinite(motion.share)
-    follows = motion.share >= _FOLLOWS
+    follows = motion.share >= 0.5  # share of a velocity that its position must explain
     strange = moving & ~follows & ~motion.slow
     scaled = moving & follows & (np.abs(motion.gain - 1.0) > _GAIN)
     late = moving & follows & ~motion.slow & (np.abs(motion.lag) > np.maximum(motion.step, 5.0 * motion.doubt))
@@ -172,7 +164,8 @@ def _stamps(name: str, motion: _Compared) -> list[Finding]:
     good = np.isfinite(motion.share) & (motion.share > 0.9)
     if np.count_nonzero(good) < 2:
         return []
-    even = np.abs(np.diff(motion.t) / motion.step - 1.0).max() <= _REGULAR
+    # 2e-6 of the interval: rounding of stamps to a nanosecond or a float, no clock
+    even = np.abs(np.diff(motion.t) / motion.step - 1.0).max() <= 2e-6
     if not even:
         number, rate, _, jitter = numbered(motion.t)
         usual = np.std(np.diff(jitter)) / np.sqrt(2.0) * rate
@@ -193,7 +186,10 @@ def _stamps(name: str, motion: _Compared) -> list[Finding]:
         return []
     one, other = (part[sure] - part[sure].mean() for part in ahead)
     both = max(float(np.mean(one * other)), 0.0)
-    if both <= max(_AGREE * float(one.std() * other.std()), _COMMON**2):
+    # 0.02 of the interval: joints advance too far together by more than that
+    if both <= max(
+        0.3 * float(one.std() * other.std()), 0.02**2
+    ):  # 0.3 is the correlation of two groups of joints about it
         return []
     size = f"{1e6 * np.sqrt(both) * motion.step:.3g} us (std)"
     words = f"all joints together are {size} ahead of what their velocities give, or behind"
@@ -236,8 +232,10 @@ def _backwards(recording: Recording) -> list[Finding]:
         return []
     path, effort = np.diff(side.position, axis=0), 0.5 * (side.effort[1:] + side.effort[:-1])
     work = np.array([part.sum(axis=0) for part in np.array_split(effort * path, _PARTS)])
-    lent = _LENT * np.ptp(side.position, axis=0) + _WORK * np.abs(path).sum(axis=0)
-    certain = work.mean(axis=0) < -_CERTAIN * work.std(axis=0, ddof=1) / np.sqrt(_PARTS)
+    # 1.5 of the torque's rms times the range: what gravity may have taken at the end
+    # 0.05 of the torque's rms times the path, beyond that
+    lent = 1.5 * np.ptp(side.position, axis=0) + 0.05 * np.abs(path).sum(axis=0)
+    certain = work.mean(axis=0) < -3.0 * work.std(axis=0, ddof=1) / np.sqrt(_PARTS)  # standard deviations
     found = certain & (work.sum(axis=0) < -np.sqrt(np.mean(effort**2, axis=0)) * lent)
     if not found.any():
         return []
@@ -253,7 +251,8 @@ def _same_arrays(recording: Recording) -> list[Finding]:
     for channel, words in (("position", "there is one encoder"), ("effort", "there is one torque")):
         one, other = link.channels().get(channel), motor.channels().get(channel)
         if one is not None and other is not None:
-            same = (np.ptp(one - other, axis=0) <= _SAME) & (np.ptp(one, axis=0) > 0.0)
+            # 1e-12 is the span of a difference of two channels that are the same numbers, but for an offset
+            same = (np.ptp(one - other, axis=0) <= 1e-12) & (np.ptp(one, axis=0) > 0.0)
             if same.any():
                 message = f"link and motor {channel} of {listed(recording.joints, same)} are the same numbers"
                 findings.append(warning(f"same_{channel}", message, words))

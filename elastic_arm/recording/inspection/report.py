@@ -7,6 +7,7 @@ from typing import Any, Literal
 
 from elastic_arm.errors import one_line
 
+FEWEST = 200  # samples; of fewer nothing is concluded
 Severity = Literal["error", "warning", "note"]
 
 

@@ -7,33 +7,23 @@ from collections import defaultdict
 import numpy as np
 from numpy.typing import NDArray
 
-from elastic_arm.recording.inspection.report import Finding, warning
+from elastic_arm.recording.inspection.report import FEWEST, Finding, warning
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import Array, Side, joints_with, listed, span_of
 
 # An arm whose joints all travel less than this, rad, stands still.
 STILL = 1e-3
 NO_MOTION = "Record an excitation: `elastic-arm excite` makes one"
-FEWEST = 200  # samples; below, nothing is concluded
 _ENOUGH = 50_000  # samples of a channel that show how it is updated; bounds the time
-_TRAVEL = 0.05  # rad that a joint has moved for certain: beyond play, wind-up and the steps of encoders
 _NOTHING = {"effort": 1e-9}  # Nm within which a torque does not change: no sensor resolves it
 _CLEAR = 4.0  # times the channel's resolution: a change that no rounding makes
-_SMALL = 0.1  # of the usual change
 _HELD = 0.002  # share of repeated samples; a lost cycle in 500 is ordinary
 _LEVELS = 3  # next to the extreme, that it is compared with
 # Times the samples at any of these: a sine without noise is at its peak 2.4 times as often as a step below.
 _PILED = 5.0
-_OFTEN = 10  # updates of the channel at its extreme; less is chance
-_CLIPPED = 2e-3  # share of the samples; less spoils nothing
-_DISTINCT = 20  # values; a channel of fewer has no range to speak of
-_USUAL = 95.0  # per cent of the runs of equal values, whose length is how long the channel holds one
 _INNER = (5.0, 95.0)  # per cent of the samples between which a torque is mostly
 _AROUND = 5  # samples to either side, within which a joint that turns changes its position
 _LONG = 5  # samples in a row that repeat; a lost cycle or two is ordinary
-_TIMES = 3.0  # times the usual run of repeats, of channels that hold every value for some samples
-_LOOKED_AT = 0.1  # s of a run over which a joint would have moved on; one that brakes has stopped by then
-_ADVANCE = 0.01  # rad, beyond the steps of any encoder
 _LISTED = 5  # times that are written out
 
 # Codes, words and remedies.
@@ -72,7 +62,8 @@ def channel_findings(recording: Recording) -> list[Finding]:
         position = _position(recording, side)
         for channel, values in side.channels().items():
             if channel != "acceleration":
-                others = [far > _TRAVEL for what, far in travel.items() if what != (name, channel)]
+                # 0.05 rad that a joint has moved for certain: beyond play, wind-up and the steps of encoders
+                others = [far > 0.05 for what, far in travel.items() if what != (name, channel)]
                 moving = np.any(others, axis=0) if others else np.zeros(recording.n, np.bool_)
                 findings += _of_channel(recording, f"{name} {channel}", side, values, position, moving)
     return findings
@@ -132,7 +123,7 @@ def _held(column: Array, moving: NDArray[np.bool_]) -> tuple[float, float]:
     if len(changes) < 10:
         return 0.0, 1.0
     smallest = size.min()
-    clear = size > max(_CLEAR * smallest, _SMALL * float(np.sqrt(np.mean(size**2))))
+    clear = size > max(_CLEAR * smallest, 0.1 * float(np.sqrt(np.mean(size**2))))  # 0.1 of the usual change
     runs = np.diff(changes)
     between = clear[:-1] & clear[1:] & moving[changes[:-1] + 1]
     # Longer ones are standstills, or the recording froze.
@@ -194,15 +185,18 @@ def _changing(position: Array) -> NDArray[np.bool_]:
 def _piled(torque: Array, moving: NDArray[np.bool_]) -> dict[float, float]:
     """Return the ends of the range of a torque (N,) at which its samples pile up, with their shares."""
     values, counts = np.unique(torque[moving], return_counts=True)
-    if len(values) < _DISTINCT:
+    if len(values) < 20:  # 20 values; a channel of fewer has no range to speak of
         return {}
     changes = np.flatnonzero(np.diff(torque, prepend=np.nan, append=np.nan) != 0.0)
     runs, heights = np.diff(changes), torque[changes[:-1]]
     inner = runs[(heights > values[0]) & (heights < values[-1])]
-    hold = float(np.percentile(inner, _USUAL)) if len(inner) else 1.0
+    # 95.0 per cent of the runs of equal values, whose length is how long the channel holds one
+    hold = float(np.percentile(inner, 95.0)) if len(inner) else 1.0
     found = {}
     for end, beside in ((0, slice(1, 1 + _LEVELS)), (-1, slice(-1 - _LEVELS, -1))):
-        often = counts[end] >= _OFTEN * hold and counts[end] > _CLIPPED * len(torque)
+        # 10 updates of the channel at its extreme; less is chance
+        # 2e-3 of the samples; less spoils nothing
+        often = counts[end] >= 10 * hold and counts[end] > 2e-3 * len(torque)
         # Zero is the end of a channel that has one sign, or of one that was switched off.
         piled = often and values[end] != 0.0 and counts[end] > _PILED * counts[beside].max()
         if piled and not _impulses(torque, float(values[end])):
@@ -247,8 +241,11 @@ def _frozen(what: str, sides: list[Side], start_ns: int) -> list[Finding]:
     rates = [(q[begin] - q[before]) / seconds[:, None] if v is None else v[begin] for q, v in moving]
     speed = np.max([np.nan_to_num(np.abs(rate)).max(axis=1) for rate in rates], axis=0)
     lasting = t[end] - t[begin]
-    long = (end - begin >= _LONG) & (end - begin > _TIMES * usual)
-    found = np.flatnonzero(long & (speed * np.minimum(lasting, _LOOKED_AT) > _ADVANCE))
+    # 3.0 times the usual run of repeats, of channels that hold every value for some samples
+    long = (end - begin >= _LONG) & (end - begin > 3.0 * usual)
+    # 0.1 s of a run over which a joint would have moved on; one that brakes has stopped by then
+    # 0.01 rad, beyond the steps of any encoder
+    found = np.flatnonzero(long & (speed * np.minimum(lasting, 0.1) > 0.01))
     if not len(found):
         return []
     stretches = [f"{lasting[k]:.2g} s from {t[begin[k]]:.2f} s" for k in found]

@@ -8,18 +8,15 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from elastic_arm.recording.inspection.report import FEWEST
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import Array, joints_with
 
-FEWEST = 200  # samples; below, nothing is concluded
 # A torque of 16 bits, six standard deviations wide, rounds at -91 dB of its variance: no converter gives less noise.
 NOISELESS = -95.0
-FLAT = 10.0  # dB: white noise over the upper two thirds of the band
-ROUNDING = -150.0  # dB: nothing is left but the rounding of floating-point numbers
 WINDOW = ("kaiser", 24.0)  # side lobes below -180 dB
 # dB a decade, from where on a low pass is what makes the spectrum fall: noise is flat, friction that jumps gives 20.
 STEEP = 80.0
-BELOW_KNEE = 0.9  # of the knee: there a filter of the eighth order has taken 3 dB, at the knee itself 6
 STEPS_PER_DECADE, SPAN = 50, 10  # of frequencies, and how many of them a slope is taken over
 
 
@@ -37,7 +34,8 @@ class TorqueSpectrum:
     @property
     def band(self) -> float:
         """Hz, up to which the torques are those of the motion: the joints of a side pass one kind of filter."""
-        return BELOW_KNEE * float(np.median(self.knee[self.low_passed])) if self.low_passed.any() else float("inf")
+        # 0.9 of the knee: there a filter of the eighth order has taken 3 dB, at the knee itself 6
+        return 0.9 * float(np.median(self.knee[self.low_passed])) if self.low_passed.any() else float("inf")
 
 
 def torque_spectrum(effort: Array, rate: float) -> TorqueSpectrum:
@@ -53,7 +51,9 @@ def torque_spectrum(effort: Array, rate: float) -> TorqueSpectrum:
     level = 10.0 * np.log10(np.maximum(power / white, 1e-30))
     middle, top = (_between(frequency / (0.5 * rate), level, *edges) for edges in ((0.3, 0.5), (0.7, 0.95)))
     quiet = varying & (top < NOISELESS)
-    computed = quiet & (middle - top < FLAT) & (top > ROUNDING)
+    # 10.0 dB: white noise over the upper two thirds of the band
+    # -150.0 dB: nothing is left but the rounding of floating-point numbers
+    computed = quiet & (middle - top < 10.0) & (top > -150.0)
     # A straight line has no spectrum to speak of.
     low_passed = quiet & ~computed & (level > NOISELESS).any(axis=0)
     end, knee = np.full((2, effort.shape[1]), np.inf)

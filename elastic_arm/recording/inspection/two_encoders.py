@@ -14,23 +14,19 @@ import numpy as np
 from scipy.signal import fftconvolve
 
 from elastic_arm.errors import RecordingError
-from elastic_arm.recording.inspection.report import Finding, warning
+from elastic_arm.recording.inspection.report import FEWEST, Finding, warning
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import Array, Samples, joints_with, listed, span_of
 from elastic_arm.robot import Robot
 
-_FEWEST = 200  # samples; below, nothing is concluded
-_ENOUGH = 5000  # samples that are looked at; bounds the time
-_CERTAIN = 5.0  # standard deviations
 _TOGETHER = 0.01  # of the squares of the motor's angle, that the link's does not explain
-_RATIO = 5e-4  # more than a ratio that is given with four digits is off
-UNREFERENCED = 0.05  # rad; encoders are set to zero more closely than that, and no drive is assembled so
 
 
 def with_one_zero(recording: Recording, found: list[Finding]) -> Recording:
     """Take out what motors' encoders differ from links' by throughout, where no drive winds up so far: a zero unset."""
     zero, ratio = _apart(recording)
-    off = (np.abs(zero) > UNREFERENCED) & (np.abs(ratio) < _TOGETHER)
+    # 0.05 rad; encoders are set to zero more closely than that, and no drive is assembled so
+    off = (np.abs(zero) > 0.05) & (np.abs(ratio) < _TOGETHER)
     motor = recording.motor
     if motor is None or motor.position is None or not off.any():
         return recording
@@ -45,7 +41,7 @@ def with_one_zero(recording: Recording, found: list[Finding]) -> Recording:
 def disagreeing(recording: Recording) -> list[Finding]:
     """Return at which joints the two encoders disagree by a ratio."""
     _, ratio = _apart(recording)
-    if not (off := np.abs(ratio) > _RATIO).any():
+    if not (off := np.abs(ratio) > 5e-4).any():  # a ratio that is given with four digits is off by less
         return []
     times = ", ".join(f"{1.0 + each:.4f}" for each in ratio[off])
     message = f"motor positions of {listed(recording.joints, off)} are {times} times those of the link"
@@ -65,10 +61,10 @@ def _apart(recording: Recording) -> tuple[Array, Array]:
         # Sides that have no time in common are for others to refuse.
         return found[0], found[1]
     q, theta = samples.q, samples.theta
-    if q is None or theta is None or len(samples) < _FEWEST or (samples.tau_J is None and samples.tau_m is None):
+    if q is None or theta is None or len(samples) < FEWEST or (samples.tau_J is None and samples.tau_m is None):
         return found[0], found[1]
     speeds = np.gradient(theta, samples.t, axis=0)
-    every = slice(None, None, max(1, len(samples) // _ENOUGH))
+    every = slice(None, None, max(1, len(samples) // 5000))  # 5000 samples that are looked at; bounds the time
     loads = [x for x in (samples.tau_J, samples.tau_m, samples.dtheta) if x is not None]
     for j in range(recording.n):
         if {("q", j), ("theta", j)} & samples.lacking or not np.ptp(q[:, j]):
@@ -84,7 +80,7 @@ def _apart(recording: Recording) -> tuple[Array, Array]:
         doubt = np.sqrt(np.diag(inverse) * float(rest @ rest) / len(rest) * slow)
         # Angles that have nothing to do with each other are not two of one joint.
         together = float(rest @ rest) < _TOGETHER * len(rest) * float(np.var(theta[:, j]))
-        sure = together & (np.abs(fit[:2]) > _CERTAIN * doubt[:2])
+        sure = together & (np.abs(fit[:2]) > 5.0 * doubt[:2])  # standard deviations
         found[:, j] = np.where(sure, fit[:2] / scale[:2], 0.0)
     return found[0], found[1]
 

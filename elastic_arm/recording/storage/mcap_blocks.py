@@ -8,8 +8,7 @@ import numpy as np
 from mcap.opcode import Opcode
 
 from elastic_arm.recording.spans import Bytes, Offsets, Spans, column, progression, shifted
-from elastic_arm.recording.storage.mcap_records import MESSAGE_HEAD, RECORD_HEAD
-from elastic_arm.recording.storage.mcap_scan import HEAD_WORDS, Record
+from elastic_arm.recording.storage.mcap_scan import HEAD_WORDS, MESSAGE_HEAD, RECORD_HEAD, Record
 
 LATEST_NS = 2**63 - 1
 

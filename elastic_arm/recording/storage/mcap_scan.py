@@ -1,4 +1,4 @@
-"""Find the records of an MCAP byte string without a Python step per message.
+"""The records of MCAP: lay messages as such, and find those of a byte string without a Python step per message.
 
 An MCAP file, and each chunk in it once decompressed, is a run of records: one byte of kind, eight of length, content.
 Recorders write their topics in turn, so the same few records come round and round: after a short walk the round is
@@ -15,16 +15,36 @@ import numpy as np
 from mcap.opcode import Opcode
 
 from elastic_arm.recording import limits
-from elastic_arm.recording.spans import Bytes, Offsets, column
-from elastic_arm.recording.storage.mcap_records import MESSAGE_HEAD, RECORD_HEAD
+from elastic_arm.recording.spans import Bytes, Offsets, column, place, progression, shifted
 
+RECORD_HEAD = 9  # kind and length
+MESSAGE_HEAD = 31  # kind, length, channel, sequence, log time, publish time
+_MESSAGE = struct.Struct("<BQHIQQ")
 _HEAD = struct.Struct("<BQ")
 # Kind, length and channel, which are the same in each round: eleven bytes as two overlapping words.
 HEAD_WORDS = (("<u4", 0), ("<u8", 3))
 _SHORTEST = MESSAGE_HEAD - RECORD_HEAD  # of a message's record
 _WALK = 24  # messages walked before a round is looked for
 _LONGEST_ROUND = 8
-_BATCH = 8192  # rounds checked at first; more each time they hold
+
+
+def message_head(size: int, channel: int, sequence: int, log_ns: int, publish_ns: int) -> bytes:
+    """Return the head of a message's record."""
+    length = MESSAGE_HEAD - RECORD_HEAD + size
+    return _MESSAGE.pack(Opcode.MESSAGE, length, channel, sequence & 0xFFFFFFFF, log_ns, publish_ns)
+
+
+def lay_messages(
+    buffer: Bytes, offsets: Offsets, message: bytes, *, channel: int, first: int, stamp_ns: Offsets
+) -> Offsets | slice:
+    """Lay records that all hold the same message into a buffer, and return where the messages begin."""
+    where = progression(offsets)
+    record = message_head(len(message), channel, 0, 0, 0) + message
+    place(buffer, where, 0, np.frombuffer(record, f"V{len(record)}"))
+    place(buffer, where, 11, np.arange(first, first + len(offsets), dtype="<u4"))
+    place(buffer, where, 15, stamp_ns)
+    place(buffer, where, 23, stamp_ns)
+    return shifted(where, MESSAGE_HEAD)
 
 
 class Record(NamedTuple):
@@ -92,7 +112,7 @@ def _leap(buffer: Bytes, walked: list[int], at: int, end: int) -> Offsets:
         return np.empty(0, np.int64)
     slots = np.concatenate([[0], np.cumsum(steps[-length:])])
     stride = int(slots[-1])
-    rounds, most, batch = 0, (end - at) // stride, _BATCH
+    rounds, most, batch = 0, (end - at) // stride, 8192  # 8192 rounds checked at first; more each time they hold
     while rounds < most:
         count = min(batch, most - rounds)
         first = at + rounds * stride

@@ -30,11 +30,11 @@ from mcap.records import (
     SummaryOffset,
 )
 
-from elastic_arm import __version__
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording.storage.mcap import MAGIC
 from elastic_arm.recording.storage.mcap_scan import Offsets
 from elastic_arm.recording.storage.metadata import FileSummary, Topic
+from elastic_arm.version import __version__
 
 Compression = Literal["none", "lz4", "zstd"]
 COMPRESSIONS: tuple[Compression, ...] = ("none", "lz4", "zstd")

@@ -12,7 +12,6 @@ from elastic_arm.input_files import parse_yaml
 from elastic_arm.recording.topics import LATCHED, STREAM_DEPTH
 
 METADATA_KEY = "rosbag2_bagfile_information"
-VERSION = 9  # of Jazzy's rosbag2
 TORQUE_CHANNELS = ("joint_torque", "motor_torque")
 INSIDE = ("rosbag2", "serialized_metadata")  # record and key by which rosbag2 keeps the same inside an MCAP file
 _CURRENTS = "torques_from_currents"  # custom data of a bag: channels, by spaces
@@ -72,7 +71,7 @@ def metadata(topics: Sequence[Topic], files: Sequence[FileSummary], currents: Se
     start = min((file.start_ns for file in filled), default=0)
     end = max((file.end_ns for file in filled), default=0)
     return {
-        "version": VERSION,
+        "version": 9,  # of Jazzy's rosbag2
         "storage_identifier": "mcap",
         "duration": {"nanoseconds": end - start},
         "starting_time": {"nanoseconds_since_epoch": start},

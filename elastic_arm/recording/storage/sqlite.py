@@ -14,14 +14,13 @@ from elastic_arm.errors import RecordingError
 from elastic_arm.recording import limits
 from elastic_arm.recording.spans import by_value, place
 from elastic_arm.recording.storage.mcap_blocks import McapBlock
-from elastic_arm.recording.storage.mcap_records import MESSAGE_HEAD, RECORD_HEAD
+from elastic_arm.recording.storage.mcap_scan import MESSAGE_HEAD, RECORD_HEAD
 from elastic_arm.recording.storage.metadata import Topic
 from elastic_arm.recording.storage.unpacking import PACKED_FILES, unpack_file
 
 _MAGIC = b"SQLite format 3\0"
 # The library decodes its own messages, which quote what is damaged.
 _DAMAGED = (sqlite3.Error, UnicodeDecodeError)
-_ROWS = 16384  # of a block
 _BYTES = 64 * limits.MEGABYTE  # from which on a block is handed out, however few rows it has
 _REMEDY = "Give a rosbag2 folder, an .mcap or a .db3 file."
 # By timestamp: an index holds that order, so that nothing is sorted. Rows of one timestamp come as they were written.
@@ -89,7 +88,7 @@ class SqliteFile:
                         raise sqlite3.DataError(f"a message of {row[2]} bytes, {most} are the limit")
                     rows.append(row)
                     size += len(row[2])
-                    if len(rows) == _ROWS or size > _BYTES:
+                    if len(rows) == 16384 or size > _BYTES:  # rows of a block
                         yield _block(rows)
                         rows.clear()
                         size = 0

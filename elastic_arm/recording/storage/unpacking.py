@@ -14,7 +14,6 @@ from elastic_arm.recording.spans import Bytes
 
 PACKED_FILES = (".zstd", ".zst")
 _PIECE = 4 * limits.MEGABYTE
-_UNKNOWN = -1  # what zstandard returns for a frame that does not state its length
 
 
 def unpack_chunk(packed: Bytes, compression: str, size: int) -> Bytes:
@@ -28,7 +27,8 @@ def unpack_chunk(packed: Bytes, compression: str, size: int) -> Bytes:
             return packed
         case "zstd":
             # The library allocates what a frame claims, not what it is allowed to.
-            if zstandard.frame_content_size(packed.data) not in (_UNKNOWN, size):
+            # -1 is what zstandard returns for a frame that does not state its length
+            if zstandard.frame_content_size(packed.data) not in (-1, size):
                 raise ValueError("chunk and zstd frame claim different lengths")
             plain = zstandard.ZstdDecompressor().decompress(packed.data, max_output_size=size)
         case "lz4":

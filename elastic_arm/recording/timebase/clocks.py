@@ -14,9 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.recording.sides import Samples
-
-Array = NDArray[np.float64]
 
 # Spans, in samples, over which positions are compared with integrals of velocities.
 SPANS = (1, 4, 16, 64)

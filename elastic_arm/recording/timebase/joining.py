@@ -49,10 +49,7 @@ def pair(
         return base.at(of_base), other.at(of_other), notes
     inside = _covered(base.stamp_ns, other.stamp_ns)
     if not inside.any():
-        raise RecordingError(
-            f"{base_name} and {other_name} do not overlap in time",
-            "Stamp all topics by one clock.",
-        )
+        raise RecordingError(f"{base_name} and {other_name} do not overlap in time", "Stamp all topics by one clock.")
     origin = int(base.stamp_ns[0])
     wanted, given = _times((base, other), origin, clock)
     at = base.at(inside)

@@ -5,13 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.robot.description import JointController, Limits
 from elastic_arm.robot.mjcf.chain import MjcfChain, name_of
 from elastic_arm.robot.mjcf.engine import engine
-
-Array = NDArray[np.float64]
 
 
 def motor_inertia_and_damping(model: Any, joint: int) -> tuple[float, float]:

@@ -27,7 +27,8 @@ MOST_BODIES = 2000
 MOST_FILES = 2000
 SMALLER = "Give the arm alone: its description needs no meshes, pictures, height fields or copies"
 _PROCESS = Path(__file__).with_name("compiling_process.py")
-_ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
+# One thread, and no library to draw with, which takes longer to load than most models to compile.
+_ENVIRONMENT = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MUJOCO_GL": "disable"}
 _FOLDER = re.compile(rb"\b(meshdir|texturedir|assetdir)\s*=\s*[\"']([^\"']*)")
 _FILE = re.compile(rb"\b(file\w{0,10})\s*=\s*[\"']([^\"'<>]*)")
 # Files that name no others.
@@ -70,7 +71,7 @@ def _processed(path: Path, what: str) -> tuple[list[str], bytes]:
         pass
     command = [sys.executable, "-P", str(_PROCESS), str(path), str(MEMORY), str(SECONDS), what]
     try:
-        run = subprocess.run(command, capture_output=True, timeout=PATIENCE * SECONDS, env=os.environ | _ONE_THREAD)
+        run = subprocess.run(command, capture_output=True, timeout=PATIENCE * SECONDS, env=os.environ | _ENVIRONMENT)
     except subprocess.TimeoutExpired:
         raise RobotError(f"MuJoCo takes more than {PATIENCE * SECONDS} s to compile it", SMALLER) from None
     if run.returncode in (-signal.SIGXCPU, -signal.SIGKILL):

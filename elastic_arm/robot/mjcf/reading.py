@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.errors import RobotError
 from elastic_arm.robot.description import Inertia, Joint, Robot
 from elastic_arm.robot.kinematics import lumped, moved
@@ -31,8 +32,6 @@ from elastic_arm.robot.mjcf.engine import compiled, engine
 from elastic_arm.robot.parts import located
 from elastic_arm.robot.urdf_elements import z_onto
 from elastic_arm.robot.urdf_tree import Chain
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -99,10 +99,7 @@ def effects_together(together: Sequence[str], count: int, level: Level, rng: np.
 def create(folder: Path, settings: ChallengeSettings, *, workers: int = 1, report: Report | None = None) -> str:
     """Draw hidden arms and record them; return the SHA-256 of the sealed truth.
 
-    Raises
-    ------
-    DiagnosisError
-        If the folder holds another challenge, or there is nothing to draw.
+    Raises a DiagnosisError if the folder holds another challenge, or there is nothing to draw.
     """
     plain, path = json.loads(json.dumps(asdict(settings))), folder / MANIFEST
     if path.exists():

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.effects import Catalogue
 from elastic_arm.errors import SimulationError
 from elastic_arm.recording import write_recording
@@ -60,8 +60,6 @@ from elastic_arm.studies.blind_challenge.hidden_arms.realistic_sensors import (
 )
 from elastic_arm.studies.blind_challenge.information import SCALING, EffectDraft, SizedEffect, Sizing
 from elastic_arm.studies.blind_challenge.levels import FLOORS, FOREIGN_FLOORS, Floor, Level
-
-Array = NDArray[np.float64]
 
 Run = Callable[[HiddenMotion, Sequence[Fault]], TrueChannels]
 

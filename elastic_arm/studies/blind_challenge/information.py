@@ -16,10 +16,10 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.signal import decimate
 
+from elastic_arm.arrays import Array
 from elastic_arm.errors import SimulationError
 from elastic_arm.robot import Joint, Robot, Transmission
 from elastic_arm.studies.blind_challenge.hidden_arms.base_arms import strained
@@ -31,7 +31,6 @@ from elastic_arm.studies.blind_challenge.hidden_arms.realistic_sensors import BO
 from elastic_arm.studies.blind_challenge.hidden_arms.sensor_models import SensorModel, measure
 from elastic_arm.studies.blind_challenge.levels import Level
 
-Array = NDArray[np.float64]
 Key = tuple[str, int]
 
 EVERY = 10  # samples at 1000 Hz, a row of the residuals

@@ -68,10 +68,7 @@ def calibration(told: Sequence[tuple[float, bool]]) -> list[dict[str, Any]]:
 def score(folders: Path | Sequence[Path]) -> dict[str, Any]:
     """Open the sealed truth of one or several challenges and compare every answer with it.
 
-    Returns
-    -------
-    dict
-        A table a level, shares by effect, what was named for what, and one line an item.
+    Returns a table a level, shares by effect, what was named for what, and one line an item.
     """
     lines: list[Line] = []
     withheld: list[Line] = []

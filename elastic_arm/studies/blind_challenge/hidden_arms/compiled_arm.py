@@ -15,14 +15,12 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.codegen import kernels
 from elastic_arm.robot import Robot
 from elastic_arm.studies.blind_challenge.hidden_arms import effect_laws, further_laws
 from elastic_arm.studies.blind_challenge.hidden_arms.kinematic_tree import KinematicTree
-
-Array = NDArray[np.float64]
 
 NUMBERS = 10  # of a body: mass, centre of mass, inertia about it (xx, xy, xz, yy, yz, zz)
 AXES = {"JointModelRX": 0, "JointModelRY": 1, "JointModelRZ": 2, "JointModelPZ": 2}

@@ -49,11 +49,8 @@ class Bushing:
 def build_spec(robot: Robot, bushing: Bushing) -> Any:
     """Make the engine's model specification of an elastic robot.
 
-    Returns
-    -------
-    mujoco.MjSpec
-        Bodies and joints named "<joint>.rotor", "<joint>.wave_generator", "<joint>.spline", "<joint>.link" and, for the
-        bushing, "<joint>.x" and so on; a site "tool" at the last link's frame.
+    Returns an MjSpec with bodies and joints named "<joint>.rotor", "<joint>.wave_generator", "<joint>.spline",
+    "<joint>.link" and, for the bushing, "<joint>.x" and so on; a site "tool" at the last link's frame.
     """
     drives = transmissions(robot)
     mj = engine()

@@ -194,10 +194,7 @@ class Prototype:
     ) -> np.ndarray:
         """Integrate the bushings over one smooth piece.
 
-        Returns
-        -------
-        state
-            At the piece's end (2, 6 n).
+        Returns the state at the piece's end (2, 6 n).
         """
         steps, h = division
         times = piece.start + 0.5 * h * np.arange(2 * steps + 1)
@@ -293,10 +290,7 @@ def runge_kutta(
 ) -> np.ndarray:
     """Take one classical fourth-order step of u'' = acceleration(number of the half step, (u, u')).
 
-    Returns
-    -------
-    state
-        u and u' at the end of the step (2, m).
+    Returns u and u' at the end of the step (2, m).
     """
     # Position and velocity are advanced together: a step costs as much in calls of NumPy as in arithmetic.
     rates = np.empty((4, *state.shape))
@@ -329,10 +323,7 @@ def dividing_step(step: float, rate: float = RECORD_RATE) -> float:
 def division(duration: float, step: float, rate: float) -> tuple[int, int, float]:
     """Divide a time into steps of which a whole number makes one sample.
 
-    Returns
-    -------
-    steps, stride, step
-        Number of steps, steps a sample, and the step, s.
+    Returns the number of steps, steps a sample, and the step, s.
     """
     stride = round(1.0 / (rate * dividing_step(step, rate)))
     steps = stride * round(duration * rate)

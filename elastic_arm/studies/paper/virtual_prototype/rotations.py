@@ -25,11 +25,8 @@ def chain(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Compose rotations about successive axes.
 
-    Returns
-    -------
-    R, omega, alpha, jacobian
-        Rotation (N, 3, 3), angular velocity and acceleration (N, 3), and d omega / d rates (N, 3, len(axes)), all in
-        the outermost frame.
+    Returns rotation (N, 3, 3), angular velocity and acceleration (N, 3), and d omega / d
+    rates (N, 3, len(axes)), all in the outermost frame.
     """
     count = len(angles)
     reached = np.broadcast_to(np.eye(3), (count, 3, 3))

@@ -1,0 +1,51 @@
+"""A motion as set-points: a CSV file for a controller, and a goal of ROS's joint_trajectory_controller."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from elastic_arm.errors import ExcitationError
+from elastic_arm.excitation.fourier import FourierTrajectory, require
+from elastic_arm.output_files import write_result
+
+REMEDY = "Give a file in a folder you may write to"
+
+
+def write_csv(path: Path, trajectory: FourierTrajectory, joints: Sequence[str], rate: float) -> None:
+    """Write time, positions, velocities and accelerations of every joint, `rate` rows a second."""
+    t, *values = _sampled(trajectory, rate)
+    units = ("position [rad]", "velocity [rad/s]", "acceleration [rad/s^2]")
+    header = ",".join(["time [s]", *(f"{joint} {unit}" for unit in units for joint in joints)])
+    rows = [",".join(f"{v:.9g}" for v in row) for row in np.column_stack([t, *values])]
+    write_result(path, "\n".join([header, *rows, ""]), ExcitationError, REMEDY)
+
+
+def write_goal(path: Path, trajectory: FourierTrajectory, joints: Sequence[str], rate: float) -> None:
+    """Write a goal of control_msgs/action/FollowJointTrajectory, `rate` points a second with all derivatives."""
+    t, *values = _sampled(trajectory, rate)
+    stamps = [divmod(round(1e9 * at), 10**9) for at in t]
+    points = [
+        {
+            **dict(zip(("positions", "velocities", "accelerations"), _rounded(row), strict=True)),
+            "time_from_start": {"sec": sec, "nanosec": nanosec},
+        }
+        for (sec, nanosec), *row in zip(stamps, *values, strict=True)
+    ]
+    goal = {"trajectory": {"joint_names": list(joints), "points": points}}
+    text = yaml.safe_dump(goal, default_flow_style=True, sort_keys=False, width=10**9)
+    write_result(path, text, ExcitationError, REMEDY)
+
+
+def _sampled(trajectory: FourierTrajectory, rate: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    require(np.isfinite(rate) and rate > 0.0, f"{rate:g} set-points a second are asked for", "Ask for some")
+    t = np.linspace(0.0, trajectory.duration, 1 + round(rate * trajectory.duration))
+    return t, *trajectory.evaluate(t)
+
+
+def _rounded(row: Sequence[np.ndarray]) -> list[list[float]]:
+    # 0.0 is added so that no zero has a sign.
+    return [[round(float(v), 7) + 0.0 for v in values] for values in row]

@@ -1,0 +1,72 @@
+"""What results share: their tables as rows, CSV files and data frames, and how a notebook shows them."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Mapping, Sequence
+from importlib import import_module
+from pathlib import Path
+from typing import Any, ClassVar
+
+from elastic_arm.errors import OutputError, require_libraries
+from elastic_arm.output_files import write_result
+
+Row = Mapping[str, Any]
+
+
+class Result:
+    """A result with tables, a summary and a figure.
+
+    What draws stands further down the imports, and is found by name when it is first used.
+    """
+
+    _report: ClassVar[str]  # module with `overview(result)`, a figure, and `head(result)`, HTML
+
+    def tables(self) -> dict[str, Sequence[Row]]:
+        """Return its tables by name, as rows; the first one is the most important."""
+        raise NotImplementedError
+
+    def to_dataframe(self, table: str = "") -> Any:
+        """Return a table, the first one by default, as a pandas DataFrame.
+
+        Raises
+        ------
+        MissingExtraError
+            If pandas is not installed.
+        OutputError
+            If there is no such table.
+        """
+        require_libraries("a data frame needs", "pandas")
+        import pandas
+
+        tables = self.tables()
+        if table and table not in tables:
+            raise OutputError(f"there is no table {table!r}", f"Take one of {', '.join(tables)}.")
+        return pandas.DataFrame(list(tables[table or next(iter(tables))]))
+
+    def to_csv(self, folder: str | Path) -> list[Path]:
+        """Write every table that has rows as a CSV file into a folder.
+
+        Raises
+        ------
+        OutputError
+            If a file cannot be written.
+        """
+        written = []
+        for name, rows in self.tables().items():
+            if rows:
+                text = io.StringIO()
+                table = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
+                table.writeheader()
+                for row in rows:
+                    table.writerow({k: f"{v:.9g}" if isinstance(v, float) else v for k, v in row.items()})
+                written.append(write_result(Path(folder) / f"{name}.csv", text.getvalue()))
+        return written
+
+    def plot(self) -> Any:
+        """Return a figure (matplotlib's) of the whole."""
+        return import_module(self._report).overview(self)
+
+    def _repr_html_(self) -> str:
+        return str(import_module(self._report).head(self))
