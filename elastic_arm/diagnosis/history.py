@@ -67,7 +67,7 @@ class Course:
 
 
 def courses(found: Diagnosis) -> tuple[Course, ...]:
-    """Return every number that a diagnosis of several recordings found or knew, over these, those that changed first."""
+    """Return every number that a diagnosis of several recordings found or knew, those that changed first."""
     if found.context is None or len(found.identify) < 2:
         raise DiagnosisError("a history needs two recordings or more", "Name them, or the folder that they are in.")
     explanation = found.context.explanation
