@@ -1,10 +1,11 @@
-"""The judge: 150 fixed arms, answered by the code as it is, one row of a CSV an arm, and a summary.
+"""The judge: 180 fixed arms, answered by the code as it is, one row of a CSV an arm, and a summary.
 
     python -m benchmarks.judge --out FILE.csv [--only REGEX] [--jobs 2] [--arms runs/judge_arms] [--data ../shared/data]
 
-Sixty arms of the challenge's laboratory, fifty of its workshop and twenty-five of its field, recordings of real robots
-and public reports. What is not in the folder of arms is drawn and recorded there first; the same bytes are then
-answered by every state of the code, which needs nothing but `diagnose`, `Question` and the command `bag import` for it.
+Sixty arms of the challenge's laboratory, fifty of its workshop and twenty-five of its field, servo arms in MuJoCo that
+give commands and positions alone, recordings of real robots and public reports. What is not in the folder of arms is
+drawn and recorded there first; the same bytes are then answered by every state of the code, which needs nothing but
+`diagnose`, `Question` and the command `bag import` for it.
 Every arm is answered by a process of its own with one numeric thread: one that fails is a row with its error. Whole
 answers are kept in FILE.answers; arms that are there are not answered again, and scored again where the CSV is deleted.
 
@@ -277,6 +278,9 @@ class ImportRefused(Exception):
 
 def prepared(arms: Path, data: Path, jobs: int) -> list[Arm]:
     """Return all arms, after those that are not in the folder have been drawn and recorded."""
+    from benchmarks.servo_arms import SEEDS as SERVO_SEEDS
+    from benchmarks.servo_arms import drawn
+
     arms.mkdir(parents=True, exist_ok=True)
     kept = arms / "arms"
     kept.mkdir(exist_ok=True)
@@ -295,6 +299,11 @@ def prepared(arms: Path, data: Path, jobs: int) -> list[Arm]:
     for level in SEEDS:
         for name in (kept / f"{level}.txt").read_text().split():
             found += [Arm(**one) for one in json.loads((kept / f"{name}.json").read_text())]
+    for level in SERVO_SEEDS:
+        file = kept / f"{level}_arms.json"
+        if not file.is_file():
+            file.write_text(json.dumps([asdict(Arm(**one)) for one in drawn(arms, level)], indent=1))
+        found += [Arm(**one) for one in json.loads(file.read_text())]
     file = kept / "real.json"
     if not file.is_file() and data.is_dir():
         file.write_text(json.dumps([asdict(arm) for arm in (*real_arms(arms, data), *reports(data))], indent=1))

@@ -49,6 +49,7 @@ from elastic_arm.diagnosis.words import (
     log_likelihood_text,
     prediction_sentence,
     probability_text,
+    scale_sentence,
     sides_text,
     summary,
     trust_text,
@@ -233,6 +234,8 @@ def _further(found: Diagnosis) -> list[str]:
 
 def print_diagnosis(found: Diagnosis, folder: Path) -> None:
     """Print what was found in words, then causes, changes, what is left, and notes."""
+    if found.made:
+        out.print(f"[yellow]scale:[/] {escape(scale_sentence(found))}")
     first, *more = summary(found)
     out.print(f"[bold {COLOURS[found.verdict]}]{found.verdict}[/]{escape(first.removeprefix(found.verdict))}")
     for sentence in more:

@@ -278,7 +278,7 @@ class Answer:
             shrink=0.0 if share is None else share,
             confidence=probability,
             alternatives=tuple(self._alternatives(name, term)),
-            instance=instance,
+            instance=replace(instance, joint=name[1]),
             stated=None if stated is None else dict(stated.numbers),
             is_number=term.kind == "number" and term.feature.effect.model_parameter,
         )
@@ -422,6 +422,7 @@ class Answer:
             causes=tuple(cause for cause, _ in causes),
             unexplained=tuple(unexplained),
             imperfections=self.imperfections(),
+            made=prepared.made,
             changes=changes_between(self.explanation, problem),
             known=tuple(
                 {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,8 +10,10 @@ import numpy as np
 from elastic_arm.diagnosis.context import DiagnosisContext
 from elastic_arm.diagnosis.result import Diagnosis
 from elastic_arm.effects import EffectInstance
-from elastic_arm.effects.model import SensorEffect
+from elastic_arm.effects.library.sensor_error import MOTOR_GAIN
+from elastic_arm.effects.model import Plant, SensorEffect
 from elastic_arm.robot import Robot
+from elastic_arm.sensors import Sensors
 
 
 def repaired_robot(robot: Robot, diagnosis: Diagnosis) -> Robot:
@@ -24,7 +27,16 @@ def repaired_robot(robot: Robot, diagnosis: Diagnosis) -> Robot:
     own = {(one["effect"], one["joint"]) for one in causes}
     known = robot.effects if context is None else _known(context)
     kept = [one for one in known if (one["effect"], one["joint"]) not in own]
-    return (robot if context is None else context.model.robot).with_(effects=(*kept, *causes))
+    arm = (robot if context is None else context.model.robot).with_(effects=(*kept, *causes))
+    for one in diagnosis.imperfections:
+        controller = arm.joints[arm.joint_names.index(one.joint)].controller
+        if one.what == MOTOR_GAIN and one.joint in diagnosis.made and controller is not None:
+            gains = {name: getattr(controller, name) / one.value for name in ("kp", "kd", "ki")}
+            arm = arm.with_joint(one.joint, controller=replace(controller, **gains))
+    for cause in diagnosis.causes:
+        if cause.held_as == "controller":
+            arm = cause.instance.effect.added_to(Plant(arm, Sensors.exact()), cause.instance).robot
+    return arm
 
 
 def _known(context: DiagnosisContext) -> list[dict[str, Any]]:

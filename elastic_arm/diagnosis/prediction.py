@@ -105,6 +105,8 @@ def predict(context: DiagnosisContext, causes: Sequence[EffectInstance], starts:
         return Prediction(reason="motor torque and motor angle are not both recorded: there is nothing to drive with")
     if bare := _undriven(context):
         return Prediction(reason=f"the torque that drives {', '.join(bare)} was not recorded")
+    if context.seen[0].made_by:
+        return Prediction(reason="no torque was measured that could drive it; `elastic-arm replay` takes the commands")
     begins = _begins(context, starts)
     if not any(len(b) for b in begins):
         return Prediction(reason=f"no stretch of the validation data is {HORIZONS[-1]:g} s long")

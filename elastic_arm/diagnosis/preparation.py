@@ -20,6 +20,7 @@ from elastic_arm.dynamics import build_model
 from elastic_arm.effects import EffectInstance, robot_effects
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.effects.library.base_tilt import TILT
+from elastic_arm.effects.library.sensor_error import MOTOR_GAIN
 from elastic_arm.effects.model import Scope
 from elastic_arm.equations.numbers import Number
 from elastic_arm.equations.places import feature_of, features, recorded_features
@@ -32,6 +33,7 @@ from elastic_arm.identification.batch.turning import turning_speeds
 from elastic_arm.recording import Recording
 from elastic_arm.recording.inspection.plausibility import smoothed_torques
 from elastic_arm.recording.inspection.two_encoders import by_motor_encoders
+from elastic_arm.recording.made_torque import with_made_torque
 from elastic_arm.recording.standstill import without_standstill
 from elastic_arm.robot import Robot
 
@@ -58,6 +60,8 @@ class Prepared:
         On the data.
     mounting
         How the arm is mounted, where that is not as described.
+    made
+        Joints whose motor torques are made of commands.
     """
 
     problem: Problem
@@ -67,6 +71,7 @@ class Prepared:
     independent_motion: bool
     notes: tuple[str, ...]
     mounting: Mounting | None
+    made: tuple[str, ...]
 
 
 def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], question: Question) -> Prepared:
@@ -92,6 +97,7 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
     moving = [without_standstill(r.select(names)) for r in (*recordings, *validate)]
     chosen = [by_motor_encoders(r, question.robot) for r in moving]
     alike = with_common_zeros(share_out(usable, chosen), question.robot)
+    alike = [with_made_torque(one, question.robot) for one in alike]
     parts = split(alike[: len(recordings)], alike[len(recordings) :])
     observed = _observed(parts, held_back=held_back)
     robot, mounting = _mounted(question, observed[0])
@@ -99,7 +105,8 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
     robot = robot.with_armatures() if motored else robot
     observed = _turning_over(robot, parts[0], observed)
     currents = sorted({channel for part in parts for recording in part for channel in recording.currents})
-    priors = question.priors.of_currents(currents)
+    made = tuple(name for name in names if name in parts[0][0].made_by)
+    priors = question.priors.of_currents(currents, made=bool(made))
     layout, band = common_equations([*observed[0], *observed[1]], build_model(robot, question.model))
     still = [joint for joint in names if all(joint in standing(r) for r in parts[0])]
     equations = ArmEquations(robot, question.model)
@@ -126,7 +133,8 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
         given=seen[1],
         candidates=tuple(_candidates(question, equations, still, layout, numbers, observed[0][0], seen)),
         largest=largest,
-        far=frozenset(effect.id for effect in question.candidates),
+        # The two gains of a controller are its scale.
+        far=frozenset(effect.id for effect in question.candidates) - {MOTOR_GAIN if made else ""},
         held_back=held_back,
     )
     notes = list(dict.fromkeys(note for part in observed for o in part for note in o.notes))
@@ -143,6 +151,7 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
         independent_motion=independent(*parts),
         notes=tuple(notes),
         mounting=mounting,
+        made=made,
     )
 
 

@@ -12,7 +12,8 @@ import numpy as np
 
 from elastic_arm.diagnosis.estimates import ParameterEstimate
 from elastic_arm.effects import Catalogue
-from elastic_arm.effects.model import MODELS, EffectInstance
+from elastic_arm.effects.library.sensor_error import MOTOR_GAIN
+from elastic_arm.effects.model import MODELS, ControllerEffect, EffectInstance
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.equations import SIDES
 from elastic_arm.formatting import JointUnits
@@ -80,7 +81,9 @@ class Cause:
 
     @property
     def held_as(self) -> str:
-        """What it is of the corrected arm: an "effect", a "number", or part of a richer "variant" of the model."""
+        """What it is of the corrected arm: an "effect", a "number", its "controller", or a richer "variant" of it."""
+        if isinstance(self.instance.effect, ControllerEffect):
+            return "controller"
         if self.is_number:
             return "number"
         return "effect" if self.instance.effect.lacked_by == MODELS else "variant"
@@ -329,6 +332,8 @@ class Diagnosis(Result):
         What was found, most important first, and where something is left.
     imperfections
         Numbers of the description and of the sensors.
+    made
+        Joints whose motor torques are those that described controllers make of commands and positions.
     changes
         What differs between recordings.
     known
@@ -362,6 +367,7 @@ class Diagnosis(Result):
     causes: tuple[Cause, ...]
     unexplained: tuple[UnexplainedResidual, ...]
     imperfections: tuple[Imperfection, ...] = ()
+    made: tuple[str, ...] = ()
     changes: tuple[Change, ...] = ()
     prismatic: tuple[str, ...] = ()
     known: tuple[Mapping[str, Any], ...] = ()
@@ -374,6 +380,12 @@ class Diagnosis(Result):
     def units(self) -> JointUnits:
         """Units of quantities at the joints."""
         return JointUnits(self.joints, self.prismatic)
+
+    @property
+    def torque_scale(self) -> dict[str, float]:
+        """Relative standard deviation of the scale of torques that were made of commands, by joint."""
+        gains = {p.joint: p.std / p.value for p in self.imperfections if p.what == MOTOR_GAIN}
+        return {joint: float(f"{gains[joint]:.2g}") for joint in self.made if joint in gains}
 
     def tables(self) -> dict[str, Sequence[Row]]:
         """Return "causes", a row a parameter; "gap", a row a residual; "parameters", and "residuals" over time."""
@@ -448,6 +460,7 @@ class Diagnosis(Result):
             "causes": [cause.to_dict() for cause in self.causes],
             "shrink_by_place": self._table(self.shrink_by_place),
             "imperfections": [one.to_dict() for one in self.imperfections],
+            **({"torque_scale": self.torque_scale} if self.made else {}),
             "changes": [one.to_dict() for one in self.changes],
             "unexplained": [
                 {"joint": p.joint, "side": p.side, "regime": p.regime, "rmse": _plain(p.rmse)} for p in self.unexplained

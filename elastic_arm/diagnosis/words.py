@@ -160,6 +160,15 @@ def no_separation(effect: str, other: str) -> str:
     return f"a motion in which {effect} and {other} act differently"
 
 
+def scale_sentence(found: Diagnosis) -> str:
+    """Return what anchors the scale of torques that were made of commands."""
+    known = ", ".join(f"{100 * std:.2g} % at {joint}" for joint, std in found.torque_scale.items())
+    return (
+        "no torque was recorded: torques are those that the described controllers make of commands and positions. "
+        f"Their scale is known to {known}: torques, masses and friction are ratios to kp and kd as far as that."
+    )
+
+
 def summary(found: Diagnosis) -> list[str]:
     """Return what was found as sentences: the verdict, each cause, and how far the model is off without and with them.
 

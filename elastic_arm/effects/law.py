@@ -4,7 +4,18 @@ from collections.abc import Mapping
 from math import pi
 from typing import Any
 
-from elastic_arm.effects.model import Confusion, Effect, Law, Ordinary, Plant, Scope, SensorEffect, StructuralEffect
+from elastic_arm.effects.model import (
+    Confusion,
+    ControllerEffect,
+    Effect,
+    Law,
+    Ordinary,
+    Plant,
+    Scope,
+    SensorEffect,
+    StructuralEffect,
+    no_controller,
+)
 from elastic_arm.effects.motion import Contribution, SymbolicMotion
 from elastic_arm.effects.parameters import Choice, Parameter, Role
 
@@ -37,6 +48,7 @@ def phase(example: tuple[float, float] | None = None) -> Parameter:
 
 
 __all__ = [
-    "Choice", "Confusion", "Contribution", "Effect", "Law", "Numbers", "Ordinary", "Parameter", "Plant", "Role",
-    "Scope", "SensorEffect", "StructuralEffect", "SymbolicMotion", "amount", "phase", "ratio", "searched", "signed",
+    "Choice", "Confusion", "Contribution", "ControllerEffect", "Effect", "Law", "Numbers", "Ordinary", "Parameter",
+    "Plant", "Role", "Scope", "SensorEffect", "StructuralEffect", "SymbolicMotion", "amount", "no_controller", "phase",
+    "ratio", "searched", "signed",
 ]  # fmt: skip

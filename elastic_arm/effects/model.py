@@ -24,7 +24,7 @@ from elastic_arm.effects.motion import Contribution, SymbolicMotion
 from elastic_arm.effects.parameters import Choice, Parameter, Role, combinations
 from elastic_arm.effects.regressor import RegressorOf
 from elastic_arm.errors import EffectError
-from elastic_arm.robot import Robot
+from elastic_arm.robot import JointController, Robot
 from elastic_arm.sensors import Sensors
 
 Value = float | tuple[float, ...] | tuple[str, ...] | str
@@ -235,6 +235,28 @@ class StructuralEffect(Effect):
     def added_to(self, plant: Plant, instance: EffectInstance) -> Plant:
         """Return the arm with its parts changed."""
         return self.change(plant, instance.parameters)
+
+
+@dataclass(frozen=True)
+class ControllerEffect(Effect):
+    """An effect of what a drive's controller is; its law is written in commands, as of controllers that are stated."""
+
+    change: Callable[[JointController, Mapping[str, Any]], JointController] = field(kw_only=True)
+
+    def added_to(self, plant: Plant, instance: EffectInstance) -> Plant:
+        """Return the arm with its controllers changed."""
+        robot = plant.robot
+        for i in instance.joint_indices(robot):
+            if (controller := robot.joints[i].controller) is None:
+                raise no_controller(robot.joints[i].name)
+            robot = robot.with_joint(robot.joints[i].name, controller=self.change(controller, instance.parameters))
+        return replace(plant, robot=robot)
+
+
+def no_controller(joint: str) -> EffectError:
+    """Return the error of an effect of a controller that is not stated."""
+    remedy = f"State it in the arm file, such as `controller: {{{joint}: {{kp: 30, kd: 0.5}}}}`."
+    return EffectError(f"the description states no controller of {joint}", remedy)
 
 
 @dataclass(frozen=True)

@@ -64,7 +64,7 @@ class Number:
     @property
     def is_lag(self) -> bool:
         """Whether it is how late a channel is."""
-        return self.feature is not None and "channels" in self.feature.choices
+        return self.feature is not None and self.unit == "s"
 
     @property
     def is_gain(self) -> bool:
@@ -77,7 +77,7 @@ class Number:
         if self.feature is None:
             return None
         if self.is_lag:
-            (channel,) = self.feature.choices["channels"]
+            (channel,) = self.feature.choices.get("channels", ("command",))
             return str(channel)
         return self.feature.read_torque if self.is_gain else None
 

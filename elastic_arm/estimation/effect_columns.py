@@ -16,7 +16,7 @@ import numpy as np
 from elastic_arm.arrays import Array
 from elastic_arm.effects.catalogue import Catalogue
 from elastic_arm.effects.equations import ArmEquations
-from elastic_arm.effects.model import Effect, EffectInstance, Scope, SensorEffect
+from elastic_arm.effects.model import ControllerEffect, Effect, EffectInstance, Scope, SensorEffect
 from elastic_arm.effects.parameters import Parameter, Role
 from elastic_arm.effects.regressor import Regressor
 from elastic_arm.errors import EffectError
@@ -89,6 +89,8 @@ class Feature:
 
         A link encoder is seen beside the motor encoder.
         """
+        if isinstance(self.effect, ControllerEffect):
+            return frozenset({"r"})
         if not isinstance(self.effect, SensorEffect):
             return frozenset()
         found = _changed_channels(self.effect, self.joint, self.choices, self.equations.robot.n)

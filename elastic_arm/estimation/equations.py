@@ -35,6 +35,7 @@ from elastic_arm.arrays import Array
 from elastic_arm.dynamics import Model
 from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.motion import Motion
+from elastic_arm.recording.made_torque import CONTROLLED
 
 Channels = Collection[str]
 
@@ -220,7 +221,7 @@ def _of_joints(recorded: Channels | Sequence[Channels], n: int) -> list[frozense
     if not any(names & set(TORQUES) for names in found):
         raise IdentificationError(
             "no torque was recorded: neither tau_J (effort of /joint_states) nor tau_m (effort of /motor_states)",
-            "Record a torque, or map a motor current with a channel map.",
+            f"Record a torque, or map a motor current with a channel map; {CONTROLLED}.",
         )
     return found
 

@@ -17,7 +17,7 @@ from elastic_arm.recording.sides import Lacking
 
 SENSED = 40.0  # Hz, up to which it follows a joint torque sensor: the widest band in which residuals are looked at
 PADDING = 500  # samples
-_CHANNELS = ("q", "theta", "tau_J", "tau_m")
+_CHANNELS = ("q", "theta", "tau_J", "tau_m", "r")
 _NO_CHANNELS = ("noise", "every", "span", "before", "lacking")
 
 
@@ -50,6 +50,8 @@ class Motion:
     # channels with the index of a joint that lacks them while others have them; there the angle is that of the
     # joint's other side, and the torque is zero
     lacking: Lacking = frozenset()
+    # (N, n) rad, what controllers follow that made tau_m, passed through the same filter; None where it was measured
+    r: Array | None = None
 
     def __len__(self) -> int:
         return len(self.t)
@@ -142,7 +144,9 @@ def completed(motion: Motion, model: Model) -> CompletedMotion:
     tau_J = tau_J if motion.tau_J is None else np.where(without["tau_J"], tau_J, motion.tau_J)
     tau_m = motion.tau_m if motion.tau_m is not None else np.zeros_like(tau_J)
     before = None if motion.before is None else completed(motion.before, model)
-    return CompletedMotion(motion.t, q, dq, ddq, theta, dtheta, ddtheta, tau_J, tau_m, span=motion.span, before=before)
+    return CompletedMotion(
+        motion.t, q, dq, ddq, theta, dtheta, ddtheta, tau_J, tau_m, span=motion.span, before=before, r=motion.r
+    )
 
 
 def with_filtered_deflection(
@@ -179,7 +183,8 @@ def wound_by_load(model: Model, motion: CompletedMotion) -> CompletedMotion:
     the columns of effects of the drive would hold the errors of both encoders, and a drive that carries no torque would
     fit best (errors in variables, Fuller 1987).
     """
-    motor_side = Motion(motion.t, theta=motion.theta, dtheta=motion.dtheta, ddtheta=motion.ddtheta, tau_m=motion.tau_m)
+    theta, dtheta, ddtheta = motion.theta, motion.dtheta, motion.ddtheta
+    motor_side = Motion(motion.t, theta=theta, dtheta=dtheta, ddtheta=ddtheta, tau_m=motion.tau_m, r=motion.r)
     return completed(motor_side, model)
 
 

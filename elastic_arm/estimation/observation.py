@@ -23,14 +23,22 @@ from elastic_arm.estimation.resampling import Clock, Grid, extended
 from elastic_arm.estimation.smoother import Smoother
 from elastic_arm.recording import Recording
 from elastic_arm.recording.inspection.torque_spectrum import TorqueSpectrum, torque_spectra
+from elastic_arm.recording.made_torque import CONTROLLED
 from elastic_arm.recording.sides import Lacking
+from elastic_arm.robot import JointController
 
 # What each channel that may be late consists of.
-CHANNELS = {"link_encoder": ("q", "dq", "ddq"), "joint_torque": ("tau_J",), "motor_torque": ("tau_m",)}
+CHANNELS = {
+    "link_encoder": ("q", "dq", "ddq"),
+    "joint_torque": ("tau_J",),
+    "motor_torque": ("tau_m",),
+    "command": ("r",),
+}
 
 SHORTEST = 2.0  # s
 NARROWEST_BAND = 1.0  # Hz; the motion of an arm is slower than that nowhere
-# Of a torque's rms, within its band: noise of a torque that was low-passed, where nothing shows it; convention.
+# Of a torque's rms: noise of one that was low-passed, within its band, and of a drive by which a torque is made, where
+# nothing shows it; convention.
 ORDINARY_NOISE = 0.005
 
 
@@ -70,6 +78,8 @@ class Observation:
     gains: Mapping[str, Array] = field(default_factory=dict)  # "tau_J", "tau_m" -> (n,), by which torques were divided
     # (n,) rad/s within which dry friction turns over; as sharply as the velocity's noise lets it be seen when None
     turning: Array | None = None
+    # index of a joint -> controller that made its motor torque, which has the noise of its encoder
+    made_by: Mapping[int, JointController] = field(default_factory=dict)
     _splines: dict[tuple[int, str], list[CubicSpline]] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )
@@ -87,22 +97,29 @@ class Observation:
     def corrected(self, lags: Mapping[str, Array], gains: Mapping[str, Array]) -> Observation:
         """Return it with late channels moved back to the time at which they were true, and torques without gain.
 
-        lags: channel ("link_encoder", "joint_torque", "motor_torque") -> (n,) s; gains: "tau_J", "tau_m" ->
-        (n,), recorded / true.
+        lags: channel ("link_encoder", "joint_torque", "motor_torque", "command") -> (n,) s; gains: "tau_J", "tau_m" ->
+        (n,), recorded / true. Commands are moved to when the drives had them.
         """
 
         def moved(motion: Motion) -> Motion:
             changed: dict[str, Any] = {"before": None if motion.before is None else moved(motion.before)}
             for channel, lag in lags.items():
+                sign = -1.0 if channel == "command" else 1.0
                 for name in CHANNELS[channel]:
                     if getattr(motion, name) is not None and np.any(lag):
                         changed[name] = np.stack(
                             [
-                                spline(np.clip(motion.t + late, motion.t[0], motion.t[-1]))
+                                spline(np.clip(motion.t + sign * late, motion.t[0], motion.t[-1]))
                                 for spline, late in zip(self._splines_of(motion, name), lag, strict=True)
                             ],
                             axis=1,
                         )
+            for i, controller in self.made_by.items():
+                if motion.r is not None and np.any(lags.get("command", 0.0)):
+                    r = changed["r"][:, i] - motion.r[:, i]
+                    rate = controller.follows_rate * np.gradient(r, motion.t)
+                    torque = changed.setdefault("tau_m", np.array(changed.get("tau_m", motion.tau_m)))
+                    torque[:, i] += controller.gains[0] * r + controller.gains[1] * rate
             for name, gain in gains.items():
                 torque = changed.get(name, getattr(motion, name))
                 changed[name] = None if torque is None else torque / gain
@@ -149,6 +166,15 @@ class Observation:
         """
         std = {"tau_J": self.noise.tau_J, "tau_m": self.noise.tau_m}[channel]
         return self.gain(f)[:, None] ** 2 * (np.zeros(n) if std is None else std**2)
+
+    def impedance(self, f: Array, n: int) -> NDArray[np.complex128]:
+        """Return kp + s kd (F, n) of the controllers that made motor torques, by the angle that they are made of."""
+        found = np.zeros((len(f), n), np.complex128)
+        gains = self.gains.get("tau_m", np.ones(n))
+        for i, controller in self.made_by.items():
+            kp, kd, _ = controller.gains
+            found[:, i] = (kp + 2j * np.pi * f * kd) / gains[i]
+        return found
 
     def torque_variances(self, n: int) -> dict[str, Array]:
         """Return the variances (n,) of a sample's white noise of tau_J and tau_m, Nm²."""
@@ -203,7 +229,7 @@ def observe(recording: Recording, band: float | None = None) -> Observation:
     where = recording.source or "the recording"
     if samples.tau_J is None and samples.tau_m is None:
         raise DiagnosisError(
-            f"{where} holds no torque", "Record the effort of /motor_states, of /joint_states, or both"
+            f"{where} holds no torque", f"Record the effort of /motor_states, of /joint_states, or both; {CONTROLLED}"
         )
     clock = Clock.of(samples, where)
     grids = [grid for grid in clock.place(samples) if len(grid) > SHORTEST * grid.rate]
@@ -224,6 +250,7 @@ def observe(recording: Recording, band: float | None = None) -> Observation:
     crossing = Smoother.from_noise(clock.rate, wide_link, wide_motor, recording.n)
     smoother = Smoother(clock.rate, cutoff, crossing.link_crossover, crossing.motor_crossover)
     spectra = torque_spectra(recording)
+    made_by = {recording.joints.index(name): controller for name, controller in recording.made_by.items()}
     levels = {
         "q": link.position_std if link else None,
         "dq": link.velocity_std if link else None,
@@ -232,6 +259,9 @@ def observe(recording: Recording, band: float | None = None) -> Observation:
         "tau_J": _with_low_pass(torque_noise(grids, "tau_J"), longest.tau_J, spectra.get("link"), clock.rate),
         "tau_m": _with_low_pass(torque_noise(grids, "tau_m"), longest.tau_m, spectra.get("motor"), clock.rate),
     }
+    if made_by and longest.tau_m is not None:
+        # What the encoders' noise makes of it is known by the controllers: the rest is the drive's.
+        levels["tau_m"] = ORDINARY_NOISE * np.std(longest.tau_m, axis=0)
     noise = ChannelNoise(**{name: _of_recorded(level, name, samples.lacking) for name, level in levels.items()})
     pieces = tuple(smoother(extended(grid, smoother.lag)) for grid in grids)
     # Above the frequency where noise outweighs motion, accelerations are noise, and the same that the residuals hold:
@@ -245,7 +275,17 @@ def observe(recording: Recording, band: float | None = None) -> Observation:
     torque_band = max(NARROWEST_BAND, min((one.band for one in spectra.values()), default=np.inf))
     cutoff, source = designed.cutoff / (2 * np.pi), recording.source
     found = Observation(
-        pieces, quiet, clock.rate, smoother, noise, cutoff, source, notes, steps, torque_band=torque_band
+        pieces,
+        quiet,
+        clock.rate,
+        smoother,
+        noise,
+        cutoff,
+        source,
+        notes,
+        steps,
+        torque_band=torque_band,
+        made_by=made_by,
     )
     return replace(found, quiet=tuple(found.with_filtered_deflection(piece) for piece in quiet))
 

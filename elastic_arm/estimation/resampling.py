@@ -33,7 +33,7 @@ from elastic_arm.recording.timebase.clocks import (
     wanders,
 )
 
-CHANNELS = ("q", "dq", "tau_J", "theta", "dtheta", "tau_m")
+CHANNELS = ("q", "dq", "tau_J", "theta", "dtheta", "tau_m", "r")
 _OF_ALL = ("notes", "clock", "lacking")  # what samples have once for all of them
 
 # Up to this many missing samples in a row are interpolated; the smoother would hardly notice them.
@@ -53,7 +53,7 @@ class Grid:
 
     t: Array  # (N,) s
     rate: float  # samples per second
-    # q, dq, tau_J, theta, dtheta, tau_m: (N, n) or None
+    # q, dq, tau_J, theta, dtheta, tau_m, r: (N, n) or None
     q: Array | None = None
     dq: Array | None = None
     tau_J: Array | None = None
@@ -62,6 +62,7 @@ class Grid:
     tau_m: Array | None = None
     # channels with the index of a joint that lacks them, see :class:`elastic_arm.recording.Samples`
     lacking: Lacking = frozenset()
+    r: Array | None = None
 
     def __len__(self) -> int:
         return len(self.t)
@@ -315,7 +316,7 @@ def extended(grid: Grid, count: int) -> Grid:
             f"than {count}",
             "Record longer, or more samples a second.",
         )
-    channels = {name: _mirrored(v, count, odd=name in ("q", "theta")) for name, v in grid.channels().items()}
+    channels = {name: _mirrored(v, count, odd=name in ("q", "theta", "r")) for name, v in grid.channels().items()}
     step = np.arange(1, count + 1) / grid.rate
     t = np.concatenate([grid.t[0] - step[::-1], grid.t, grid.t[-1] + step])
     return Grid(t, grid.rate, **channels, lacking=grid.lacking)

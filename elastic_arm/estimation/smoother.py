@@ -109,6 +109,7 @@ class Smoother:
             noise=self.noise,
             every=every,
             lacking=grid.lacking,
+            r=None if grid.r is None else self.filter(grid.r, every),
         )
 
     def filter(self, values: Array, every: int = 1) -> Array:

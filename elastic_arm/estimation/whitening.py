@@ -99,7 +99,10 @@ def noise_models(
     # Rows link, drive, motor of the full three; columns tau_J, tau_m, q, theta. First what is the same at all poses.
     still = np.block([[one, zero, none], [one, zero, none], [-one, one, none]])
     wound = np.block([[none, none], [none, one, -one], [none, none]])
-    way = equations.transform @ (still + drive[:, None, :] * wound) @ made
+    # A torque that a controller makes has the noise of the angle that it follows.
+    fed_back = np.block([[none, zero, zero], [none, zero, zero], [none, zero, -one]])
+    impedance = np.tile(observation.impedance(f, n), 4)
+    way = equations.transform @ (still + drive[:, None, :] * wound + impedance[:, None, :] * fed_back) @ made
     # And what accelerations have at each, times the square of the angular frequency.
     moved = np.array([np.block([[none, M, S], [none, zero, zero], [none, S.T, B]]) for M, S, B in poses])
     inertial = equations.transform @ moved @ made
@@ -206,6 +209,7 @@ class WhitenedData:
                     cutoff=observation.cutoff,
                     predicted=predicted,
                     smoother=limits,
+                    made=1.0 / observation.gains.get("tau_m", np.ones(model.n)),
                 )
                 motion = wound_by_load(model, stretch.quiet) if layout.reads_torque_by_deflection else stretch.quiet
                 known = known_torques(model, motion, acting, signals_of, predicted=predicted)

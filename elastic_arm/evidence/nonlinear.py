@@ -18,7 +18,7 @@ from elastic_arm.effects.parameters import Parameter
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.model import Fit, LinearModel
-from elastic_arm.evidence.pool import GRID, linear_prior
+from elastic_arm.evidence.pool import linear_prior
 from elastic_arm.evidence.priors import SCALES
 from elastic_arm.evidence.term import Term
 
@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 STEP = 1e-3  # of derivatives, in the coordinates of the numbers over their ranges; numerical
 STEPS = 6  # of Gauss and Newton
 LONGEST = 0.25  # of a range, of one step
-EVALUATIONS = 12  # of a law between two values tried; numerical
+SCANNED, EVALUATIONS = 25, 12  # values of one number over its range, and between two of them; numerical
 SETTLED = 0.1  # of its standard deviation: a step that is none; numerical
 
 
@@ -152,7 +152,7 @@ def refined(
     feature, theta, size = start_of(term, first)
     start = replace(term, feature=feature)
     if feature is term.feature and len(theta) == 1 and term.grid > 0.0:
-        theta, size = _between(linear, model, term, others, first)
+        theta, size = _scanned(linear, model, term, others, first)
     best = tangent_term(linear, start, theta, size)
     fit = model.fit([*others, best], first)
     for _ in range(STEPS):
@@ -180,26 +180,28 @@ def refined(
     return best, fit
 
 
-def _between(
+def _scanned(
     linear: Linearisation, model: LinearModel, term: Term, others: Sequence[Term], near: Fit
 ) -> tuple[tuple[float, ...], float]:
-    """Return the one nonlinear number and the size that are most probable between the neighbours of the value tried.
+    """Return the one nonlinear number and the size that are most probable, by a scan of its range.
 
     Far from its optimum a law leaves so much that its slow part counts as noise, and derivatives see its edges alone.
     """
     feature, (p,) = term.feature, components(term.feature)
     low, high = axis(p, linear.most(feature, p))
-    reach = (high - low) / (GRID - 1)
+    reach = (high - low) / (SCANNED - 1)
     tried: list[tuple[float, float, float]] = []
 
-    def cost(step: float) -> float:
-        value = moved(p, term.theta[0], step, linear.most(feature, p))
+    def cost(at: float) -> float:
+        value = float(np.exp(at)) if p.logarithmic else at
         one = replace(term, columns=linear.columns(feature, (value,)), theta=(value,), ident=(*term.ident, value))
         fit = model.fit([*others, one], near)
         tried.append((fit.score, value, float(fit.beta(one)[0])))
         return -fit.score
 
-    minimize_scalar(cost, bounds=(-reach, reach), method="bounded", options={"maxiter": EVALUATIONS})
+    at = min(np.linspace(low, high, SCANNED), key=cost)
+    bounds = max(at - reach, low), min(at + reach, high)
+    minimize_scalar(cost, bounds=bounds, method="bounded", options={"maxiter": EVALUATIONS})
     _, value, size = max(tried)
     return (value,), 1.0 if feature.fixed else size
 

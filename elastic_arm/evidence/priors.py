@@ -97,15 +97,21 @@ class Priors(BaseModel):
     sensors: Mapping[str, Deviation] = Field(default_factory=dict)
     torque_constant: Deviation = 0.15  # of a torque channel that is a current; of magnets, by motor and temperature
 
-    def of_currents(self, channels: Iterable[str]) -> Priors:
-        """Return those of an arm of which some torque channels are currents; what was stated of their gains stays.
+    # Of a motor torque that is made of commands: both gains of its controller; of servos' firmware and supply.
+    controller: Deviation = 0.20
+
+    def of_currents(self, channels: Iterable[str], *, made: bool = False) -> Priors:
+        """Return those of an arm of which torque channels are currents or made of commands; what was stated stays.
 
         Parameters
         ----------
         channels
-            Of "joint_torque" and "motor_torque".
+            That are currents, of "joint_torque" and "motor_torque".
+        made
+            Whether motor torques are made of commands.
         """
-        gains = {f"{channel}_gain": self.torque_constant for channel in channels}
+        believed = dict.fromkeys(channels, self.torque_constant) | ({"motor_torque": self.controller} if made else {})
+        gains = {f"{channel}_gain": std for channel, std in believed.items()}
         return self.model_copy(update={"sensors": {**gains, **self.sensors}})
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elastic_arm.effects.model import SensorEffect
+from elastic_arm.effects.model import ControllerEffect, EffectInstance, SensorEffect
 from elastic_arm.equations.places import scaling
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.known_torques import ActingEffect
@@ -27,6 +27,7 @@ from elastic_arm.evidence.term import Key, Term
 Array = NDArray[np.float64]
 
 STEPS = 6  # of Gauss and Newton beside a set
+Thetas = dict[Key, tuple[float, ...]]
 STARTS = "as measured", "as built"
 EXACT = 0.1  # factor of the trust below which the numbers of a description lie where it has them; numerical
 
@@ -69,12 +70,13 @@ def explain(problem: Problem, *, refit: bool) -> Explanation:
     refit
         Whether the description cannot be as measured.
     """
-    described = Linearisation(problem, np.zeros(len(problem.numbers)), ())
+    described = Linearisation(problem, np.zeros(len(problem.numbers)), _stated(problem))
     # Where the description is exact, all that is left is an effect. Where it is off everywhere, there is less to
     # mistake for one where its numbers lie alone.
-    starts = [_started(described, trust, refit) for trust in STARTS if not (refit and trust == STARTS[0])]
+    thetas: Thetas = {}
+    starts = [_started(described, trust, refit, thetas) for trust in STARTS if not (refit and trust == STARTS[0])]
     first = max(starts, key=lambda found: found.best.score)
-    found = _descended(first.linear, first.best, refit)
+    found = _descended(first.linear, first.best, refit, thetas)
     tried: set[frozenset[Key]] = set()
     for _ in range(ELSEWHERE):
         # Exchanged at this linearisation, a set whose numbers lie elsewhere is judged by columns that are not its own.
@@ -82,13 +84,28 @@ def explain(problem: Problem, *, refit: bool) -> Explanation:
         if other is None:
             break
         tried.add(other.keys)
-        found = _better(found, _descended(found.linear, other, refit, found.best))
+        found = _better(found, _descended(found.linear, other, refit, thetas, found.best))
     return replace(found, log=(*(line for one in starts for line in one.log), *found.log))
 
 
-def _started(described: Linearisation, trust: str, refit: bool) -> Explanation:
+def _started(described: Linearisation, trust: str, refit: bool, thetas: Thetas) -> Explanation:
     """Return the most probable set at first, from the numbers alone."""
-    return _explained(_settled(described, None, trust), None, trust, refit, moves=ADDED)
+    return _explained(_settled(described, None, trust), None, trust, refit, thetas, moves=ADDED)
+
+
+def _made(problem: Problem) -> bool:
+    return any(one.made_by for one in problem.observed[0])
+
+
+def _stated(problem: Problem) -> tuple[ActingEffect, ...]:
+    """Return what is known to act, at its stated size, where torques are made: a controller's gain scales it, too."""
+    if not _made(problem):
+        return ()
+    return tuple(
+        ActingEffect(feature, _theta(feature, instance), _coefficients(feature, instance.parameters))
+        for feature, instance in problem.known
+        if not feature.fixed and not isinstance(feature.effect, (SensorEffect, ControllerEffect))
+    )
 
 
 def _better(one: Explanation, other: Explanation) -> Explanation:
@@ -111,7 +128,7 @@ def _elsewhere(found: Explanation, tried: Set[frozenset[Key]]) -> Fit | None:
     return max(sets, key=lambda fit: fit.score, default=None)
 
 
-def _descended(linear: Linearisation, before: Fit, refit: bool, best: Fit | None = None) -> Explanation:
+def _descended(linear: Linearisation, before: Fit, refit: bool, thetas: Thetas, best: Fit | None = None) -> Explanation:
     """Return the most probable set beside which the linearisation stays, from one to start from.
 
     Laws without a form and the moves that take long come where the set stays: elsewhere they follow its error. They do
@@ -123,7 +140,7 @@ def _descended(linear: Linearisation, before: Fit, refit: bool, best: Fit | None
     kept: tuple[Explanation, frozenset[Key]] | None = None
     for n in range(ROUNDS):
         here = _settled(linear, before, before.model.name)
-        found = _explained(here, before, before.model.name, refit, moves=moves)
+        found = _explained(here, before, before.model.name, refit, thetas, moves=moves)
         log += [f"{n}: {line}" for line in found.log]
         if kept is not None and before.keys != kept[1] and found.own < kept[0].own - WORTH:
             refused.add(before.keys)
@@ -207,7 +224,9 @@ def _screens(linear: Linearisation, model: LinearModel, *, laws: bool) -> list[S
     return [linear.cache["screen"], *([linear.cache["laws"]] if laws else [])]
 
 
-def _explained(linear: Linearisation, before: Fit | None, trust: str, refit: bool, *, moves: int) -> Explanation:
+def _explained(
+    linear: Linearisation, before: Fit | None, trust: str, refit: bool, thetas: Thetas, *, moves: int
+) -> Explanation:
     """Return the most probable set at a linearisation, from the one found at another."""
     trusts = {name: one for name, one in TRUST.items() if not (refit and name == "as measured")}
     model, log = linear_model(linear, trust), []
@@ -217,7 +236,7 @@ def _explained(linear: Linearisation, before: Fit | None, trust: str, refit: boo
     # The trust in the description that is most probable beside the set, and the set beside it, until both stay.
     tried: dict[str, Search] = {}
     while trust not in tried:
-        search = Search(linear, model.trusting(trust), screens)
+        search = Search(linear, model.trusting(trust), screens, thetas)
         tried[trust], best = search, search.run(terms, moves=moves)
         log += [f"{trust}: {line}" for line in search.log]
         terms = best.optional
@@ -264,7 +283,7 @@ def _known_terms(linear: Linearisation) -> tuple[list[Term], list[Term]]:
     problem, always, off = linear.problem, [], []
     for i, (feature, instance) in enumerate(problem.known):
         (feature,) = linear.placed([feature])
-        theta = tuple(float(v) for p in feature.searched for v in np.atleast_1d(instance.parameters[p.name]))
+        theta = _theta(feature, instance)
         X = linear.columns(feature, theta)
         if feature.fixed:
             whole = X.sum(axis=1)
@@ -279,8 +298,15 @@ def _known_terms(linear: Linearisation) -> tuple[list[Term], list[Term]]:
         mean = _coefficients(feature, instance.parameters)
         width = STATED * np.maximum(np.abs(mean), 1e-3 * std)
         always.append(Term(feature.key, "effect", X, width, mean=mean, feature=feature, theta=theta, trusted=True))
-        off.append(Term(feature.key, "stated", X, std, feature=feature, theta=theta))
+        # Beside made torques less than no friction would be a gain of the controller.
+        bounded = _made(problem) and all(p.least == 0.0 for p in feature.linear)
+        low = -mean if bounded else np.full(len(mean), -np.inf)
+        off.append(Term(feature.key, "stated", X, std, low=low, feature=feature, theta=theta))
     return always, off
+
+
+def _theta(feature: Feature, instance: EffectInstance) -> tuple[float, ...]:
+    return tuple(float(v) for p in feature.searched for v in np.atleast_1d(instance.parameters[p.name]))
 
 
 def _coefficients(feature: Feature, values: Mapping[str, Any]) -> Array:
@@ -300,8 +326,9 @@ def theta_of(term: Term, fit: Fit) -> tuple[float, ...]:
 
 
 def _acting(fit: Fit) -> tuple[ActingEffect, ...]:
-    """Return the effects of a fit that act in the torques."""
-    acting = [t for t in fit.terms if t.kind in ("effect", "stated") and not isinstance(t.feature.effect, SensorEffect)]
+    """Return the effects of a fit that act in the true torques: neither those of sensors nor those of controllers."""
+    beside = (SensorEffect, ControllerEffect)
+    acting = [t for t in fit.terms if t.kind in ("effect", "stated") and not isinstance(t.feature.effect, beside)]
     sizes = [np.ones(1) if t.offset is not None else fit.beta(t)[: t.linear] for t in acting]
     return tuple(
         ActingEffect(t.feature, theta_of(t, fit), size, known=t in fit.model.always)

@@ -43,14 +43,16 @@ class Search:
     ----------
     linear, model, screens
         The data, and all that may be added.
+    thetas
+        Where one nonlinear number was most probable beside another set, by key of its term; what is found is added.
     """
 
     linear: Linearisation
     model: LinearModel
     screens: Sequence[Screen]
+    thetas: dict[Key, tuple[float, ...]] = field(default_factory=dict)
     met: dict[frozenset[Key], Fit] = field(default_factory=dict)
     _refined: dict[tuple[Key, frozenset[Key]], Term] = field(default_factory=dict)
-    _found: dict[Key, Term] = field(default_factory=dict)
     log: list[str] = field(default_factory=list)
     _moves: int = ALL
 
@@ -147,13 +149,16 @@ class Search:
             return self._keep(self.model.fit([*terms, more], near))
         key = (more.key, frozenset(t.ident for t in terms))
         if key not in self._refined:
-            start, known = more, self._found.get(more.key)
-            if known is not None and known.feature is more.feature and len(more.theta) == 1:
-                # Near where it was most probable beside another set.
-                columns = self.linear.columns(more.feature, known.theta)
-                start = replace(more, columns=columns, theta=known.theta, grid=0.0, ident=(*more.ident, known.theta))
+            start, theta = more, self.thetas.get(more.key)
+            if theta is not None and more.feature.count == 1:
+                # Near where it was most probable beside another set, or on the grid: its range was scanned once.
+                columns = self.linear.columns(more.feature, theta)
+                there = replace(more, columns=columns, theta=theta, grid=0.0, ident=(*more.ident, theta))
+                start = max(more, there, key=lambda t: self.model.fit([*terms, t], near).score)
+                start = replace(start, grid=0.0)
             self._refined[key], fit = refined(self.linear, self.model, start, terms, near)
-            self._found[more.key] = self._refined[key]
+            if len(more.theta) == 1:
+                self.thetas[more.key] = self._refined[key].theta
             return self._keep(fit)
         return self._keep(self.model.fit([*terms, self._refined[key]], near))
 

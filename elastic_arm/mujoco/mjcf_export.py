@@ -26,10 +26,10 @@ from elastic_arm.mujoco.changes import (
 from elastic_arm.mujoco.left_out import Left, left_effects, left_numbers
 from elastic_arm.mujoco.mjcf_file import ShapedMjcf
 from elastic_arm.mujoco.stated_arm import StatedArm, stated_arm
-from elastic_arm.robot import Inertia, Robot
+from elastic_arm.robot import Inertia, JointController, Robot
 from elastic_arm.robot.kinematics import moved
-from elastic_arm.robot.mjcf import MjcfArm, engine, open_mjcf
-from elastic_arm.robot.mjcf.drives import motor_friction, motor_inertia_and_damping
+from elastic_arm.robot.mjcf import MjcfArm, engine, open_mjcf, read_mjcf
+from elastic_arm.robot.mjcf.drives import drives_of, motor_friction, motor_inertia_and_damping
 from elastic_arm.robot.mjcf.engine import saved
 from elastic_arm.robot.parts import located
 from elastic_arm.robot.urdf_tree import Chain
@@ -106,22 +106,31 @@ def export_mjcf(
         if unrolled:
             file = ShapedMjcf(base, saved(base))
         document = _Document(arm, file, before, after)
-        changes = document.change(deviations)
+        changes = [*document.change(deviations), *document.controllers(robot)]
         files = document.file.write(out)
         _check(out, chain, at, after)
+        written = read_mjcf(out, chain, at)
     stated = [instance.to_dict() for instance, _ in before.left]
     # What the base states by other numbers, such as gravcomp, stays as it is.
     lacking = [(one, reason) for one, reason in after.left if one.to_dict() not in stated]
-    left = [*left_effects(robot, (*lacking, *document.left)), *_controllers(robot, arm.robot)]
+    left = [*left_effects(robot, (*lacking, *document.left)), *_controllers(robot, written)]
     return Exported(tuple(files), tuple(changes), tuple(left), (UNROLLED,) if unrolled else (), robot.units)
 
 
 def _controllers(robot: Robot, base: Robot) -> Iterator[Left]:
-    """Yield the controllers that the base's actuators do not state; these stay as they are."""
+    """Yield the controllers that a file's actuators do not state, to nine digits; these stay as they are."""
     own = {joint.name: joint.controller for joint in base.joints}
-    other = [joint for joint in robot.joints if joint.controller and joint.controller != own[joint.name]]
+    other = [joint for joint in robot.joints if joint.controller and not _alike(joint.controller, own[joint.name])]
     for joint in other:
         yield from left_numbers(robot.with_(joints=(joint,)), "the actuators of the file stay as they are")
+
+
+def _alike(one: JointController, other: JointController | None) -> bool:
+    if other is None:
+        return False
+    gains = ("kp", "kd", "ki", "delay")
+    same = replace(one, **{name: getattr(other, name) for name in gains}) == other
+    return same and all(np.isclose(getattr(one, k), getattr(other, k), rtol=READ_BACK, atol=0.0) for k in gains)
 
 
 def _carriers(file: ShapedMjcf, arm: MjcfArm) -> list[Any] | None:
@@ -185,6 +194,26 @@ class _Document:
             if field == "friction_loss" and change.before == (0.0,):
                 changes += self._sharp(element, change.element)
         return changes
+
+    def controllers(self, robot: Robot) -> Iterator[Change]:
+        """Change gains and delays of <position> elements; other actuators stay as they are."""
+        for old, new in zip(self.arm.robot.joints, robot.joints, strict=True):
+            before, after = old.controller, new.controller
+            elements = [e for e in self.file.elements("position") if e.get("joint") == old.name]
+            if before is None or after is None or _alike(after, before) or len(elements) != 1:
+                continue
+            (drive,) = drives_of(self.arm.model, self._id(old.name))
+            squared = float(self.arm.model.actuator_gear[drive, 0]) ** 2
+            values = {"kp": (before.kp, after.kp, squared), "kv": (before.kd, after.kd, squared)}
+            values["delay"] = (before.delay, after.delay, 1.0)
+            for number, unit in (("kp", "Nm/rad"), ("kv", "Nm s/rad"), ("delay", "s")):
+                own, wanted, gear = values[number]
+                if not np.isclose(own, wanted, rtol=READ_BACK, atol=0.0):
+                    self.file.set(elements[0], **{number: text_of(wanted / gear)})
+                    yield Change(old.name, number, old.unit(unit), (own / gear,), (wanted / gear,))
+            if after.delay and after.delay != before.delay:
+                samples = int(np.ceil(after.delay / self.arm.model.opt.timestep)) + 2
+                self.file.set(elements[0], nsample=str(samples))
 
     def _sharp(self, element: Any, name: str) -> list[Change]:
         """Let new friction loss turn over with the velocity: by MuJoCo's default it does some 10 ms earlier.

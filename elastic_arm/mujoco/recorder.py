@@ -6,7 +6,7 @@ import numpy as np
 
 from elastic_arm.arrays import Array
 from elastic_arm.errors import SimulationError
-from elastic_arm.mujoco.replaying import lead
+from elastic_arm.mujoco.replaying import has_servos, lead, servo_motion
 from elastic_arm.recording import Recording, Side
 from elastic_arm.robot import Robot, to_urdf
 from elastic_arm.robot.mjcf import MjcfArm, engine
@@ -80,6 +80,51 @@ def record(
         motor=Side(stamp_ns, position=measured, velocity=dq, effort=effort),
         reference=Side(stamp_ns, position=reference[0], velocity=reference[1], acceleration=reference[2]),
         robot_description=to_urdf(believed),
+        source="MuJoCo",
+    )
+
+
+def record_commands(
+    arm: MjcfArm, commands: Array, *, rate: float, recorded: float | None = None, bits: int | None = None
+) -> Recording:
+    """Let the model's own servos follow commands in MuJoCo, and record commands and angles, no torques.
+
+    Parameters
+    ----------
+    arm
+        The true arm, its actuators position servos; it starts at rest at the first command.
+    commands
+        (N, n) rad, each held until the next.
+    rate
+        Of commands, Hz: a whole number of the model's time steps.
+    recorded
+        Samples of the angles a second, as `rate`, which is it when None.
+    bits
+        Of the encoders over a turn; exact ones when None.
+
+    Raises
+    ------
+    SimulationError
+        If the model has no servos, or the motion leaves the finite numbers.
+    """
+    if not has_servos(arm):
+        raise SimulationError("the model has no servos", "Give each joint one position actuator.")
+    step, recorded = float(arm.model.opt.timestep), recorded or rate
+    every, kept = (max(1, round(1.0 / (one * step))) for one in (rate, recorded))
+    angles = servo_motion(arm, commands[0], np.repeat(commands, every, axis=0))
+    if not np.isfinite(angles).all():
+        raise SimulationError("the motion left the finite numbers", "Take slower commands or a smaller timestep.")
+    q = np.vstack([commands[:1], angles])[:-1:kept]
+    if bits is not None:
+        code = 2.0 * np.pi / 2**bits
+        q = code * np.round(q / code)
+    # MuJoCo's angles are ahead of the forces that moved them.
+    told, measured = (step * n * np.arange(len(x)) for x, n in ((commands, every), (q, kept)))
+    stamps = [np.round(1e9 * t).astype(np.int64) for t in (told, measured + lead(arm.model, step))]
+    return Recording(
+        joints=arm.robot.joint_names,
+        link=Side(stamps[1], position=q),
+        reference=Side(stamps[0], position=commands),
         source="MuJoCo",
     )
 

@@ -20,6 +20,7 @@ from elastic_arm.estimation.motion import Motion
 from elastic_arm.estimation.observation import observe
 from elastic_arm.formatting import JointUnits
 from elastic_arm.recording import Recording
+from elastic_arm.recording.made_torque import with_made_torque
 from elastic_arm.robot.mjcf import MjcfArm, engine
 from elastic_arm.robot.mjcf.drives import drives_of, torque_delays
 
@@ -101,7 +102,8 @@ def replay(recording: Recording, arm: MjcfArm, *, window: float = WINDOW, name: 
         If the recording holds no motor torque, or is shorter than a window.
     """
     chosen = recording.select(arm.robot.joint_names)
-    observation = observe(chosen)
+    made = with_made_torque(chosen, arm.robot)
+    observation = observe(made)
     lags = torque_delays(arm.model, arm.chain)
     pieces = [_rigid(piece) for piece in observation.corrected({"motor_torque": lags}, {}).pieces]
     margin = int(np.ceil(observation.margin * observation.rate))
@@ -286,33 +288,44 @@ def _course(
 
 def _closed_loop(arm: MjcfArm, recording: Recording) -> Array | None:
     """Return the rms position error (n,) under the recorded reference; None without reference or servo."""
-    mj, model, reference = engine(), arm.model, recording.reference
-    drives = [drives_of(model, joint) for joint in arm.chain.joints]
-    if reference is None or reference.position is None or any(len(own) != 1 for own in drives):
-        return None
-    actuators = [own[0] for own in drives]
-    if not all(model.actuator_biasprm[k, 1] < 0.0 for k in actuators):
-        return None
+    reference, step = recording.reference, float(arm.model.opt.timestep)
     side = recording.link if recording.link is not None else recording.motor
-    if side is None or side.position is None:
+    if reference is None or reference.position is None or not has_servos(arm) or side is None or side.position is None:
         return None
     t_reference, t = (np.asarray(s.stamp_ns - reference.stamp_ns[0], dtype=float) * 1e-9 for s in (reference, side))
-    data, held, own = mj.MjData(model), _held(arm), float(model.opt.timestep)
-    data.qpos[:] = arm.qpos
     start = np.searchsorted(t, max(0.0, t[0]))
-    data.qpos[arm.positions] = side.position[start]
-    count = int((min(t[-1], t_reference[-1]) - t[start]) / own)
+    count = int((min(t[-1], t_reference[-1]) - t[start]) / step)
+    times = t[start] + step * np.arange(1, count + 1)
+    held = [joint.controller is not None and joint.controller.between == "held" for joint in arm.robot.joints]
+    # A stamp that is rounded to a nanosecond still counts at its step.
+    last = np.clip(np.searchsorted(t_reference, times - step + 1e-6, side="right") - 1, 0, None)
+    between = _interpolated(times - step, t_reference, reference.position)
+    found = servo_motion(arm, side.position[start], np.where(held, reference.position[last], between))
+    return np.asarray(np.sqrt(np.mean((found - _interpolated(times, t, side.position)) ** 2, axis=0)))
+
+
+def has_servos(arm: MjcfArm) -> bool:
+    """Whether every joint has one actuator, which follows angles."""
+    drives = [drives_of(arm.model, joint) for joint in arm.chain.joints]
+    return all(len(own) == 1 and arm.model.actuator_biasprm[own[0], 1] < 0.0 for own in drives)
+
+
+def servo_motion(arm: MjcfArm, start: Array, commands: Array) -> Array:
+    """Return the angles (K, n) after each time step of the model, from rest at `start`, under commands (K, n)."""
+    mj, model = engine(), arm.model
+    actuators = [drives_of(model, joint)[0] for joint in arm.chain.joints]
     # From MuJoCo 4 on an actuator may have several inputs, the set-point of the angle first.
     given = np.asarray(getattr(model, "actuator_ctrladr", np.arange(model.nu)))[actuators]
-    times = t[start] + own * np.arange(1, count + 1)
-    inputs = _interpolated(times - own, t_reference, reference.position)
-    found = np.empty((count, arm.robot.n))
-    for k in range(count):
-        data.ctrl[given] = inputs[k]
+    data, held = mj.MjData(model), _held(arm)
+    data.qpos[:] = arm.qpos
+    data.qpos[arm.positions] = start
+    found = np.empty_like(commands)
+    for k, command in enumerate(commands):
+        data.ctrl[given] = command
         mj.mj_step(model, data)
         held(data)
         found[k] = data.qpos[arm.positions]
-    return np.asarray(np.sqrt(np.mean((found - _interpolated(times, t, side.position)) ** 2, axis=0)))
+    return found
 
 
 def _interpolated(at: Array, t: Array, values: Array) -> Array:

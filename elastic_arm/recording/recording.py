@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from elastic_arm.errors import RecordingError, require_kind
 from elastic_arm.recording.joint_names import matched_names
-from elastic_arm.recording.sides import ClockMode, Samples, Side, joined_sides
+from elastic_arm.recording.sides import Array, ClockMode, Samples, Side, Stamps, joined_sides
 from elastic_arm.recording.timebase.joining import join
+from elastic_arm.robot import JointController
 
 
 @dataclass(frozen=True)
@@ -36,6 +38,9 @@ class Recording:
         What stamps mean where the user knows it, "regular" or "stamps"; None where the motion decides.
     currents
         The torque channels, of "joint_torque" and "motor_torque", that are motor currents times a torque constant.
+    made_by
+        Joint -> controller that made its motor torque of command and state; the reference then is as the drives take
+        it. Empty where torques were measured.
     """
 
     joints: tuple[str, ...]
@@ -47,6 +52,7 @@ class Recording:
     notes: tuple[str, ...] = ()
     clock: ClockMode | None = None
     currents: tuple[str, ...] = ()
+    made_by: Mapping[str, JointController] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "joints", tuple(self.joints))
@@ -90,7 +96,8 @@ class Recording:
                 if not (side.stamp_ns[1:] > side.stamp_ns[:-1]).all():
                     problem = f"the stamps of {side_name} do not advance"
                     raise RecordingError(problem, "Give every stamp once, in order.")
-            return replace(join(self.link, self.motor, self.clock), clock=self.clock)
+            samples = replace(join(self.link, self.motor, self.clock), clock=self.clock)
+            return replace(samples, r=self._followed(samples.stamp_ns)) if self.made_by else samples
         except RecordingError as error:
             raise RecordingError(f"{self.source or 'the recording'}: {error.problem}", error.remedy) from None
 
@@ -135,6 +142,15 @@ class Recording:
             for side_name, side in self.sides().items()
         }
         return replace(self, joints=tuple(joints), notes=notes, **cut)
+
+    def _followed(self, stamp_ns: Stamps) -> Array:
+        """Return the command (N, n) at other stamps."""
+        reference = self.reference
+        assert reference is not None and reference.position is not None
+        if np.array_equal(stamp_ns, reference.stamp_ns):
+            return reference.position
+        t, known = (np.asarray(stamps - reference.stamp_ns[0]) * 1e-9 for stamps in (stamp_ns, reference.stamp_ns))
+        return np.asarray(CubicSpline(known, reference.position)(t))
 
     def _measured(self) -> list[Side]:
         measured = [side for side in self.measured().values() if len(side)]

@@ -163,6 +163,8 @@ class Samples:
     notes: tuple[str, ...] = ()
     clock: ClockMode | None = None
     lacking: Lacking = frozenset()
+    # (N, n) rad, command as the drives take it; None unless tau_m is what controllers make of it
+    r: Array | None = None
 
     def __len__(self) -> int:
         return len(self.t)

@@ -22,6 +22,7 @@ from elastic_arm.diagnosis.words import (
     percent,
     prediction_sentence,
     probability_text,
+    scale_sentence,
     share_at,
     sides_text,
     summary,
@@ -96,7 +97,8 @@ def head(found: Diagnosis) -> str:
 
 
 def _verdict(found: Diagnosis) -> list[Block]:
-    blocks: list[Block] = [Text("\n".join(summary(found)), TONES[found.verdict])]
+    blocks: list[Block] = [Text(f"Scale: {scale_sentence(found)}", "warn")] if found.made else []
+    blocks.append(Text("\n".join(summary(found)), TONES[found.verdict]))
     if found.causes:
         rows: list[list[object]] = [
             [c.effect, c.joint or "whole arm", sides_text(c), cause_size(c), Written(alone_text(c)),

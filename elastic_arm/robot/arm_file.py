@@ -102,6 +102,7 @@ class ControllerEntry(_Entry):
     delay: Number = 0.0
     torque: Number | None = None
     feedforward: Literal["none", "gravity", "model"] = "none"
+    between: Literal["held", "interpolated"] = "held"
 
 
 class TransmissionEntry(_Entry):

@@ -251,9 +251,15 @@ class JointController:
     delay: float = 0.0  # d by which commands come late, s
     torque: float | None = None  # limit, Nm, beside that of the joint; None where there is none
     feedforward: str = "none"  # ``"none"``, ``"gravity"``, or ``"model"``: all torque of the nominal rigid arm
+    between: str = "held"  # two commands: the last one is ``"held"``, or the motion is ``"interpolated"``
 
     def __post_init__(self) -> None:
-        for what, known in (("mode", ("position", "velocity", "both")), ("feedforward", ("none", "gravity", "model"))):
+        choices = {
+            "mode": ("position", "velocity", "both"),
+            "feedforward": ("none", "gravity", "model"),
+            "between": ("held", "interpolated"),
+        }
+        for what, known in choices.items():
             given = getattr(self, what)
             require(given in known, f"{what} of the controller is {given!r}", f"Choose one of {', '.join(known)}")
         for what in ("kp", "kd", "ki", "delay"):
@@ -265,6 +271,16 @@ class JointController:
             "a controller of velocity has a kp",
             "Give its gains as kd and ki, or take the mode both",
         )
+
+    @property
+    def gains(self) -> tuple[float, float, float]:
+        """Gains of the error of the angle, of its rate, and of its integral: an integral of speeds is an angle."""
+        return (self.ki, self.kd, 0.0) if self.mode == "velocity" else (self.kp, self.kd, self.ki)
+
+    @property
+    def follows_rate(self) -> float:
+        """1 where the rate of the command is followed; 0 where kd damps the motor's own motion."""
+        return float(self.mode != "position")
 
 
 @dataclass(frozen=True)

@@ -90,10 +90,8 @@ def controller_of(robot: Robot, *, model: str = "mod3", rate: float = 1000.0) ->
     for i, joint in enumerate(robot.joints):
         if (drive := joint.controller) is None:
             continue
-        # The integral of an error of velocity is one of position.
-        kp, ki = (drive.ki, 0.0) if drive.mode == "velocity" else (drive.kp, drive.ki)
-        limit, speed = np.inf if drive.torque is None else drive.torque, float(drive.mode != "position")
-        for name, value in zip(names, (kp, drive.kd, ki, drive.delay, limit, speed), strict=True):
+        (kp, kd, ki), limit = drive.gains, np.inf if drive.torque is None else drive.torque
+        for name, value in zip(names, (kp, kd, ki, drive.delay, limit, drive.follows_rate), strict=True):
             values[name][i] = value
         held[i], moved[i] = drive.feedforward != "none", drive.feedforward == "model"
     rigid = RigidFeedforward(ArmEquations(robot, model))

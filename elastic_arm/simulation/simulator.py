@@ -16,7 +16,7 @@ from elastic_arm.errors import ElasticArmError, SimulationError
 from elastic_arm.robot import Robot
 from elastic_arm.sensors import DelayLine, SensorBank, Sensors
 from elastic_arm.simulation.assembly import System, assemble
-from elastic_arm.simulation.controller import controller_of, fastest_eigenvalue
+from elastic_arm.simulation.controller import Controller, controller_of, fastest_eigenvalue
 from elastic_arm.simulation.equilibrium import equilibrium
 from elastic_arm.simulation.integrator import ClosedLoop, IntegratorState, Solution, make_integrator
 from elastic_arm.simulation.settings import USUAL, SimulationSettings
@@ -110,8 +110,6 @@ class Simulator:
         self.nominal = robot if settings.nominal is None else settings.nominal
         check_same_joints(robot, self.nominal)
         self.robot, self.rate, self._settings, self._duration = robot, float(settings.rate), settings, duration
-        given = settings.controller
-        self.controller = controller_of(self.nominal, model=settings.model, rate=self.rate) if given is None else given
         self._rng = np.random.default_rng() if rng is None else rng
         self._samples = 0
         self._build(settings.effects)
@@ -127,10 +125,19 @@ class Simulator:
         for instance in self.effects:
             instance.joint_indices(self.robot)
             plant = instance.effect.added_to(plant, instance)
+        self.controller = self._controlled(plant.robot) if settings.controller is None else settings.controller
         equations = ArmEquations(plant.robot, settings.model, bearings=plant.bearings)
         self.system: System = assemble(equations, plant.laws, self._duration)
         self.integrator = make_integrator(self.system, settings.engine)
         self.sensors = SensorBank(plant.sensors, self.robot.n, self.rate, self._rng)
+
+    def _controlled(self, plant: Robot) -> Controller:
+        """Return the controller that the nominal arm states, with what effects have changed of the true arm's."""
+        robot = self.nominal
+        for name, true, own in zip(robot.joint_names, plant.joints, self.robot.joints, strict=True):
+            if true.controller != own.controller:
+                robot = robot.with_joint(name, controller=true.controller)
+        return controller_of(robot, model=self._settings.model, rate=self.rate)
 
     def reset(self, q0: Array, dq0: Array | None = None) -> None:
         """Put the motors at `q0` (n,), links where gravity leaves them, at rest or at velocities `dq0` (n,)."""

@@ -10,6 +10,7 @@ import pytest
 from elastic_arm.dynamics import build_model
 from elastic_arm.effects import EFFECTS, parse
 from elastic_arm.effects.effect_set import EffectSet
+from elastic_arm.effects.model import ControllerEffect
 from elastic_arm.errors import EffectError
 from elastic_arm.robot import Inertia, Robot, load_robot
 from elastic_arm.robot.kinematics import lumped
@@ -19,6 +20,8 @@ PAGE = (Path(__file__).parents[2] / "docs" / "contract.md").read_text(encoding="
 CATALOGUE = PAGE.split("## Effects", 1)[1].split("\n## ", 1)[0]
 # What no value of a parameter turns off.
 NEVER_NEUTRAL = {"bearing_compliance", "torque_lowpass", "spline_inertia", "inertia_coupling"}
+# Of arms that state controllers, which have tests of their own.
+CONTROLLERS = {effect.id for effect in EFFECTS.values() if isinstance(effect, ControllerEffect)}
 CONTRACT = set(re.findall(r"^\| `(\w+)` \|", CATALOGUE, re.MULTILINE))
 
 # id -> (motion m at joint i, transmission g, parameters p) -> expected residuals of that joint.
@@ -125,7 +128,7 @@ def test_friction_acts_on_the_chosen_side(arm, effect):
     assert instance.sides == ("link",)
 
 
-@pytest.mark.parametrize("effect", sorted(CONTRACT - NEVER_NEUTRAL))
+@pytest.mark.parametrize("effect", sorted(CONTRACT - NEVER_NEUTRAL - CONTROLLERS))
 def test_no_effect_at_the_neutral_value(arm, effect):
     """With its parameters at "no effect" a law adds nothing."""
     motion = random_motion(arm, np.random.default_rng(0))

@@ -38,6 +38,7 @@ from elastic_arm.identification.validation import HeldOut, validated
 from elastic_arm.recording import Recording, Samples
 from elastic_arm.recording.inspection.outliers import without_outliers
 from elastic_arm.recording.inspection.two_encoders import by_motor_encoders
+from elastic_arm.recording.made_torque import with_made_torque
 from elastic_arm.recording.recording import recordings_of
 from elastic_arm.recording.standstill import without_standstill
 from elastic_arm.robot import Robot, require_robot
@@ -151,9 +152,9 @@ def identify_with(
 
 
 def _cleared(recording: Recording, robot: Robot) -> Recording:
-    """Return the joints of the arm in motion, without outliers, by the encoders that its equations take."""
-    moving = without_standstill(recording.select(robot.joint_names))
-    return by_motor_encoders(without_outliers(moving), robot)
+    """Return the joints of the arm in motion, without outliers, by the encoders that its equations take; with a torque."""
+    moving = without_outliers(without_standstill(recording.select(robot.joint_names)))
+    return with_made_torque(by_motor_encoders(moving, robot), robot)
 
 
 def _estimated(trials: Trials, choice: BatchChoice) -> tuple[Identification, BatchTrial, float]:

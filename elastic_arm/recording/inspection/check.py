@@ -9,6 +9,7 @@ import numpy as np
 
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording.foreign.channels import ChannelMap
+from elastic_arm.recording.inspection.commands import followed
 from elastic_arm.recording.inspection.described_gravity import contradicted_gravity
 from elastic_arm.recording.inspection.magnitudes import beyond_limits
 from elastic_arm.recording.inspection.outliers import cleared, without_zeros
@@ -63,7 +64,7 @@ def doubts(recording: Recording, robot: Robot) -> list[str]:
 
 
 def _seen(whole: Recording, recording: Recording, robot: Robot | None) -> list[Finding]:
-    found = [*channel_findings(whole), *frozen(recording), *implausible(whole), *disagreeing(whole)]
+    found = [*channel_findings(whole), *frozen(recording), *implausible(whole), *disagreeing(whole), *followed(whole)]
     return found if robot is None else [*found, *beyond_limits(whole, robot), *contradicted_gravity(whole, robot)]
 
 
@@ -128,6 +129,8 @@ def _check_names(content: Content, report: Report, joints: Sequence[str] | None)
         if not series.has("effort") and JOINT_TORQUES not in content.series:
             elsewhere = any(content.series[other].has("effort") for other in present)
             message = f"{topic} has no torques (effort is empty)"
+            if REFERENCE in content.series:
+                elsewhere, message = True, f"{message}: a `controller:` in the arm file makes them of the commands"
             report.add("note" if elsewhere else "warning", "no_torque", message, topic=topic)
 
 

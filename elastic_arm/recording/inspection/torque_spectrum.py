@@ -72,8 +72,13 @@ def without_line(pieces: Array) -> Array:
 
 
 def torque_spectra(recording: Recording) -> dict[str, TorqueSpectrum]:
-    """Return the spectra of the torques of the link and the motor side, of those that are long enough."""
-    found = {}
+    """Return the spectra of the torques of the link and the motor side, of those that are long enough.
+
+    Torques that were made of commands are computed, and have none.
+    """
+    found: dict[str, TorqueSpectrum] = {}
+    if recording.made_by:
+        return found
     for name, side in (("link", recording.link), ("motor", recording.motor)):
         if side is not None and side.effort is not None and len(side) >= FEWEST:
             found[name] = torque_spectrum(side.effort, 1e9 / float(np.median(np.diff(side.stamp_ns))))

@@ -1,0 +1,159 @@
+"""Controllers of drives that are not as stated, where motor torques are made of commands and states by them.
+
+    tau_m = limit(kp (r(t - d) - theta) + kd (dr(t - d) - dtheta) + ...)
+
+What the drive truly makes with another number is missing in the torque that the stated one makes.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from elastic_arm.effects.law import (
+    Confusion,
+    Contribution,
+    ControllerEffect,
+    Law,
+    Numbers,
+    Parameter,
+    Scope,
+    SymbolicMotion,
+    no_controller,
+    ratio,
+)
+from elastic_arm.errors import EffectError
+from elastic_arm.robot import JointController
+
+
+def _made(law: Callable[[SymbolicMotion, int, JointController, Numbers], Any]) -> Law:
+    """Return the law of what the stated controller makes more than the true one, where its torque is not at its limit.
+
+    It is written in the stated controller and parameters.
+    """
+
+    def motor(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
+        joint = motion.robot.joints[i]
+        if joint.controller is None:
+            raise no_controller(joint.name)
+        if motion.made is None:
+            raise EffectError("no commands are known", "Leave out effects of the controller where torques are given.")
+        more = law(motion, i, joint.controller, p)
+        limits = [one for one in (joint.controller.torque, joint.limits.torque) if one is not None]
+        free = ca.fabs(motion.tau_m[i]) < motion.made[i] * min(limits, default=np.inf)
+        return motion.at(i, motor=ca.if_else(free, more, 0.0) if limits else more)
+
+    return motor
+
+
+def _of_rate(motion: SymbolicMotion, i: int, controller: JointController) -> Any:
+    """Return what a controller makes of the error of the rate; that of commands may count as zero."""
+    assert motion.dr is not None and motion.made is not None
+    return motion.made[i] * controller.kd * (controller.follows_rate * motion.dr[i] - motion.dtheta[i])
+
+
+def _of_position(motion: SymbolicMotion, i: int, controller: JointController) -> Any:
+    """Return the rest of the torque.
+
+    Not of the angles themselves: their noise is in the torque, too, and gains of zero would explain all of it.
+    """
+    return motion.tau_m[i] - _of_rate(motion, i, controller) if controller.gains[0] else 0.0
+
+
+def _of_delay(motion: SymbolicMotion, i: int, controller: JointController) -> Any:
+    """Return the rate of what a controller makes of the command."""
+    assert motion.dr is not None and motion.made is not None
+    return motion.made[i] * controller.gains[0] * motion.dr[i]
+
+
+def _scaled(name: str) -> Callable[[JointController, Numbers], JointController]:
+    """Return the change of a gain; of a controller of speeds, kp is the gain of the integral."""
+
+    def change(controller: JointController, p: Numbers) -> JointController:
+        own = "ki" if name == "kp" and controller.mode == "velocity" else name
+        return replace(controller, **{own: p["gain"] * getattr(controller, own)})
+
+    return change
+
+
+def _late(controller: JointController, p: Numbers) -> JointController:
+    return replace(controller, delay=max(0.0, controller.delay + p["delay"]))
+
+
+SCALE = Confusion(
+    "motor_torque_gain",
+    "the other gain hardly makes a torque, so that both scale all of it",
+    "faster motion: kp and kd then make torques of their own",
+)
+
+EFFECTS = (
+    ControllerEffect(
+        "position_gain",
+        formula="kp true = gain * stated",
+        description="The controller's gain of the error of position is not what the description states.",
+        signature="The motor residual follows the error of position: command less angle, in motion and at rest.",
+        law=_made(lambda motion, i, stated, p: (1.0 / p["gain"] - 1.0) * _of_position(motion, i, stated)),
+        parameters=(
+            ratio(
+                "gain",
+                0.3,
+                3.0,
+                "true / stated kp",
+                above=0.0,
+                draw=(1.6, 2.5),
+                from_coefficient=lambda c: 1.0 / (1.0 - c),
+            ),
+        ),
+        sides=("motor",),
+        regime="load",
+        change=_scaled("kp"),
+        confusions=(SCALE,),
+    ),
+    ControllerEffect(
+        "velocity_gain",
+        formula="kd true = gain * stated",
+        description="The controller's gain of the error of speed is not what the description states; back-EMF of a "
+        "servo acts as a part of it.",
+        signature="The motor residual follows the error of speed.",
+        law=_made(lambda motion, i, stated, p: (1.0 - p["gain"]) * _of_rate(motion, i, stated)),
+        parameters=(ratio("gain", 0.3, 3.0, "true / stated kd", least=0.0, draw=(0.5, 2.0)),),
+        sides=("motor",),
+        regime="high_speed",
+        needs_motion=True,
+        change=_scaled("kd"),
+        confusions=(
+            SCALE,
+            Confusion(
+                "viscous_friction",
+                "the controller damps the motor's own speed: viscous friction then is the same torque",
+                "a controller that follows the rate of commands, or motion that something else drives",
+            ),
+        ),
+    ),
+    ControllerEffect(
+        "command_delay",
+        formula="the drive follows r(t - delay)",
+        description="Commands reach the drive later than stated: buses, queues, filters of set-points.",
+        signature="The motor residual follows the rate of the command times kp.",
+        law=_made(lambda motion, i, stated, p: p["delay"] * _of_delay(motion, i, stated)),
+        parameters=(
+            Parameter("delay", "s", 1e-4, 0.2, neutral=0.0, draw=(0.01, 0.05), meaning="beyond the one stated"),
+        ),
+        scope=Scope.EACH_OR_ARM,
+        sides=("motor",),
+        regime="frequency",
+        needs_motion=True,
+        change=_late,
+        prior=lambda rate: 3e-3,  # buses of servos and streams of set-points: 1 to 5 ms
+        confusions=(
+            Confusion(
+                "velocity_gain",
+                "the arm follows its commands closely: a delay acts as damping of kp times it",
+                "faster motion, or resting commands while something else moves the arm",
+            ),
+            Confusion("viscous_friction", "the arm follows its commands closely", "motion of several speeds"),
+        ),
+    ),
+)

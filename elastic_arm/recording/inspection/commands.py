@@ -1,0 +1,76 @@
+"""Whether an arm followed the commands that were recorded with it, how late, and at which rate they came."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from elastic_arm.recording.inspection.report import Finding, warning
+from elastic_arm.recording.inspection.stuck_channels import STILL
+from elastic_arm.recording.made_torque import FEWEST
+from elastic_arm.recording.recording import Recording
+from elastic_arm.recording.sides import Array, joints_with, listed, span_of
+
+LAGS = np.linspace(-0.5, 1.0, 301)  # s that are tried
+MOST = 2000  # samples that are looked at
+# Of the positions' spread, left beside the commands: more is of something else, less is the same numbers. Conventions.
+APART, COPIED = 0.5, 1e-4
+
+
+def followed(recording: Recording) -> Iterator[Finding]:
+    """Yield what is seen of commands: a note on lag and rate, and warnings where they cannot be what was followed."""
+    reference = recording.reference
+    side = recording.motor if recording.motor is not None and recording.motor.position is not None else recording.link
+    if reference is None or reference.position is None or side is None or side.position is None:
+        return
+    if min(len(reference), len(side)) < FEWEST:
+        return
+    given, t = ((one.stamp_ns - reference.stamp_ns[0]) * 1e-9 for one in (reference, side))
+    moves = joints_with(reference.position) & joints_with(side.position) & (np.ptp(side.position, axis=0) > STILL)
+    if not moves.any():
+        return
+    found = np.full((3, recording.n), np.nan)
+    for j in np.flatnonzero(moves):
+        found[:, j] = _lag(given, reference.position[:, j], t, side.position[:, j])
+    lag, gain, left = found
+    copied = moves & (left < COPIED) & (np.abs(lag) < np.median(np.diff(t)))
+    apart = moves & (left > APART)
+    good = moves & ~apart & ~copied
+    rates = [1.0 / float(np.median(np.diff(stamps))) for stamps in (given, t)]
+    if copied.any():
+        words = f"commands of {listed(recording.joints, copied)} are the positions themselves"
+        yield warning("copied_command", words, "record what the drives were told")
+    if apart.any():
+        words = f"{listed(recording.joints, apart)} did not follow the recorded commands"
+        yield warning("not_followed", words, "look for another joint's command, or one of another controller")
+    if not good.any():
+        return
+    whose = listed(recording.joints, good)
+    late = f"positions of {whose} follow the commands by {span_of(1e3 * lag[good])} ms, delay and drive together"
+    rest = f"{span_of(1e2 * left[good])} % of their spread apart"
+    rate = f"commands come at {rates[0]:.4g} Hz, positions at {rates[1]:.4g} Hz"
+    yield Finding("note", "commands", f"{late}, at {span_of(gain[good])} of their size, {rest}; {rate}")
+    if (early := good & (lag < -0.5 / rates[1])).any():
+        words = f"positions of {listed(recording.joints, early)} are ahead of the commands"
+        yield warning("early", words, "are they stamped by two clocks, or are commands those of the next step?")
+    if (odd := good & ((gain < 1.0 - APART) | (gain > 1.0 + 2.0 * APART))).any():
+        words = f"positions of {listed(recording.joints, odd)} are {span_of(gain[odd])} times the commands"
+        yield warning("command_unit", words, "look at unit and sign of both")
+
+
+def _lag(given: Array, command: Array, t: Array, angle: Array) -> tuple[float, float, float]:
+    """Return by how much an angle is behind its command, s, by what it is multiplied, and which share is left."""
+    spline, every = CubicSpline(given, command), max(1, len(t) // MOST)
+    inside = (t - LAGS[-1] >= given[0]) & (t - LAGS[0] <= given[-1])
+    t, angle = t[inside][::every], angle[inside][::every]
+    if len(t) < FEWEST or not angle.std():
+        return np.nan, np.nan, np.inf
+    shifted = spline(t - LAGS[:, None])
+    shifted = shifted - shifted.mean(axis=1, keepdims=True)
+    angle = angle - angle.mean()
+    gains = (shifted @ angle) / np.maximum(np.sum(shifted**2, axis=1), 1e-300)
+    left = np.linalg.norm(angle - gains[:, None] * shifted, axis=1) / np.linalg.norm(angle)
+    best = int(np.argmin(left))
+    return float(LAGS[best]), float(gains[best]), float(left[best])

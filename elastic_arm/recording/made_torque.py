@@ -1,0 +1,145 @@
+"""The torque that a described controller makes of recorded commands and states, where no torque was recorded,
+
+    tau_m = limit(kp (r(t - d) - q) + kd (dr(t - d) - dq) + ki int(r - q) + feed-forward).
+
+Angles between samples are those of cubic splines. A held command is the mean, over the last interval of commands, of
+the motion that commands are samples of: within the band, that is what holding does.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.interpolate import CubicSpline, PPoly
+
+from elastic_arm.dynamics import build_model
+from elastic_arm.recording.recording import Recording
+from elastic_arm.recording.sides import Array, Side, joints_with, listed
+from elastic_arm.robot import JointController, Robot
+
+FINER = 8  # instants in a sample interval, over which a torque sample is the mean
+# What to do about a recording without torques.
+CONTROLLED = (
+    "or record commands and positions, and state in the arm file what makes torques of them: "
+    "`controller: {joint_1: {kp: 30, kd: 0.5}}`, Nm/rad and Nm s/rad (docs/servo_arm.md)"
+)
+FEWEST = 12  # samples and commands of which anything is made
+
+
+def is_commanded(recording: Recording) -> bool:
+    """Whether a recording holds positions and commands, and no torque."""
+    measured, reference = recording.measured().values(), recording.reference
+    if reference is None or len(reference) < FEWEST or (reference.position is None and reference.velocity is None):
+        return False
+    moved = any(side.position is not None and len(side) >= FEWEST for side in measured)
+    return moved and all(side.effort is None for side in measured)
+
+
+def with_made_torque(recording: Recording, robot: Robot) -> Recording:
+    """Return a recording of commands and positions with the motor torques that the described controllers make of them.
+
+    Any other recording is returned as it is. The reference becomes the command as the drives take it, at the stamps of
+    the positions; what lies before the first command and after the last is left out.
+    """
+    side = recording.motor if recording.motor is not None and recording.motor.position is not None else recording.link
+    reference, stated = recording.reference, {joint.name: joint.controller for joint in robot.joints}
+    if not is_commanded(recording) or reference is None or side is None or side.position is None:
+        return recording
+    there = joints_with(side.position)
+    made = {
+        name: controller
+        for i, name in enumerate(recording.joints)
+        if (controller := stated.get(name)) is not None and there[i] and _is_told(reference, controller, i)
+    }
+    if not made:
+        return recording
+    given, t = ((stamps - reference.stamp_ns[0]) * 1e-9 for stamps in (reference.stamp_ns, side.stamp_ns))
+    known = (t >= max(c.delay for c in made.values()) + float(np.median(np.diff(given)))) & (t <= given[-1])
+    t, angles, stamps = t[known], side.position[known], side.stamp_ns[known]
+    r, torque = np.full((2, *angles.shape), np.nan)
+    columns = {recording.joints.index(name): controller for name, controller in made.items()}
+    commands = {i: _Command(reference, given, i, controller, angles[0, i]) for i, controller in columns.items()}
+    for i, command in commands.items():
+        r[:, i] = command(t)[0]
+    forward = _fed_forward(robot, t, np.where(np.isnan(r), angles, r), list(made.values()))
+    for i, controller in columns.items():
+        limits = [one for one in (controller.torque, robot.joints[i].limits.torque) if one is not None]
+        limit, fed = min(limits, default=np.inf), forward[controller.feedforward][:, i]
+        torque[:, i] = _torque(controller, commands[i], t, angles[:, i], fed, limit)
+    cut = {name: one.at(np.isin(one.stamp_ns, stamps)) for name, one in recording.measured().items()}
+    motor = cut["motor"] if side is recording.motor else Side(stamps)
+    whose = listed(recording.joints, [name in made for name in recording.joints])
+    note = (
+        f"no torque was recorded: those of {whose} are what the described controllers make of commands and positions, "
+        "and what is found of torques, masses and friction has the scale of their gains"
+    )
+    return replace(
+        recording,
+        link=cut.get("link"),
+        motor=replace(motor, effort=torque),
+        reference=Side(stamps, position=r),
+        made_by=made,
+        notes=(*recording.notes, f"{recording.source or 'the recording'}: {note}"),
+    )
+
+
+def _is_told(reference: Side, controller: JointController, i: int) -> bool:
+    """Whether the commands hold what a controller follows."""
+    needed = reference.velocity if controller.mode == "velocity" else reference.position
+    return needed is not None and bool(joints_with(needed)[i])
+
+
+class _Command:
+    """The command of a joint as its controller takes it, over time."""
+
+    def __init__(self, reference: Side, given: Array, i: int, controller: JointController, start: float) -> None:
+        def spline(values: Array | None) -> PPoly | None:
+            there = values is not None and not np.isnan(values[:, i]).any()
+            return CubicSpline(given, values[:, i]) if there and values is not None else None
+
+        angle, rate = spline(reference.position), spline(reference.velocity)
+        self._delay, self._interval = controller.delay, float(np.median(np.diff(given)))
+        self._held, self._begin = controller.between == "held", 0.0
+        if controller.mode == "velocity":
+            assert rate is not None
+            angle, self._begin = rate.antiderivative(), start  # the integral of the error begins with none
+        assert angle is not None
+        self._splines = angle, angle.derivative() if rate is None else rate
+
+    def __call__(self, t: Array) -> tuple[Array, Array]:
+        """Return angle and rate, as they are followed at times t."""
+        t = t - self._delay
+        if not self._held:
+            angle, rate = (spline(t) for spline in self._splines)
+        else:
+            sums = [spline.antiderivative() for spline in self._splines]
+            angle, rate = ((total(t) - total(t - self._interval)) / self._interval for total in sums)
+        return angle + self._begin, rate
+
+
+def _torque(
+    controller: JointController, command: _Command, t: Array, angle: Array, forward: Array, limit: float
+) -> Array:
+    """Return the torque (N,) of a joint, each sample the mean over its interval, Nm."""
+    kp, kd, ki = controller.gains
+    q, step = CubicSpline(t, angle), float(np.median(np.diff(t)))
+    at = t[:, None] + step * ((np.arange(FINER) + 0.5) / FINER - 0.5)
+    r, dr = command(at)
+    torque = kp * (r - q(at)) + kd * (controller.follows_rate * dr - q(at, 1)) + forward[:, None]
+    if ki:
+        torque += ki * CubicSpline(t, command(t)[0] - angle).antiderivative()(at)
+    return np.asarray(np.clip(torque, -limit, limit).mean(axis=1))
+
+
+def _fed_forward(robot: Robot, t: Array, r: Array, controllers: list[JointController]) -> dict[str, Array]:
+    """Return what is fed forward of a command (N, n) by the name of it, Nm: as if link and motor turned alike."""
+    found = {"none": np.zeros_like(r)}
+    if all(controller.feedforward == "none" for controller in controllers):
+        return found
+    model, spline = build_model(robot), CubicSpline(t, r)
+    for name, share in (("gravity", 0.0), ("model", 1.0)):
+        motion = (r, share * spline(t, 1), share * spline(t, 2))
+        sides = model.inverse_dynamics(*(np.hstack([x, x]) if robot.elastic else x for x in motion))
+        found[name] = sides.reshape(len(t), -1, robot.n).sum(axis=1)
+    return found

@@ -1,0 +1,83 @@
+"""Effects of controllers: their laws, and how they change a simulated arm's controller."""
+
+from __future__ import annotations
+
+import casadi as ca
+import pytest
+
+from elastic_arm.effects import EFFECTS, SymbolicMotion, parse
+from elastic_arm.effects.equations import ArmEquations
+from elastic_arm.effects.model import ControllerEffect
+from elastic_arm.errors import EffectError
+from elastic_arm.robot import JointController, Robot, load_robot
+from elastic_arm.simulation import SimulationSettings, Simulator
+
+OWN = [effect.id for effect in EFFECTS.values() if isinstance(effect, ControllerEffect)]
+KP, KD = 30.0, 2.0
+
+
+def controlled(**numbers: object) -> Robot:
+    drive = JointController(**{"kp": KP, "kd": KD, **numbers})  # type: ignore[arg-type]
+    return load_robot(None).with_joint("joint_2", controller=drive)
+
+
+def law(robot: Robot, text: str) -> dict[str, float]:
+    """What an effect adds to the motor residual of joint 2 at q = 0.3, dq = 0.7, tau_m = 5, dr = 0.4."""
+    equations, instance = ArmEquations(robot), parse(text, robot)
+    dof, n = equations.dof, robot.n
+    x, dx = ca.DM.zeros(dof), ca.DM.zeros(dof)
+    x[1], x[n + 1], dx[1], dx[n + 1] = 0.3, 0.3, 0.7, 0.7
+    zero, one = ca.DM.zeros(n), ca.DM.ones(n)
+    known = {"r": ca.SX(0.5 * one), "dr": ca.SX(0.4 * one), "made": ca.SX(one)}
+    torques = [ca.SX(v) for v in (zero, 5.0 * one, zero, zero)]
+    motion = SymbolicMotion(equations, *(ca.SX(v) for v in (x, dx, zero)), *torques, sign=lambda s, i: 0.0, **known)
+    added = instance.effect.law(motion, 1, instance.parameters)
+    return {side: float(ca.DM(getattr(added, side)[1])) for side in ("link", "drive", "motor")}
+
+
+@pytest.mark.parametrize(
+    ("text", "numbers", "wanted"),
+    [
+        # 5 Nm are kp's and kd's -0.7 kd, so kp makes 6.4 Nm of the true torque, 6.4 / 1.25 of the stated.
+        ("position_gain:joint_2:gain=1.25", {}, (1 / 1.25 - 1) * (5.0 + 0.7 * KD)),
+        ("velocity_gain:joint_2:gain=1.5", {}, -0.5 * KD * -0.7),
+        ("velocity_gain:joint_2:gain=1.5", {"mode": "both"}, -0.5 * KD * (0.4 - 0.7)),
+        ("command_delay:joint_2:delay=0.02", {}, 0.02 * KP * 0.4),
+        ("command_delay:joint_2:delay=0.02", {"torque": 4.0}, 0.0),  # at its limit no gain matters
+    ],
+)
+def test_laws_are_what_the_stated_controller_makes_more(text: str, numbers: dict[str, object], wanted: float) -> None:
+    """Stated less true torque, in the motor's row alone."""
+    found = law(controlled(**numbers), text)
+    assert found == {"link": 0.0, "drive": 0.0, "motor": pytest.approx(wanted, rel=1e-12, abs=1e-12)}
+
+
+@pytest.mark.parametrize("effect", OWN)
+def test_at_the_neutral_value_nothing_is_added(effect: str) -> None:
+    """A gain of one and a delay of none are no effect."""
+    (parameter,) = EFFECTS[effect].parameters
+    assert law(controlled(), f"{effect}:joint_2:{parameter.name}={parameter.neutral}")["motor"] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("text", "changed"),
+    [
+        ("position_gain:joint_2:gain=1.25", {"kp": 1.25 * KP}),
+        ("velocity_gain:joint_2:gain=0.5", {"kd": 0.5 * KD}),
+        ("command_delay:joint_2:delay=0.02", {"delay": 0.02}),
+    ],
+)
+def test_a_simulated_arm_is_driven_by_the_changed_controller(text: str, changed: dict[str, float]) -> None:
+    """The simulator takes the true controller, not that of the description."""
+    robot = controlled()
+    simulator = Simulator(robot, SimulationSettings(effects=[parse(text, robot)]))
+    wanted = Simulator(controlled(**changed)).controller
+    assert (simulator.controller.kp[1], simulator.controller.kd[1]) == (wanted.kp[1], wanted.kd[1])
+    assert simulator.controller.delay[1] == wanted.delay[1]
+
+
+def test_without_a_controller_the_effect_is_refused_with_the_block_to_write() -> None:
+    """The error names the joint and the entry of the arm file."""
+    robot = load_robot(None)
+    with pytest.raises(EffectError, match=r"no controller of joint_1.*`controller: \{joint_1: \{kp: 30, kd: 0.5\}\}`"):
+        Simulator(robot, SimulationSettings(effects=[parse("position_gain:joint_1:gain=1.2", robot)]))

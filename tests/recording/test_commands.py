@@ -1,0 +1,58 @@
+"""Whether recorded commands are what an arm followed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from elastic_arm.recording import Recording, Side
+from elastic_arm.recording.inspection.check import looked_through
+
+STAMPS = np.arange(600) * 20_000_000
+
+
+def motion(late: float = 0.0, seed: int = 0, ratio: float = 1.0) -> np.ndarray:
+    """(600, 2) rad."""
+    rng, t = np.random.default_rng(seed), STAMPS * 1e-9 - late
+    phases = rng.uniform(0, 6, (4, 2))
+    return ratio * sum(np.sin(np.outer(t, [w, 1.3 * w]) + p) for w, p in zip((1.0, 2.2, 3.1, 4.7), phases, strict=True))
+
+
+def recording(position: np.ndarray, command: np.ndarray) -> Recording:
+    return Recording(("a", "b"), link=Side(STAMPS, position=position), reference=Side(STAMPS, position=command))
+
+
+def found(position: np.ndarray, command: np.ndarray) -> dict[str, str]:
+    findings = looked_through(recording(position, command))
+    return {one.code: one.message for one in findings if one.code not in ("reading", "no_torque")}
+
+
+def test_lag_and_rates_of_commands_are_stated() -> None:
+    """An arm that follows is 60 ms behind, at its commands' size; nothing is wrong."""
+    seen = found(motion(0.06) + 1e-3 * np.random.default_rng(1).normal(size=(600, 2)), motion())
+    assert set(seen) == {"commands"}
+    assert "by 60 ms" in seen["commands"] and "commands come at 50 Hz, positions at 50 Hz" in seen["commands"]
+
+
+def test_commands_of_something_else_are_named() -> None:
+    """Another motion, a copy of the positions, degrees for radians and positions that come first are warned of."""
+    noise = 1e-3 * np.random.default_rng(1).normal(size=(600, 2))
+    assert "not_followed" in found(motion(0.06) + noise, motion(seed=5))
+    assert "copied_command" in found(motion(), motion())
+    assert "command_unit" in found(motion(0.06, ratio=0.0175) + 0.01 * noise, motion())
+    assert "early" in found(motion(-0.1) + noise, motion())
+
+
+def test_a_joint_of_several_is_named() -> None:
+    """Where one joint does not follow, it alone is."""
+    position = motion(0.06) + 1e-3 * np.random.default_rng(1).normal(size=(600, 2))
+    command = motion()
+    command[:, 1] = motion(seed=9)[:, 1]
+    assert found(position, command)["not_followed"].startswith("b did not follow")
+
+
+def test_recordings_without_commands_are_not_looked_at() -> None:
+    """Nothing is said of commands that are not there."""
+    alone = replace(recording(motion(), motion(0.1)), reference=None)
+    assert not {"commands", "not_followed"} & {one.code for one in looked_through(alone)}
