@@ -152,7 +152,7 @@ def identify_with(
 
 
 def _cleared(recording: Recording, robot: Robot) -> Recording:
-    """Return the joints of the arm in motion, without outliers, by the encoders that its equations take; with a torque."""
+    """Return the joints of the arm in motion, without outliers, by the encoders that its equations take."""
     moving = without_outliers(without_standstill(recording.select(robot.joint_names)))
     return with_made_torque(by_motor_encoders(moving, robot), robot)
 
