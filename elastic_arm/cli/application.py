@@ -55,6 +55,11 @@ SUBCOMMANDS = {
         "Find where a recording and a model differ, which effect the model lacks, and how far the gap shrinks with it.",
         SeveralValues,
     ),
+    "history": Subcommand(
+        "cli.history",
+        "history_command",
+        "Follow the numbers of one arm over recordings: what changed, when, by how much, how certain.",
+    ),
     "export": Subcommand(
         "cli.mujoco.export",
         "export",

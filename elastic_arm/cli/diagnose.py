@@ -9,10 +9,12 @@ from typing import Annotated
 
 import numpy as np
 import typer
+from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
 from elastic_arm.cli.console import err, out, print_json, reports_errors
+from elastic_arm.cli.gate import FailOn, check_gate, pass_gate
 from elastic_arm.cli.mujoco.corrected import Correction, print_correction
 from elastic_arm.cli.mujoco.replay import print_replays, replay_both
 from elastic_arm.cli.options import (
@@ -22,11 +24,13 @@ from elastic_arm.cli.options import (
     ClockOption,
     EffectsFiles,
     KnownEffects,
+    MotionOption,
     Namespace,
     PriorsFile,
     RobotFile,
     load_arm,
     read_by_clock,
+    read_motion,
     require_bags,
 )
 from elastic_arm.cli.outputs import Csv, Force, claim_bag, claim_folder
@@ -53,11 +57,12 @@ from elastic_arm.diagnosis.words import (
 from elastic_arm.effects import Catalogue
 from elastic_arm.effects.text import known_effects
 from elastic_arm.estimation.equations import SIDES
+from elastic_arm.estimation.segments import DIAGNOSED, MostTelling
 from elastic_arm.evidence.priors import read_priors
 from elastic_arm.memory import keep_memory
 from elastic_arm.mujoco import Exported, Replay
 from elastic_arm.output_files import write_result
-from elastic_arm.recording import load_channels, write_recording
+from elastic_arm.recording import Recording, load_channels, write_recording
 from elastic_arm.recording.inspection.differences import differences
 from elastic_arm.robot import Robot, save_robot
 
@@ -88,6 +93,7 @@ def diagnose_command(
     effects_files: EffectsFiles = None,
     with_: KnownEffects = None,
     clock: ClockOption = ClockChoice.auto,
+    most: MotionOption = None,
     refit: Annotated[
         bool, typer.Option("--refit", help="The description's numbers cannot be exact: fit them.")
     ] = False,
@@ -102,6 +108,10 @@ def diagnose_command(
     csv: Csv = False,
     force: Force = False,
     json: Annotated[bool, typer.Option("--json", help="Print diagnosis.json.")] = False,
+    quiet: Annotated[
+        bool, typer.Option("--quiet", help="Print nothing but errors, and JSON if that is asked for.")
+    ] = False,
+    fail_on: FailOn = None,
 ) -> None:
     """Find where a recording and a model differ, which effect the model lacks, and how far the gap shrinks with it.
 
@@ -110,7 +120,8 @@ def diagnose_command(
     numbers changed. Where causes are not separated, separating_trajectory.yaml:
     what to record next, for `simulate --trajectory` and the trajectory node. With
     --against, how far the first is from a simulated one, and which effect is in
-    one alone. Exit status 0 whatever the verdict, 2 for unusable input.
+    one alone. Exit status 0 whatever the verdict, 1 where it is one of --fail-on,
+    2 for unusable input.
 
     Examples:
 
@@ -121,6 +132,7 @@ def diagnose_command(
         elastic-arm diagnose bag --refit --with coulomb_friction --with viscous_friction
     """
     keep_memory()
+    check_gate(fail_on or ())
     require_bags([*bags, *(validate or [])])
     claim_folder(out_dir, [*RESULTS, *(TABLES if csv else ())], force=force)
     residual_bags = _numbered(mcap, len(validate or bags))
@@ -133,16 +145,27 @@ def diagnose_command(
     mapping = None if channels is None else load_channels(channels)
     sensors = [effect.id for effect in catalogue.values() if effect.prior is not None]
     priors = Priors() if priors_file is None else read_priors(priors_file, sensors)
-    read = lambda paths: [read_by_clock(path, mapping, robot, clock, namespace) for path in paths]  # noqa: E731
-    with err.status("reading"):
+    working = Console(quiet=True).status if quiet else err.status
+    with working("reading") as status:
+
+        def read(paths: Sequence[Path]) -> list[Recording]:
+            if against:  # sample by sample
+                return [read_by_clock(path, mapping, robot, clock, namespace) for path in paths]
+            says = lambda what, share: status.update(f"{what}, {share:.0%}")  # noqa: E731
+            telling = [MostTelling(robot, most or DIAGNOSED, exact=most is not None) for _ in paths]
+            return [
+                read_motion(path, mapping, robot, clock, namespace, own, says)
+                for path, own in zip(paths, telling, strict=True)
+            ]
+
         recordings, judges = read(bags), read(validate or [])
         simulated = read([against])[0] if against else None
         difference = differences(recordings[0].select(robot.joint_names), simulated) if simulated else None
     given = known_effects(with_ or (), robot, catalogue)
     question = Question(robot, model, refit=refit, given=given, catalogue=catalogue, priors=priors)
-    with err.status("diagnosing"):
+    with working("diagnosing"):
         found = diagnose(recordings, question, judges)
-    with err.status("predicting, comparing, proposing"):
+    with working("predicting, comparing, proposing"):
         found = follow_up(found, rng=np.random.default_rng(0) if propose else None)
         corrected = correct(found, robot, out_dir, correction)
         replays = replay_both(correction, out_dir, (judges or recordings)[0]) if replayed else []
@@ -155,7 +178,7 @@ def diagnose_command(
             write_recording(bag, one, further=found.residual_sides(k, one.start_ns))
     if json:
         print_json(found.to_dict())
-    else:
+    elif not quiet:
         print_diagnosis(found, out_dir)
         print_correction(corrected)
         print_replays(replays)
@@ -163,6 +186,7 @@ def diagnose_command(
         also = [*(TABLES if csv else ()), *map(str, residual_bags)]
         if also:
             out.print(f"also written: {escape(', '.join(also))}")
+    pass_gate(found, fail_on or ())
 
 
 def _numbered(bag: Path | None, count: int) -> list[Path]:

@@ -19,15 +19,17 @@ from elastic_arm.cli.options import (
     ClockChoice,
     ClockOption,
     EffectsFiles,
+    MotionOption,
     Namespace,
     RobotFile,
     load_arm,
-    read_by_clock,
+    read_motion,
     require_bags,
 )
 from elastic_arm.cli.outputs import Csv, Force, claim_folder
 from elastic_arm.effects import Catalogue
 from elastic_arm.estimation.motion import Motion
+from elastic_arm.estimation.segments import IDENTIFIED, MostTelling
 from elastic_arm.formatting import rounded
 from elastic_arm.identification import Estimate, Identification, IdentificationSettings, identify_with, parse_laws
 from elastic_arm.identification.base_regression import BaseRegression
@@ -60,6 +62,7 @@ def identify(
     channels: Annotated[Path | None, typer.Option(help="Channel map of foreign bags.")] = None,
     namespace: Namespace = None,
     clock: ClockOption = ClockChoice.auto,
+    most: MotionOption = None,
     consistent: Annotated[bool, typer.Option(help="Also find all parameters, physically consistent.")] = True,
     out_dir: Annotated[Path, typer.Option("--out", help="Folder for the results.")] = Path("identified"),
     json: Annotated[bool, typer.Option("--json", help="Print the result as JSON, for scripts.")] = False,
@@ -94,8 +97,8 @@ def identify(
             bar.update(task, description=what, completed=share)
 
         def read(path: Path) -> Recording:
-            says(f"reading {path}", 0.0)
-            return read_by_clock(path, mapping, robot, clock, namespace)
+            telling = MostTelling(robot, most or IDENTIFIED, exact=most is not None)
+            return read_motion(path, mapping, robot, clock, namespace, telling, says)
 
         recordings, held_out = ([read(path) for path in paths] for paths in (bags, validate or []))
         result, identifier, motion = identify_with(recordings, robot, settings, validate=held_out, progress=says)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
@@ -16,6 +16,7 @@ from elastic_arm.robot import Robot, load_robot
 
 if TYPE_CHECKING:
     from elastic_arm.effects import Catalogue
+    from elastic_arm.estimation.segments import MostTelling
     from elastic_arm.recording import ChannelMap, Recording
 
 
@@ -37,6 +38,10 @@ ClockOption = Annotated[
 ]
 Namespace = Annotated[
     str | None, typer.Option(help="Of the arm, where bags hold several: left for /left/joint_states and so on.")
+]
+MotionOption = Annotated[
+    float | None,
+    typer.Option("--motion", min=10.0, metavar="SECONDS", help="Most motion taken of a recording."),
 ]
 RobotFile = Annotated[Path | None, typer.Option("--robot", help="Arm file, URDF or MJCF; the nominal arm by default.")]
 ChainOption = Annotated[
@@ -121,6 +126,28 @@ def require_bags(bags: Sequence[Path]) -> None:
         seen.add(bag.resolve())
 
 
+def read_motion(
+    path: Path,
+    channels: ChannelMap | None,
+    robot: Robot,
+    clock: ClockChoice,
+    namespace: str | None,
+    telling: MostTelling,
+    report: Callable[[str, float], None],
+) -> Recording:
+    """Read a recording as :func:`read_by_clock` does, but of a long one the motion alone that `telling` chooses.
+
+    report: called with what is being read, and the share of it that is.
+    """
+    from elastic_arm.recording.reading import read_parts
+
+    arrival = clock is ClockChoice.arrival
+    for part, share in read_parts(path, channels, robot.joint_names, arrival=arrival, namespace=namespace):
+        telling.add(part)
+        report(f"reading {path}: {telling.moving:.0f} s of motion", share)
+    return _by_clock(telling.recording(), path, robot, clock)
+
+
 def read_by_clock(
     path: Path,
     channels: ChannelMap | None,
@@ -137,10 +164,15 @@ def read_by_clock(
     """
     # Not every command that takes these options reads a bag.
     from elastic_arm.recording import read_recording
-    from elastic_arm.recording.inspection.check import doubts
 
     joints, arrival = robot.joint_names, clock is ClockChoice.arrival
     recording = read_recording(path, channels, joints, arrival=arrival, namespace=namespace)
+    return _by_clock(recording, path, robot, clock)
+
+
+def _by_clock(recording: Recording, path: Path, robot: Robot, clock: ClockChoice) -> Recording:
+    from elastic_arm.recording.inspection.check import doubts
+
     wrong = tuple(f"{path}: {words}." for words in doubts(recording, robot))
     recording = replace(recording, notes=(*recording.notes, *wrong))
     if clock is ClockChoice.auto:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
+from elastic_arm.arrays import Array
 from elastic_arm.diagnosis.estimates import estimated
 from elastic_arm.diagnosis.result import Change
 from elastic_arm.evidence.changes import CHANGE
@@ -35,7 +38,25 @@ def changes_between(explanation: Explanation, problem: Problem) -> tuple[Change,
     return tuple(found)
 
 
-def _change(explanation: Explanation, problem: Problem, fit: Fit, term: Term, confidence: float) -> Change:
+@dataclass(frozen=True)
+class SizedTerm:
+    """A term's size in each recording: values and standard deviations (n,), and covariance (n, n)."""
+
+    effect: str
+    joint: str | None
+    parameter: str
+    unit: str
+    values: Array
+    covariance: Array
+
+    @property
+    def stds(self) -> Array:
+        """Standard deviations."""
+        return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+
+
+def sizes_of(explanation: Explanation, problem: Problem, fit: Fit, term: Term) -> SizedTerm:
+    """Return the sizes of what changes by a term of a fit."""
     common = next(t for t in fit.terms if t.key == term.what)
     base, own, size = fit.slices[common.ident].start, fit.slices[term.ident].start, common.linear
     parameters, _ = estimated(fit, common, problem.numbers, explanation.linear.values)
@@ -47,10 +68,16 @@ def _change(explanation: Explanation, problem: Problem, fit: Fit, term: Term, co
         at = problem.numbers[k].neutral + scale * float(explanation.linear.values[k] + (fit.numbers - fit.far_off)[k])
     else:
         at = common.feature.linear[0].neutral or 0.0
-    values = []
-    for k, one in enumerate(problem.observed[0]):
-        together = np.zeros(len(fit.found.x))
-        together[[base, own + k * size]] = 1.0
-        std = float(np.sqrt(together @ fit.found.S @ together))
-        values.append((one.source, at + scale * float(together @ fit.found.x), scale * std))
-    return Change(common.key[0], common.key[1], name, first.unit, tuple(values), confidence)
+    together = np.zeros((len(problem.observed[0]), len(fit.found.x)))
+    together[:, base] = 1.0
+    for k in range(len(together)):
+        together[k, own + k * size] = 1.0
+    values, covariance = at + scale * (together @ fit.found.x), scale**2 * (together @ fit.found.S @ together.T)
+    return SizedTerm(common.key[0], common.key[1], name, first.unit, values, covariance)
+
+
+def _change(explanation: Explanation, problem: Problem, fit: Fit, term: Term, confidence: float) -> Change:
+    sized = sizes_of(explanation, problem, fit, term)
+    sources = [one.source for one in problem.observed[0]]
+    values = tuple(zip(sources, sized.values.tolist(), sized.stds.tolist(), strict=True))
+    return Change(sized.effect, sized.joint, sized.parameter, sized.unit, values, confidence)

@@ -34,6 +34,7 @@ from elastic_arm.recording import Recording
 from elastic_arm.recording.inspection.plausibility import smoothed_torques
 from elastic_arm.recording.inspection.two_encoders import by_motor_encoders
 from elastic_arm.recording.made_torque import with_made_torque
+from elastic_arm.recording.standstill import without_standstill
 from elastic_arm.robot import Robot
 
 Array = NDArray[np.float64]
@@ -81,7 +82,7 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
     recordings
         What causes are fitted on.
     validate
-        What judges them; the last third of the recordings where none is given.
+        What judges them; the last third of the recordings' motion where none is given.
     question
         Arm, model, known effects and catalogue.
 
@@ -93,7 +94,8 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
         If a recording lacks a joint.
     """
     names, held_back = question.robot.joint_names, not validate
-    chosen = [by_motor_encoders(r.select(names), question.robot) for r in (*recordings, *validate)]
+    moving = [without_standstill(r.select(names)) for r in (*recordings, *validate)]
+    chosen = [by_motor_encoders(r, question.robot) for r in moving]
     alike = with_common_zeros(share_out(usable, chosen), question.robot)
     alike = [with_made_torque(one, question.robot) for one in alike]
     parts = split(alike[: len(recordings)], alike[len(recordings) :])

@@ -14,6 +14,7 @@ Array = NDArray[np.float64]
 
 HELD_BACK = 1.0 / 3.0  # share of each recording that judges
 SHORTEST = 2.5  # s of either part
+HOLE = 1.0  # s between samples from which on nothing was recorded between them
 RATE = 50.0  # Hz at which motions are compared; above the motions' own frequencies
 REPEATED = 0.02  # difference over spread below which a motion counts as a repetition
 ROWS, SHARED = (
@@ -24,6 +25,8 @@ ROWS, SHARED = (
 
 def split(recordings: Sequence[Recording], validate: Sequence[Recording]) -> tuple[list[Recording], list[Recording]]:
     """Return recordings to fit and to judge: the last third of each where no validation recording is given.
+
+    Holes, as those of standstill, count for nothing.
 
     Parameters
     ----------
@@ -46,16 +49,26 @@ def split(recordings: Sequence[Recording], validate: Sequence[Recording]) -> tup
                 )
         return list(recordings), list(validate)
     least = SHORTEST / HELD_BACK
+    ends = []
     for r in recordings:
-        if r.duration * HELD_BACK < SHORTEST:
+        times, lasts = _course_of_time(r)
+        if lasts[-1] * HELD_BACK < SHORTEST:
             raise DiagnosisError(
-                f"{r.source or 'the recording'} lasts {r.duration:.1f} s, too short to hold a third back for judging",
+                f"{r.source or 'the recording'} lasts {lasts[-1]:.1f} s, too short to hold a third back for judging",
                 f"Record at least {least:.0f} s, or give another recording with --validate",
             )
-    ends = [r.duration * (1.0 - HELD_BACK) for r in recordings]
+        ends.append(float(np.interp(lasts[-1] * (1.0 - HELD_BACK), lasts, times)))
     first = [r.between(0.0, end) for r, end in zip(recordings, ends, strict=True)]
     rest = [r.between(end, r.duration + 1.0) for r, end in zip(recordings, ends, strict=True)]
     return first, rest
+
+
+def _course_of_time(recording: Recording) -> tuple[Array, Array]:
+    """Return the stamps (N,) of a side, s from the recording's first, and how much was recorded until then, s."""
+    stamps = next(side for side in (recording.motor, recording.link) if side is not None and len(side)).stamp_ns
+    times = np.asarray((stamps - recording.start_ns) * 1e-9)
+    steps = np.diff(times, prepend=0.0)
+    return times, np.cumsum(np.where(steps > HOLE, 0.0, steps))
 
 
 def independent(identify: Sequence[Recording], validate: Sequence[Recording]) -> bool:
@@ -75,8 +88,9 @@ def _course(recording: Recording, rate: float) -> Array:
     position = samples.theta if samples.theta is not None else samples.q
     if position is None:
         raise DiagnosisError(f"{recording.source or 'the recording'} holds no positions", "Record positions")
-    t = np.arange(samples.t[0], samples.t[-1], 1.0 / rate)
-    return np.stack([np.interp(t, samples.t, column) for column in position.T], axis=1)
+    lasts = np.cumsum(np.where((steps := np.diff(samples.t, prepend=0.0)) > HOLE, 0.0, steps))
+    t = np.arange(0.0, lasts[-1], 1.0 / rate)
+    return np.stack([np.interp(t, lasts, column) for column in position.T], axis=1)
 
 
 def _repeats(part: Array, whole: Array, alike: float) -> bool:
@@ -102,8 +116,10 @@ def _contains(recording: Recording, part: Recording) -> bool:
     whole, own = _rows(recording), _rows(part)
     if whole.shape[1] != own.shape[1] or not len(own):
         return False
-    known = {row.tobytes() for row in whole}
     sample = own[:: max(1, len(own) // ROWS)]
+    # A joint that lacks the channel holds no numbers.
+    alike = np.isin(np.nan_to_num(whole[:, 0]), np.nan_to_num(sample[:, 0]))
+    known = {row.tobytes() for row in whole[alike]}
     return sum(row.tobytes() in known for row in sample) > SHARED * len(sample)
 
 

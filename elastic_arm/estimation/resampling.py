@@ -22,7 +22,16 @@ from elastic_arm.recording.inspection.quality import UNIT, wrong_rate
 from elastic_arm.recording.inspection.stuck_channels import STILL
 from elastic_arm.recording.sides import ClockMode as Mode
 from elastic_arm.recording.sides import Lacking
-from elastic_arm.recording.timebase.clocks import MISSING, bunched, evidence, increments, is_even, numbered, wanders
+from elastic_arm.recording.timebase.clocks import (
+    MISSING,
+    bunched,
+    evidence,
+    increments,
+    is_even,
+    numbered,
+    unbroken,
+    wanders,
+)
 
 CHANNELS = ("q", "dq", "tau_J", "theta", "dtheta", "tau_m", "r")
 _OF_ALL = ("notes", "clock", "lacking")  # what samples have once for all of them
@@ -276,7 +285,7 @@ def _mode(samples: Samples, k: NDArray[np.int64], rate: float, jitter: Array) ->
         share = f"{round(found.share, 2) + 0.0:.2g} ± {max(found.std, 0.01):.1g} of the jitter"
         numbers = f" where {share} counts as time" if found.std > 0 else ""
         return mode, f"{size}; {_MEANING[mode]}: {found.words}{numbers} (--clock overrules it)"
-    piece = slice(0, min(len(k), 20000))
+    piece = unbroken(k)
     regular = _roughness(position[piece])
     t = samples.t[piece]
     wanted = t[0] + np.arange(POINTS, len(t) - POINTS) / rate

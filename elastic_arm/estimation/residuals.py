@@ -5,7 +5,7 @@ Rows are ordered equation by equation: [link of all joints, drive of all joints,
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -20,9 +20,11 @@ from elastic_arm.estimation.band import Band
 from elastic_arm.estimation.equations import DRIVE, LINK, MOTOR, EquationSet
 from elastic_arm.estimation.motion import CompletedMotion, completed, drive_constants
 from elastic_arm.estimation.observation import Observation
+from elastic_arm.recording.standstill import STANDS
 
-SLOWEST = 5e-4  # rad/s: slower than this a joint counts as standing, whatever the noise
+SLOWEST = 5e-4  # rad/s: slower than this a velocity has no sign, whatever the noise
 SLOW = 0.005  # of a joint's highest speed, below which it sticks if it is as slow for as long as STICKING
+UNTOLD = 3.0  # standard deviations of the noise within which a velocity is not told from none
 STICKING = 0.01  # s; a reversal without sticking is shorter but for accelerations below 0.5 rad/s²
 # Mean square of what is left where a joint sticks over that elsewhere, from which friction's law fails there.
 # Convention: where the law holds, few rows that are noise give up to 2.4; true sticking gave 6.
@@ -102,7 +104,7 @@ class FreeTorque:
 
     row: int  # number of the residual
     instants: slice  # of the rows that the band's filter carries it to
-    basis: Array  # orthonormal (instants, m)
+    basis: Array | None  # orthonormal (instants, m); None where it can be anything at all of these instants
 
 
 @dataclass(frozen=True)
@@ -127,19 +129,20 @@ class FreeTorques:
         steps: Mapping[str, Array],
         *,
         friction: bool,
+        standing: Array,
         near: FreeTorques | None = None,
     ) -> FreeTorques:
         """Return what is removed of a stretch.
 
-        A joint that hardly moves in the whole stretch does not count.
-
         band: its filter carries what happens at some time over to rows around; steps: "link", "motor" -> (n,)
-        rad, steps of the encoders; friction: whether the friction of a joint that sticks is removed; near:
-        those of the same stretch with other numbers of the arm, in the same band: most bases are the same.
+        rad, steps of the encoders; friction: whether the friction of a joint that sticks is removed; standing: (n,)
+        rad/s, below which a joint sticks; near: those of the same stretch with other numbers of the arm, in the same
+        band: most bases are the same. Steps and standing are zero for joints that never move.
         """
         t, dq, dtheta = stretch.quiet.t, stretch.quiet.dq, stretch.quiet.dtheta
         link, motor = _held(t, dq, band, steps["link"]), _held(t, dtheta, band, steps["motor"])
-        times = {LINK: link, DRIVE: link | motor, MOTOR: motor | sticking(t, dtheta) if friction else motor}
+        stuck = motor | sticking(t, dtheta, standing) if friction else motor
+        times = {LINK: link, DRIVE: link | motor, MOTOR: stuck}
         known = {} if near is None else near.bases
         bases: dict[FreeTimes, Array] = {}
         courses = {part: [_courses(stretch, band, one, bases, known) for one in when.T] for part, when in times.items()}
@@ -160,7 +163,7 @@ class FreeTorques:
         for row, torques in self._of_row.items():
             for free in torques if out[:, row].any() else ():
                 part = out[free.instants, row]
-                part -= free.basis @ (free.basis.T @ part)
+                part -= part if free.basis is None else free.basis @ (free.basis.T @ part)
         return out
 
     @cached_property
@@ -171,16 +174,23 @@ class FreeTorques:
         return by_row
 
 
-def sticking(t: Array, velocity: Array, around: float = 0.0) -> NDArray[np.bool_]:
-    """Return where joints stick, (N, n).
+def standing_speed(fastest: Array | float, noise: Array | float) -> Array:
+    """Return the speed (n,) rad/s below which joints stand, by the fastest that they turn and their velocity's noise.
+
+    `noise` is a standard deviation. Where the sign of a velocity is not known, that of the dry friction is not.
+    """
+    return np.maximum(np.maximum(SLOW * fastest, STANDS), UNTOLD * noise)
+
+
+def sticking(t: Array, velocity: Array, standing: Array, around: float = 0.0) -> NDArray[np.bool_]:
+    """Return where joints stick, (N, n): slower than `standing` (n,) rad/s for as long as STICKING.
 
     t: (N,) s, at one rate, that of the recording: of fewer instants a reversal seems to last longer; velocity: (N,
     n) rad/s, of the motors where there are such.
     """
     if len(t) < 2:
         return np.zeros(velocity.shape, dtype=bool)
-    speed = np.abs(velocity)
-    stuck = _lasting(t, speed < np.maximum(SLOW * speed.max(axis=0), 2.0 * SLOWEST))
+    stuck = _lasting(t, np.abs(velocity) < standing)
     count = round(around / (t[1] - t[0]))
     if not count:
         return stuck
@@ -194,11 +204,9 @@ def _held(t: Array, velocity: Array, band: Band, steps: Array) -> NDArray[np.boo
 
 
 def _lasting(t: Array, slow: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return where joints are slow (N, n) for as long as STICKING, but for those that are nearly always."""
+    """Return where joints are slow (N, n) for as long as STICKING."""
     length = np.ones(max(1, round(STICKING / (t[1] - t[0]))))
-    lasting = np.stack([binary_opening(column, length) for column in slow.T], axis=1)
-    # 0.9 of a stretch; a joint that sticks longer is one that stands still
-    return np.asarray(lasting & (lasting.mean(axis=0) < 0.9))
+    return np.stack([binary_opening(column, length) for column in slow.T], axis=1)
 
 
 def _courses(
@@ -207,26 +215,29 @@ def _courses(
     when: NDArray[np.bool_],
     bases: dict[FreeTimes, Array],
     known: Mapping[FreeTimes, Array],
-) -> list[tuple[slice, Array]]:
+) -> list[tuple[slice, Array | None]]:
     """Return orthonormal bases (instants, m) of what a torque can be at certain times (N,), in the band.
 
-    when: (N,) the times; bases: of other times of this stretch; those found are added.
+    None where it can be anything: in rows that no other time reaches. when: (N,) the times; bases: of other times
+    of this stretch; those found are added.
     """
     step = float(stretch.quiet.t[1] - stretch.quiet.t[0])
     if not when.any():
         return []
     numbered, _ = label(binary_dilation(when, iterations=max(1, round(AROUND / step))))
     found = []
-    for pieces in _clusters(find_objects(numbered), band):
-        reached = slice(band.reached(pieces[0]).start, band.reached(pieces[-1]).stop)
-        first, last = max(reached.start, stretch.kept.start), min(reached.stop, stretch.kept.stop)
+    for pieces, rows in _clusters(find_objects(numbered), band):
+        first, last = max(rows.start, stretch.kept.start), min(rows.stop, stretch.kept.stop)
         if first >= last:
             continue
-        samples = min(band.samples(reached).stop, len(when))
-        times = FreeTimes(tuple((piece.start, piece.stop) for piece in pieces), samples, (first, last), step)
-        if times not in bases:
-            bases[times] = known[times] if times in known else _basis(times, band)
-        found.append((slice(first - stretch.kept.start, last - stretch.kept.start), bases[times]))
+        basis = None
+        if pieces:
+            end = min(max(band.samples(rows).stop, pieces[-1].stop), len(when))
+            times = FreeTimes(tuple((piece.start, piece.stop) for piece in pieces), end, (first, last), step)
+            if times not in bases:
+                bases[times] = known[times] if times in known else _basis(times, band)
+            basis = bases[times]
+        found.append((slice(first - stretch.kept.start, last - stretch.kept.start), basis))
     return found
 
 
@@ -241,15 +252,28 @@ def _basis(times: FreeTimes, band: Band) -> Array:
     return np.asarray(left[:, singular > 0.02 * singular[0]])
 
 
-def _clusters(pieces: Sequence[tuple[slice]], band: Band) -> list[list[slice]]:
-    """Return pieces of samples in groups that reach no common row of the band."""
-    groups: list[list[slice]] = []
+def _clusters(pieces: Sequence[tuple[slice]], band: Band) -> Iterator[tuple[list[slice], slice]]:
+    """Yield pieces of samples that reach common rows of the band, with these rows.
+
+    Of a long piece the ends alone, as its inner rows hold nothing else: these come without any piece.
+    """
+    half = len(band.taps) // 2 + 1
+    group: list[slice] = []
+    first = 0
     for (piece,) in pieces:
-        if groups and band.reached(piece).start < band.reached(groups[-1][-1]).stop:
-            groups[-1].append(piece)
+        if group and band.reached(piece).start >= (stop := band.reached(group[-1]).stop):
+            yield group, slice(first, stop)
+            group = []
+        first = first if group else max(first, band.reached(piece).start)
+        if piece.stop - piece.start > 4 * half:
+            inner = band.reached(slice(piece.start + half, piece.stop - half))
+            yield [*group, slice(piece.start, piece.start + half)], slice(first, inner.start)
+            yield [], inner
+            group, first = [slice(piece.stop - half, piece.stop)], inner.stop
         else:
-            groups.append([piece])
-    return groups
+            group.append(piece)
+    if group:
+        yield group, slice(first, band.reached(group[-1]).stop)
 
 
 def _polynomials(length: int, first: int, piece: slice, step: float, band: Band) -> Array:

@@ -27,7 +27,8 @@ from elastic_arm.estimation.known_torques import ActingEffect, known_torques, tr
 from elastic_arm.estimation.motion import drive_constants, wound_by_load
 from elastic_arm.estimation.observation import Observation
 from elastic_arm.estimation.regressors import Entries, Signals
-from elastic_arm.estimation.residuals import SLOWEST, FreeTorques, Stretch, residuals
+from elastic_arm.estimation.residuals import SLOWEST, UNTOLD, FreeTorques, Stretch, residuals, standing_speed
+from elastic_arm.recording.inspection.stuck_channels import STILL
 
 EDGE = 10  # rows at the ends of a stretch that the whitening, being circular, spoils
 NOISE_FREQUENCIES = 400
@@ -190,10 +191,14 @@ class WhitenedData:
         self.pure: list[NoiseModel] = []
         self._free: list[FreeTorques] = []
         others = iter(near._free if near is not None else ())
+        moves, fastest = _moving(observations)
         for number, observation in enumerate(observations):
             noise, pure = noise_models(model, observation, layout, band, (FLOOR, 0.0))
             noise = replace(noise, scales=scales)
-            standstill = _standstill(observation, noise.f, model.n)
+            untold = _velocity_noise(observation, noise.f, model.n)
+            standstill = _standstill(observation, untold)
+            standing = np.where(moves, standing_speed(fastest, untold[1]), 0.0)
+            steps = {side: np.where(moves, step, 0.0) for side, step in observation.steps.items()}
             # Laws need not pass a smoother whose response at the edge of the band is more than 0.99.
             limits = observation.smoother if observation.gain(np.array([band.cutoff]))[0] < 0.99 else None
             for stretch in residuals(model, observation, layout, band):
@@ -214,7 +219,8 @@ class WhitenedData:
                 self.parts.append(Part(stretch, signals, noise, observation.gains, number, known.shares))
                 self.pure.append(pure)
                 alike = next(others, None)
-                free = FreeTorques.of(stretch, band, layout, observation.steps, friction=sticking_removed, near=alike)
+                own = stretch, band, layout, steps
+                free = FreeTorques.of(*own, friction=sticking_removed, standing=standing, near=alike)
                 self._free.append(free)
         if not self.parts:
             raise DiagnosisError(
@@ -283,12 +289,27 @@ class WhitenedData:
         return [part.noise.whitening_gains(len(part.stretch.t), self.band).harmonics for part in self.parts]
 
 
-def _standstill(observation: Observation, f: Array, n: int) -> tuple[Array, Array]:
-    speeds = []
-    for spectrum in observation.angle_spectra(f):
-        density = (2 * np.pi * f[:, None]) ** 2 * spectrum
-        std = np.sqrt(density.sum(axis=0) * (f[1] - f[0]) * 2 / observation.rate)
-        turning = SLOWEST if observation.turning is None else observation.turning
-        # 3.0 standard deviations of velocity noise below which a joint counts as standing
-        speeds.append(np.maximum(np.maximum(3.0 * std, SLOWEST), turning) * np.ones(n))
-    return speeds[0], speeds[1]
+def _moving(observations: Sequence[Observation]) -> tuple[NDArray[np.bool_], Array]:
+    """Return which joints (n,) move anywhere, and their highest speeds (n,) rad/s, by the motors where there are such.
+
+    All that is known of the torque of one that does not is what it is at rest.
+    """
+    quiet = [piece for one in observations for piece in one.quiet]
+    sides = [(p.theta, p.dtheta) if p.theta is not None else (p.q, p.dq) for p in quiet]
+    found = [(a.min(axis=0), a.max(axis=0), np.abs(v).max(axis=0)) for a, v in sides if a is not None and v is not None]
+    low, high, fastest = (np.array(column) for column in zip(*found, strict=True))
+    return high.max(axis=0) - low.min(axis=0) >= STILL, fastest.max(axis=0)
+
+
+def _velocity_noise(observation: Observation, f: Array, n: int) -> tuple[Array, Array]:
+    """Return the standard deviations (n,) of the noise of links' and motors' velocities, rad/s."""
+    density = [(2 * np.pi * f[:, None]) ** 2 * spectrum for spectrum in observation.angle_spectra(f)]
+    link, motor = (np.sqrt(own.sum(axis=0) * (f[1] - f[0]) * 2 / observation.rate) * np.ones(n) for own in density)
+    return link, motor
+
+
+def _standstill(observation: Observation, noise: tuple[Array, Array]) -> tuple[Array, Array]:
+    """Return the speeds (n,) below which velocities of links and motors have no sign, rad/s."""
+    turning = SLOWEST if observation.turning is None else observation.turning
+    link, motor = (np.maximum(np.maximum(UNTOLD * std, SLOWEST), turning) for std in noise)
+    return link, motor

@@ -74,6 +74,7 @@ class Column:
     least: float = -np.inf  # What a real arm has at least, such as no negative friction
     ordinary: float | None = None
     sensor: bool = False  # Whether it is an error of a sensor
+    dry: bool = False  # Whether it follows the sign of a velocity
 
 
 class BaseRegression:

@@ -48,14 +48,14 @@ def law_columns(
             stated = described.get(place, {}).get(p.name)
             nominal = np.zeros(p.size) if stated is None else np.atleast_1d(stated) - (p.neutral or 0.0)
             unit, least = p.unit_at(instance.joint, robot.units), p.least - (p.neutral or 0.0)
-            sensor = isinstance(instance.effect, SensorEffect)
+            kind = isinstance(instance.effect, SensorEffect), is_dry(instance)
             entries += [
-                (f"{place}.{name}", unit, float(value), least, sensor)
+                (f"{place}.{name}", unit, float(value), least, *kind)
                 for name, value in zip(p.component_names, nominal, strict=True)
             ]
     return [
-        Column(name, unit, partial(evaluate.column, k), value, least, sensor=sensor)
-        for k, (name, unit, value, least, sensor) in enumerate(entries)
+        Column(name, unit, partial(evaluate.column, k), value, least, sensor=sensor, dry=dry)
+        for k, (name, unit, value, least, sensor, dry) in enumerate(entries)
     ]
 
 

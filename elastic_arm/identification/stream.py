@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,6 +12,7 @@ from elastic_arm.dynamics import Model
 from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.estimation.resampling import Clock, Grid, Placing
+from elastic_arm.estimation.residuals import AROUND, standing_speed, sticking
 from elastic_arm.estimation.smoother import Smoother, design_smoother
 from elastic_arm.identification.accumulator import BLOCK, Accumulator
 from elastic_arm.identification.base_regression import BaseRegression, Column
@@ -21,6 +22,8 @@ from elastic_arm.identification.least_squares import MISFIT_POWER, Blocks, Fit, 
 from elastic_arm.identification.result import Identification, result_of
 from elastic_arm.identification.verdict import Excitation, MotionStatistics, excitation
 from elastic_arm.recording import Samples
+from elastic_arm.recording.inspection.stuck_channels import STILL
+from elastic_arm.recording.standstill import KEPT
 
 Array = NDArray[np.float64]
 
@@ -29,16 +32,30 @@ Recorded = tuple[frozenset[str], ...]
 SENSED = ("q", "theta", "tau_J", "tau_m")
 
 
-def smoothed(smoother: Smoother, grid: Grid, equations: BaseRegression) -> Motion:
-    """Smooth a regular piece, with the laws beyond the model passed through the same filter."""
+def smoothed(smoother: Smoother, grid: Grid, equations: BaseRegression, standing: Array | None = None) -> Motion:
+    """Smooth a regular piece, with the laws beyond the model passed through the same filter.
+
+    It states where joints stick, slower than `standing` (n,) rad/s, if that is given and there are such laws.
+    """
     every = smoother.thinning
     if not equations.columns:
         return smoother(grid, every)
     motion = smoother(grid)
+    if standing is not None:
+        velocity = motion.dtheta if motion.dtheta is not None else motion.dq
+        assert velocity is not None
+        motion = replace(motion, stuck=sticking(motion.t, velocity, standing, AROUND + 2 * np.pi / smoother.cutoff))
     laws = equations.laws(motion)
     filtered = smoother.filter(laws.reshape(len(laws), -1))
     inner = replace(motion[smoother.lag : -smoother.lag], laws=filtered.reshape(len(filtered), *laws.shape[1:]))
     return replace(inner[::every], every=every)
+
+
+def velocity_noise(smoother: Smoother) -> Array | float:
+    """Return the standard deviation (n,) rad/s of smoothed velocities, of the motors where there are such."""
+    noise = smoother.noise
+    covariance = None if noise is None else noise.link if noise.motor is None else noise.motor
+    return 0.0 if covariance is None else np.sqrt(covariance[:, 1, 1])
 
 
 @dataclass
@@ -47,6 +64,7 @@ class Progress:
 
     samples: int = 0  # Samples in the equations so far
     received: int = 0  # Samples handed in
+    resting: int = 0  # Samples left out because the arm stood still
     refused: int = 0  # Samples left out because their stamps did not advance
     pieces: int = 0  # Runs without a gap
 
@@ -72,8 +90,10 @@ class Identifier:
 
     Notes
     -----
-    The equations are chosen by the channels of the first samples. Memory is bounded: one block of motion, the
-    smoother's window, and at most 64 blocks.
+    The equations are chosen by the channels of the first samples. Standstill adds nothing: what is longer than
+    :data:`.standstill.KEPT` after a motion is left out, and beside laws of dry friction a joint that sticks has no
+    equation that holds its friction, as that is any torque up to the dry one. Memory is bounded: one block of motion,
+    the smoother's window, and at most 64 blocks.
     """
 
     def __init__(
@@ -101,6 +121,7 @@ class Identifier:
         self.progress = Progress()
         self._piece = IncomingRun()
         self._recorded: Recorded = ()
+        self._rest: tuple[Array, float] | None = None  # where the arm was when it last moved, and when
 
     def pause(self) -> None:
         """Ignore samples until :meth:`resume`. Those from which no smoother could be chosen yet are given up."""
@@ -278,8 +299,32 @@ class Identifier:
             return run
         if not ends:
             ready -= ready % self.smoother.thinning
-        self.add_motion(smoothed(self.smoother, run[: ready + self._window], self.equations))
+        standing = standing_speed(0.0, velocity_noise(self.smoother)) if self._dry else None
+        motion = smoothed(self.smoother, run[: ready + self._window], self.equations, standing)
+        for moving in self._moving(motion):
+            self.add_motion(moving)
         return run[ready:]
+
+    def _moving(self, motion: Motion) -> Iterator[Motion]:
+        """Yield motion without what follows on a long standstill."""
+        position = motion.theta if motion.theta is not None else motion.q
+        assert position is not None
+        length = max(1, BLOCK // motion.every)
+        kept = np.zeros(len(motion), dtype=bool)
+        for start in range(0, len(motion), length):
+            part = position[start : start + length]
+            if self._rest is None or np.any(np.abs(part - self._rest[0]) >= STILL):
+                self._rest = part[-1], float(motion.t[start + len(part) - 1])
+            kept[start : start + length] = motion.t[start] <= self._rest[1] + KEPT
+        self.progress.resting += motion.every * int(np.count_nonzero(~kept))
+        edges = np.flatnonzero(np.diff(kept, prepend=False, append=False))
+        for first, stop in edges.reshape(-1, 2).tolist():
+            yield motion[first:stop]
+
+    @property
+    def _dry(self) -> bool:
+        """Whether laws of dry friction are identified."""
+        return any(column.dry for column in self.columns)
 
     @property
     def _window(self) -> int:

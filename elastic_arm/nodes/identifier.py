@@ -228,6 +228,7 @@ class IdentifierNode(ManagedNode):
         figures = {
             "samples received": progress.received,
             "samples used": progress.samples,
+            "samples at rest": progress.resting,
             "pieces without a gap": progress.pieces,
             "samples absurd": self._screen.left_out,
             **{f"samples {name}": count for name, count in vars(losses).items()},

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -27,6 +27,7 @@ from elastic_arm.recording.storage.messages import topics_of
 from elastic_arm.recording.timebase.joining import pair
 from elastic_arm.recording.topics import JOINT_STATES, JOINT_TORQUES, MOTOR_STATES, REFERENCE, ROBOT_DESCRIPTION, TYPES
 
+PART = 400_000  # messages of a part of a long bag: three minutes of two topics at 1 kHz
 _CONTRACT = (JOINT_STATES, MOTOR_STATES, JOINT_TORQUES, REFERENCE)
 _STATE = {name: name for name in ("position", "velocity", "effort")}
 _POINT = {
@@ -52,6 +53,12 @@ class Content:
     source: str = ""  # The bags by name; their torque channels that are currents times a torque constant
     currents: tuple[str, ...] = ()
     namespace: str = ""  # Of the arm; names in `series` and `decoders` are those within it
+
+    def decoded(self) -> Content:
+        """Turn what was decoded since the last time into series; return itself."""
+        self.series = {topic: decoder.series() for topic, decoder in self.decoders.items()}
+        self.decoders = {}
+        return self
 
     def take(self, file: BagFile, block: Block, wanted: Collection[str]) -> None:
         """Decode the wanted topics of a block; the messages of the others are counted alone."""
@@ -119,19 +126,57 @@ def open_content(
 
 def read_content(bags: Sequence[Bag], wanted: Collection[str], strict: bool = True, namespace: str = "") -> Content:
     """Decode the topics `wanted` of opened bags, parts of one recording, for the arm in a namespace."""
+    (content,) = _contents(bags, wanted, strict, namespace)
+    return content
+
+
+def _contents(
+    bags: Sequence[Bag], wanted: Collection[str], strict: bool, namespace: str, most: float = np.inf
+) -> Iterator[Content]:
+    """Yield what was read of bags whenever it has grown by `most` messages, with their series, and at the end."""
     names = ", ".join(str(bag.path) for bag in bags)
     content = Content(source=f"{names} ({namespace})" if namespace else names, namespace=namespace)
     for bag in bags:
+        if bag.metadata is not None and bag.metadata.message_count is not None:
+            content.promised = (content.promised or 0) + bag.metadata.message_count
+    before = 0
+    for bag in bags:
         for file in bag.files:
+            if most == np.inf:
+                file.check_lengths()
             for block in file.blocks(strict):
                 content.take(file, block, wanted)
+                if content.messages - before >= most:
+                    before = content.messages
+                    yield content.decoded()
         content.damage += bag.all_damage()
         content.remarks += bag.remarks()
         content.currents = tuple(dict.fromkeys((*content.currents, *bag.currents())))
-        if bag.metadata is not None and bag.metadata.message_count is not None:
-            content.promised = (content.promised or 0) + bag.metadata.message_count
-    content.series = {topic: decoder.series() for topic, decoder in content.decoders.items()}
-    return content
+    yield content.decoded()
+
+
+def read_parts(
+    path: str | Path,
+    channels: ChannelMap | None = None,
+    joints: Sequence[str] | None = None,
+    *,
+    arrival: bool = False,
+    namespace: str | None = None,
+    most: float = PART,
+) -> Iterator[tuple[Recording, float]]:
+    """Read a bag as :func:`read_recording` does, in parts of so many messages; yield each, and the share that is read.
+
+    A bag of fewer is one part. Parts of a longer one that lack a topic of the first are left out.
+    """
+    bag = open_bag(path)
+    chosen = choose_namespace([bag], namespace) if channels is None else ""
+    wanted = _CONTRACT if channels is None else channels.topics()
+    topics: set[str] = set()
+    for content in _contents([bag], wanted, True, chosen, most):
+        topics = topics or set(content.series) - {REFERENCE}
+        if topics <= set(content.series):
+            read = recording_of(content, channels, joints, arrival=arrival)[0]
+            yield read, min(content.messages / (content.promised or content.messages or 1), 1.0)
 
 
 def choose_namespace(bags: Sequence[Bag], wanted: str | None = None) -> str:

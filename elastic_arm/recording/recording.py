@@ -11,7 +11,7 @@ from scipy.interpolate import CubicSpline
 
 from elastic_arm.errors import RecordingError, require_kind
 from elastic_arm.recording.joint_names import matched_names
-from elastic_arm.recording.sides import Array, ClockMode, Samples, Side, Stamps
+from elastic_arm.recording.sides import Array, ClockMode, Samples, Side, Stamps, joined_sides
 from elastic_arm.recording.timebase.joining import join
 from elastic_arm.robot import JointController
 
@@ -108,6 +108,19 @@ class Recording:
             name: side.at(slice(*np.searchsorted(side.stamp_ns, (first, last)))) for name, side in self.sides().items()
         }
         return replace(self, **cut)
+
+    @staticmethod
+    def joined(parts: Sequence[Recording]) -> Recording:
+        """Return parts of one recording, in the order of their times, as one: the channels that all of them have."""
+        if len(parts) == 1:
+            return parts[0]
+        sides = {name: [part.sides().get(name) for part in parts] for name in parts[0].sides()}
+        together: dict[str, Any] = {
+            name: joined_sides([side for side in own if side is not None]) if all(own) else None
+            for name, own in sides.items()
+        }
+        notes = tuple(dict.fromkeys(note for part in parts for note in part.notes))
+        return replace(parts[-1], **together, notes=notes)
 
     def select(self, joints: Sequence[str]) -> Recording:
         """Return the recording with the columns of `joints`, in that order."""

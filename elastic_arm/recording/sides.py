@@ -71,6 +71,14 @@ class Side:
         return Side(self.stamp_ns[index], **{name: values[index] for name, values in self.channels().items()})
 
 
+def joined_sides(parts: Sequence[Side]) -> Side:
+    """Return parts of one side as one, with the channels that all of them have; what is late is left out."""
+    stamps = np.concatenate([part.stamp_ns for part in parts])
+    later = stamps > np.maximum.accumulate(np.concatenate([stamps[:1] - 1, stamps[:-1]]))
+    names = [name for name in CHANNELS if all(name in part.channels() for part in parts)]
+    return Side(stamps, **{name: np.concatenate([getattr(part, name) for part in parts]) for name in names}).at(later)
+
+
 def _real(name: str, values: object) -> Array:
     """Return numbers as an array of floats, NaN where an array is masked."""
     try:

@@ -19,6 +19,7 @@ from tests.helpers.gap_recordings import ROBOT, motions, record
 MODEL = build_model(ROBOT, "mod3")
 LAYOUT = EquationSet.direct(("theta", "tau_m"), MODEL.n)
 STICKS = 1  # joint
+STANDING = np.full(MODEL.n, 5e-3)
 NO_STEPS = {"link": np.zeros(1), "motor": np.zeros(1)}
 
 
@@ -48,14 +49,14 @@ def test_friction_that_changes_sign_while_the_joint_stands_is_removed() -> None:
     t = stretch.quiet.t
     changes = np.floor(t) + np.random.default_rng(1).uniform(0.0, 0.1, size=int(t[-1]) + 2)[np.floor(t).astype(int)]
     torque = in_band(np.sign(t - changes) * stands)
-    left = FreeTorques.of(stretch, band, LAYOUT, NO_STEPS, friction=True).remove(torque)
+    left = FreeTorques.of(stretch, band, LAYOUT, NO_STEPS, friction=True, standing=STANDING).remove(torque)
     assert np.linalg.norm(left) < 0.05 * np.linalg.norm(torque)
 
 
 def test_other_joints_and_most_of_the_friction_are_kept() -> None:
-    """Rows of other joints are all kept, though most of an instant's neighbours stick in this band; friction shows."""
+    """Rows of other joints are all kept, and friction shows."""
     band, stretch, _ = setting()
-    sticking = FreeTorques.of(stretch, band, LAYOUT, NO_STEPS, friction=True)
+    sticking = FreeTorques.of(stretch, band, LAYOUT, NO_STEPS, friction=True, standing=STANDING)
     others = np.random.default_rng(2).normal(size=(len(stretch.t), LAYOUT.rows))
     others[:, STICKS] = 0.0
     np.testing.assert_array_equal(sticking.remove(others), others)
@@ -71,14 +72,29 @@ def test_friction_of_a_joint_that_sticks_half_of_the_time_is_removed() -> None:
     speed = np.where(np.arange(MODEL.n) == STICKS, np.where(stands, 0.0, 1.0)[:, None], 1.0)
     stretch = replace(stretch, quiet=replace(stretch.quiet, dtheta=speed))
     torque = in_band(np.sign(np.sin(2 * np.pi * 3.0 * t)) * stands)
-    sticking = FreeTorques.of(stretch, band, LAYOUT, NO_STEPS, friction=True)
+    sticking = FreeTorques.of(stretch, band, LAYOUT, NO_STEPS, friction=True, standing=STANDING)
     assert np.linalg.norm(sticking.remove(torque)) < 0.05 * np.linalg.norm(torque)
+
+
+def test_a_joint_that_stands_long_takes_all_of_its_rows_and_next_to_none_of_others() -> None:
+    """Any torque while it stands is gone from the rows, and from a second later on a motion keeps all but its ends."""
+    band, stretch, _ = setting()
+    t = stretch.quiet.t
+    stands = (t > 2.0) & (t < 5.0)
+    speed = np.where(np.arange(MODEL.n) == STICKS, np.where(stands, 0.0, 1.0)[:, None], 1.0)
+    stretch = replace(stretch, quiet=replace(stretch.quiet, dtheta=speed))
+    sticking = FreeTorques.of(stretch, band, LAYOUT, NO_STEPS, friction=True, standing=STANDING)
+    torque = in_band(np.random.default_rng(5).normal(size=len(t)) * stands)
+    assert np.linalg.norm(sticking.remove(torque)) < 0.05 * np.linalg.norm(torque)
+    moving = in_band(np.sin(20.0 * t) * (np.abs(t - 3.5) > 2.0))
+    assert np.linalg.norm(sticking.remove(moving)) > 0.95 * np.linalg.norm(moving)
+    assert max(one.basis.shape[1] for one in sticking.found if one.basis is not None) < 40
 
 
 def test_columns_are_treated_as_residuals_are() -> None:
     """What is removed of several columns at once is what is removed of each."""
     band, stretch, _ = setting()
-    sticking = FreeTorques.of(stretch, band, LAYOUT, NO_STEPS, friction=True)
+    sticking = FreeTorques.of(stretch, band, LAYOUT, NO_STEPS, friction=True, standing=STANDING)
     columns = np.random.default_rng(3).normal(size=(len(stretch.t), LAYOUT.rows, 4))
     together = sticking.remove(columns)
     for k in range(4):
@@ -105,7 +121,7 @@ def test_what_an_encoder_makes_of_a_code_that_it_holds_is_removed() -> None:
     torque = band.apply(rows)[stretch.kept]
     for step, left in ((1e-5, 0.05), (0.0, 1.0)):
         steps = {"link": np.full(MODEL.n, step), "motor": np.zeros(1)}
-        removed = FreeTorques.of(stretch, band, layout, steps, friction=False).remove(torque)
+        removed = FreeTorques.of(stretch, band, layout, steps, friction=False, standing=STANDING).remove(torque)
         assert np.linalg.norm(removed) <= left * np.linalg.norm(torque)
         assert removed.any() or step
     np.testing.assert_array_equal(removed, torque)

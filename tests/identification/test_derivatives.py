@@ -15,6 +15,7 @@ from elastic_arm.recording import Samples
 
 RATE = 1000.0
 SECONDS = 20
+LAWS = SimpleNamespace(columns=(None,), laws=lambda motion: np.zeros((len(motion), 6, 1)))
 
 
 def samples(angles: np.ndarray, rate: float = RATE, lost: slice | None = None) -> Samples:
@@ -36,7 +37,7 @@ def swinging(seconds: float = SECONDS, rate: float = RATE, frequency: float = 0.
 
 def stuck(recording: Samples) -> np.ndarray:
     """Return where joints stick, of all runs one after another, (M, n)."""
-    motions = list(DerivativeStage(recording)(stuck=True).motions)
+    motions = list(DerivativeStage(recording)(LAWS, stuck=True).motions)
     assert all(len(motion.stuck) == len(motion) for motion in motions)
     return np.concatenate([motion.stuck for motion in motions])
 
@@ -54,18 +55,19 @@ def test_a_joint_that_is_parked_sticks_in_every_run(monkeypatch: pytest.MonkeyPa
 
 def test_a_run_or_piece_of_one_sample_is_no_error(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of a piece that is one sample longer than what the smoother loses, that sample is left."""
-    lost = 2 * DerivativeStage(samples(swinging()))._smoother.lag
-    cut = samples(swinging((6001 + 500 + lost) / RATE), lost=slice(6000, 6500))
-    monkeypatch.setattr(Smoother, "lag", property(lambda self: lost // 2))
-    assert [len(motion) for motion in DerivativeStage(cut)(stuck=True).motions][-1] == 1
-    monkeypatch.setattr(smoother, "RUN", 6000 - lost - 1)
-    assert 1 in [len(motion) for motion in DerivativeStage(cut)(stuck=True).motions][:-1]
+    lost = 4 * DerivativeStage(samples(swinging()))._smoother.lag
+    first = 2 * lost
+    cut = samples(swinging((first + 501 + lost) / RATE), lost=slice(first, first + 500))
+    monkeypatch.setattr(Smoother, "lag", property(lambda self: lost // 4))
+    assert [len(motion) for motion in DerivativeStage(cut)(LAWS, stuck=True).motions][-1] == 1
+    monkeypatch.setattr(smoother, "RUN", first - lost - 1)
+    assert 1 in [len(motion) for motion in DerivativeStage(cut)(LAWS, stuck=True).motions][:-1]
 
 
 def test_reversals_are_as_short_in_motion_that_is_thinned() -> None:
     """A reversal of 2 ms is none at which a joint sticks, though one sample of those that are kept falls into it."""
     stage = DerivativeStage(samples(swinging(frequency=2.0)))
-    motions = list(stage(stuck=True).motions)
+    motions = list(stage(LAWS, stuck=True).motions)
     assert not any(motion.stuck.any() for motion in motions)
 
 

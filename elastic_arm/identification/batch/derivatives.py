@@ -16,13 +16,14 @@ from elastic_arm.estimation.motion import Motion
 from elastic_arm.estimation.observation import torque_noise
 from elastic_arm.estimation.period import repeats
 from elastic_arm.estimation.resampling import Clock, Grid
-from elastic_arm.estimation.residuals import AROUND, sticking
+from elastic_arm.estimation.residuals import standing_speed
 from elastic_arm.estimation.smoother import Smoother, design_smoother, left_out, runs, with_ends
 from elastic_arm.formatting import JointUnits
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.deflection import shifted, shifts, zeros
-from elastic_arm.identification.stream import smoothed
+from elastic_arm.identification.stream import smoothed, velocity_noise
 from elastic_arm.recording import Samples
+from elastic_arm.recording.inspection.stuck_channels import STILL
 
 Array = NDArray[np.float64]
 
@@ -137,6 +138,19 @@ class DerivativeStage:
     def _smoother(self) -> Smoother:
         return design_smoother(self._grids, self._width)
 
+    @functools.cached_property
+    def _standing(self) -> Array:
+        """Speed (n,) rad/s below which joints stand; zero for those that never move: nothing else is known of them."""
+        angle, lost = "theta" if self._longest.theta is not None else "q", 2 * self._smoother.lag
+        grids = [grid for grid in self._grids if len(grid) > lost]
+        names = [name for name in (angle, f"d{angle}") if getattr(grids[0], name) is not None]
+        alone = (Grid(g.t, g.rate, **{name: getattr(g, name) for name in names}) for g in grids)
+        velocity = (getattr(self._smoother(run), f"d{angle}") for grid in alone for run in runs(grid, lost))
+        fastest = np.max([np.abs(v).max(axis=0) for v in velocity], axis=0)
+        spans = [(getattr(g, angle).min(axis=0), getattr(g, angle).max(axis=0)) for g in grids]
+        travel = np.max([high for _, high in spans], axis=0) - np.min([low for low, _ in spans], axis=0)
+        return np.where(travel >= STILL, standing_speed(fastest, velocity_noise(self._smoother)), 0.0)
+
     def __call__(self, equations: BaseRegression | None = None, *, ends: bool = False, stuck: bool = False) -> Derived:
         """Return the motion, the laws of `equations` through the same filter."""
         smoother, grids = self._smoother, self._grids
@@ -146,13 +160,13 @@ class DerivativeStage:
         long_enough = [grid for grid in grids if len(grid) > lost]
         if not long_enough:
             raise self._too_short(lost, twice)
-        stage = smoother if equations is None else partial(smoothed, smoother, equations=equations)
+        standing = self._standing if stuck else None
+        stage = smoother if equations is None else partial(smoothed, smoother, equations=equations, standing=standing)
         pieces: list[Callable[[], Motion]] = []
         lengths: list[int] = []
         for grid in long_enough:
-            own = partial(_with_stuck, stage, grid.t, _stuck(smoother, grid)) if stuck else stage
             cut = list(runs(grid, lost))
-            pieces += [partial(own, run) for run in cut]
+            pieces += [partial(stage, run) for run in cut]
             lengths += [len(run) - lost for run in cut]
         method = f"smoother to {smoother.cutoff / (2 * np.pi):.1f} Hz"
         said = (*self._said, *left_out(grids, long_enough))
@@ -171,20 +185,3 @@ class DerivativeStage:
         without = f", or identify without laws (--with), for which {lost / rate / 2:.2f} s are enough" if enough else ""
         gaps = "" if len(self._grids) == 1 else " without gaps"
         return IdentificationError(problem, f"Record longer{gaps}{without}.")
-
-
-def _stuck(smoother: Smoother, grid: Grid) -> NDArray[np.bool_]:
-    """Return where joints stick in a whole piece (N, n), with what the smoother carries over before and after."""
-    angle, lag = "theta" if grid.theta is not None else "q", smoother.lag
-    alone = Grid(grid.t, grid.rate, **{name: getattr(grid, name) for name in (angle, f"d{angle}")})
-    velocity = np.concatenate([getattr(smoother(run), f"d{angle}") for run in runs(alone, 2 * lag)])
-    stuck = np.zeros((len(grid), velocity.shape[1]), dtype=bool)
-    t = np.arange(len(velocity)) / grid.rate
-    stuck[lag:-lag] = sticking(t, velocity, AROUND + 2 * np.pi / smoother.cutoff)
-    return stuck
-
-
-def _with_stuck(stage: Callable[[Grid], Motion], t: Array, stuck: NDArray[np.bool_], run: Grid) -> Motion:
-    """Return smoothed motion of a run that states where joints stick, as `stuck` (N, n) does at times `t` (N,)."""
-    motion = stage(run)
-    return replace(motion, stuck=stuck[np.searchsorted(t, motion.t)])

@@ -40,6 +40,7 @@ from elastic_arm.recording.inspection.outliers import without_outliers
 from elastic_arm.recording.inspection.two_encoders import by_motor_encoders
 from elastic_arm.recording.made_torque import with_made_torque
 from elastic_arm.recording.recording import recordings_of
+from elastic_arm.recording.standstill import without_standstill
 from elastic_arm.robot import Robot, require_robot
 
 # Relative error of the description: where an arm is taken for rigid it is never believed to be off by more. What
@@ -151,8 +152,9 @@ def identify_with(
 
 
 def _cleared(recording: Recording, robot: Robot) -> Recording:
-    """Return the joints of the arm, without outliers, by the encoders that its equations take; with a torque."""
-    return with_made_torque(by_motor_encoders(without_outliers(recording.select(robot.joint_names)), robot), robot)
+    """Return the joints of the arm in motion, without outliers, by the encoders that its equations take."""
+    moving = without_outliers(without_standstill(recording.select(robot.joint_names)))
+    return with_made_torque(by_motor_encoders(moving, robot), robot)
 
 
 def _estimated(trials: Trials, choice: BatchChoice) -> tuple[Identification, BatchTrial, float]:

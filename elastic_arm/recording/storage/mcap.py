@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import mmap
 import struct
 import zlib
 from collections.abc import Iterator
@@ -99,7 +100,7 @@ class McapFile:
         return [f"{self.path}: {open_chunks} of {len(self.chunks)} chunks have no checksum: damage may go unseen"]
 
     def check_lengths(self) -> None:
-        """Raise if all chunks together claim to unpack to more than the limit."""
+        """Raise if all chunks together, which are to be kept, claim to unpack to more than the limit."""
         claimed = (chunk.size for chunk in self.chunks if chunk.compression)
         total, limit = sum(size for size in claimed if size <= limits.chunk_bytes()), limits.unpacked_bytes()
         if total > limit:
@@ -158,6 +159,14 @@ class McapFile:
                 raise block
             elif block.problem not in self.damage:  # as after an earlier look
                 self.damage.append(block.problem)
+            self._give_back(chunk)
+
+    def _give_back(self, chunk: Chunk) -> None:
+        """Have the system take back the memory of a chunk that was read; it comes again from the file when needed."""
+        mapping = getattr(self.buffer.base, "obj", None)
+        if isinstance(mapping, mmap.mmap) and hasattr(mmap, "MADV_DONTNEED"):
+            begin = chunk.begin // mmap.PAGESIZE * mmap.PAGESIZE
+            mapping.madvise(mmap.MADV_DONTNEED, begin, chunk.end - begin)
 
     def _unpacked_chunks(self) -> Iterator[Bytes | RecordingError]:
         """Yield the plain bytes of each chunk, or why there are none."""
@@ -230,13 +239,19 @@ class McapFile:
                 self.statistics = record
 
 
+def _mapped(path: Path) -> Bytes:
+    """Return the bytes of a file, of which only those stand in memory that are looked at."""
+    with path.open("rb") as file:
+        return np.frombuffer(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ), np.uint8)
+
+
 def open_mcap(path: Path) -> McapFile:
     """Open an MCAP file; a torn one too, with its damage noted."""
     try:
         if path.suffix in PACKED_FILES:  # rosbag2's file compression
             buffer = np.frombuffer(unpack_file(path, limits.unpacked_bytes()), np.uint8)
         else:
-            buffer = np.asarray(np.memmap(path, np.uint8, "r")) if path.stat().st_size else np.empty(0, np.uint8)
+            buffer = _mapped(path) if path.stat().st_size else np.empty(0, np.uint8)
     except OSError as error:
         raise RecordingError(f"{path} cannot be read: {error}", "Check the path and its permissions.") from None
     if not len(buffer):
@@ -252,7 +267,6 @@ def open_mcap(path: Path) -> McapFile:
     except _BAD_RECORD as error:
         raise RecordingError(f"{path} has a damaged record ({error})", "Record again.") from None
     file.loose = found.messages
-    file.check_lengths()
     if not whole:
         torn = len(buffer) - found.end
         file.damage.append(f"{path}: no summary at the end" + (f" and a torn record of {torn} bytes" if torn else ""))

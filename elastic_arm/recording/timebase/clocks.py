@@ -33,6 +33,8 @@ WANDER_OVER_JITTER = 5.0
 # are late by more than an interval, so that those of samples taken regularly wander when they are counted so.
 MISSING = 1.6
 MISSING_LATE = (3.0, 6.0, 12.0)
+# Sample intervals without a sample, over which a recording is broken: as where standstill was left out.
+HOLE = 1000
 # Samples over which the mean interval is taken then: late stamps come in bunches.
 BUNCH = 32
 # Deviations of the stamps below this share of an interval change nothing.
@@ -64,7 +66,7 @@ def evidence(samples: Samples, k: NDArray[np.int64], rate: float) -> Evidence | 
             f"they wander by {1e3 * np.std(jitter):.2g} ms from a regular clock, their jitter being {1e3 * size:.2g} ms"
         )
         return Evidence(1.0, 0.0, words)
-    part = slice(0, ENOUGH)
+    part = unbroken(k)
     k, jitter = k[part], jitter[part]
     found: list[Evidence] = []
     for position, velocity in ((samples.q, samples.dq), (samples.theta, samples.dtheta)):
@@ -74,6 +76,13 @@ def evidence(samples: Samples, k: NDArray[np.int64], rate: float) -> Evidence | 
                 found += _by_velocity(position[part], velocity[part], k, jitter, rate)
     best = min(found, key=lambda each: each.std, default=None)
     return best if best is not None and best.std < CERTAIN else None
+
+
+def unbroken(k: NDArray[np.int64]) -> slice:
+    """Return the longest run of samples, by their numbers, without a hole, of those that are enough."""
+    edges = np.concatenate([[0], np.flatnonzero(np.diff(k) > HOLE) + 1, [len(k)]])
+    first = int(np.argmax(np.diff(edges)))
+    return slice(int(edges[first]), int(min(edges[first + 1], edges[first] + ENOUGH)))
 
 
 def increments(steps: Array, missing: float = MISSING) -> NDArray[np.int64]:
@@ -92,6 +101,9 @@ def numbered(t: Array) -> tuple[NDArray[np.int64], float, float, Array]:
     """
     steps = np.diff(t)
     interval = float(np.median(steps))
+    near = steps < HOLE * interval
+    if not near.all():  # a median that jitters does not count what a long hole lacks
+        interval = float(steps[near].sum() / increments(steps[near] / interval).sum())
     found = []
     for missing in (MISSING, *MISSING_LATE):
         k = np.concatenate([[0], np.cumsum(increments(steps / interval, missing))])

@@ -1,0 +1,134 @@
+"""Long recordings: of all motion, the segments that tell most of the arm.
+
+A segment's worth is what it adds to the information of the others, ln |1 + sum of C'C / s²| (D-optimality): C are the
+columns of the equations of motion, times what each number of the description is usually off by, and of each joint's
+friction. Standstill counts for nothing, and a motion that was there already for little.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from scipy.signal import savgol_filter
+
+from elastic_arm.arrays import Array
+from elastic_arm.dynamics import Model, build_model
+from elastic_arm.recording import Recording
+from elastic_arm.recording.sides import Side
+from elastic_arm.recording.standstill import STANDS, moving_spans, standing_note, within
+from elastic_arm.robot import Robot
+
+# s of motion that are taken of one recording of three joints, and less in proportion to more: a diagnosis takes 2 GB
+# beside as much, and an identification two minutes (benchmarks/bench_day.py); deviations fall with its root alone.
+DIAGNOSED, IDENTIFIED = 75.0, 600.0
+SEGMENT = 10.0  # s; several swings of an arm
+RATE = 50.0  # Hz at which a motion is looked at, and s over which its derivatives are taken
+WINDOW = 0.2
+# What numbers of a description are off by, of themselves (evidence/priors.py: masses 0.06, springs 0.15), and the
+# friction of a joint, Nm, at 1 rad/s too.
+USUAL, FRICTION = 0.1, 5.0
+# Errors of a torque: noise, Nm, and what the model misses, of the torque itself. A jump of an encoder, whose torque
+# would be absurd, so tells no more than any other sample.
+NOISE, MISSED = 1.0, 0.02
+
+
+@dataclass
+class Segment:
+    """Some seconds of motion, and the information (P, P) in them."""
+
+    recording: Recording
+    seconds: float
+    information: Array
+
+
+class MostTelling:
+    """The segments of a recording that tell most, taken from its parts one after another.
+
+    seconds: of motion, all segments together, `exact` or for three joints and fewer for more.
+    """
+
+    def __init__(self, robot: Robot, seconds: float, *, exact: bool = False) -> None:
+        self.seconds = seconds if exact else seconds * min(1.0, 3.0 / robot.n)
+        self.moving = self.whole = 0.0  # s of motion, and of all, so far
+        self._model = build_model(robot, "mod3")
+        self._segments: list[Segment] = []
+        self._first: Recording | None = None
+        self._last: Recording | None = None
+
+    def add(self, part: Recording) -> None:
+        """Take the next part of the recording."""
+        self._first, self._last = self._first or part, part
+        self.whole += part.duration
+        for begin, end in moving_spans(part).tolist():
+            count = max(1, round((end - begin) * 1e-9 / SEGMENT))
+            edges = begin + np.linspace(0, end + 1 - begin, count + 1).astype(np.int64)
+            for first, last in pairwise(edges.tolist()):
+                self._take(within(part, np.array([[first, last - 1]])))
+        if sum(one.seconds for one in self._segments) > 2.0 * self.seconds:
+            self._segments = self._chosen()
+
+    def _take(self, motion: Recording) -> None:
+        sides = motion.measured().values()
+        if not all(map(len, sides)):
+            return
+        self.moving += motion.duration
+        side = next(
+            (side for side in (motion.motor, motion.link) if side is not None and side.position is not None), None
+        )
+        if side is not None:
+            self._segments.append(Segment(motion, motion.duration, _information(side, self._model)))
+
+    def _chosen(self) -> list[Segment]:
+        """Return the segments that tell most, one at least, in the order of their times."""
+        left, kept, total = list(range(len(self._segments))), list[int](), 0.0
+        information = np.eye(len(self._segments[0].information))
+        while left:
+            gains = [np.linalg.slogdet(information + self._segments[k].information)[1] for k in left]
+            best = left.pop(int(np.argmax(gains)))
+            if kept and total + self._segments[best].seconds > self.seconds:
+                break
+            information = information + self._segments[best].information
+            total += self._segments[best].seconds
+            kept.append(best)
+        return [self._segments[k] for k in sorted(kept)]
+
+    def recording(self) -> Recording:
+        """Return what was taken, as one recording with holes; its notes say how much of it that is."""
+        assert self._first is not None and self._last is not None
+        if not self._segments:
+            return self._first  # without motion, as whoever asks for it will say
+        chosen = self._chosen()
+        found = Recording.joined([one.recording for one in chosen])
+        seconds, source = sum(one.seconds for one in chosen), self._last.source
+        notes = list(self._last.notes)
+        if self.whole - self.moving > 1.0:
+            notes.append(standing_note(source, self.whole - self.moving, self.whole))
+        if self.moving - seconds > 1.0:
+            notes.append(
+                f"{source}: the {seconds:.0f} s that tell most are taken of {self.moving:.0f} s of motion "
+                "(--motion takes more)"
+            )
+        return replace(found, currents=self._last.currents, notes=tuple(notes))
+
+
+def _information(side: Side, model: Model) -> Array:
+    """Return C'C / s² (P, P) of a motion, for independent samples one 20th of a second apart."""
+    assert side.position is not None
+    position = np.nan_to_num(side.position)
+    step = max(float(np.median(np.diff(side.stamp_ns))) * 1e-9, 1e-9) if len(side) > 1 else 1.0
+    width = max(round(WINDOW / step) // 2 * 2 + 1, 5)
+    if len(position) <= 2 * width:
+        position = np.zeros((2 * width + 1, model.n))  # too short to tell anything
+    every = slice(width, -width, max(1, round(1.0 / (RATE * step))))
+    q, dq, ddq = (savgol_filter(position, width, 3, deriv=k, delta=step, axis=0)[every] for k in range(3))
+    double = (lambda rate: np.hstack([rate, rate])) if model.robot.elastic else (lambda rate: rate)
+    terms = model.regressor(double(q), double(dq), double(ddq)) * model.Psi
+    error = np.hypot(NOISE, MISSED * terms.sum(axis=-1))
+    rows = (USUAL * terms / error[:, :, None]).reshape(-1, terms.shape[-1])
+    found = np.zeros((rows.shape[1] + 2 * model.n,) * 2)
+    found[: rows.shape[1], : rows.shape[1]] = rows.T @ rows
+    friction = FRICTION * np.hstack([np.tanh(dq / STANDS), dq]) / np.tile(error[:, -model.n :], 2)
+    found[rows.shape[1] :, rows.shape[1] :] = friction.T @ friction
+    return np.asarray(found / (RATE * WINDOW))

@@ -1,0 +1,83 @@
+"""Standstill in a recording: what is left out, as it holds nothing that the motion around it does not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.recording.recording import Recording
+from elastic_arm.recording.sides import Side, Stamps, joints_with
+
+STANDS = 1e-3  # rad/s; slower than this a joint counts as standing, whatever the noise
+# s over which a joint's angle is averaged, before it is said to have moved: medians, as encoders have outliers.
+AVERAGED = 0.5
+# s of standstill before and after motion that are kept: gravity at the pose, and what filters reach.
+KEPT = 3.0
+
+
+def without_standstill(recording: Recording) -> Recording:
+    """Return a recording with holes where all joints stand still for more than :data:`KEPT` from any motion.
+
+    A note states how much that is. An arm that does not move at all keeps everything.
+    """
+    spans = moving_spans(recording)
+    if not len(spans):
+        return recording
+    found = within(recording, spans)
+    samples, kept = (sum(map(len, one.measured().values())) for one in (recording, found))
+    rest = recording.duration * (1.0 - kept / max(samples, 1))
+    if rest < KEPT:
+        return recording
+    return replace(found, notes=(*recording.notes, standing_note(recording.source, rest, recording.duration)))
+
+
+def standing_note(source: str, rest: float, whole: float) -> str:
+    """Return in words how much of a recording is left out, s."""
+    where = source or "the recording"
+    return f"{where}: {rest:.0f} of {whole:.0f} s are left out, as the arm stands still there"
+
+
+def moving_spans(recording: Recording) -> Stamps:
+    """Return from when to when the arm moves, with what is kept around, (k, 2) ns, in order and apart."""
+    found = [_moving(side) for side in recording.measured().values() if side.position is not None and len(side)]
+    return _joined(np.concatenate(found)) if any(map(len, found)) else np.empty((0, 2), np.int64)
+
+
+def within(recording: Recording, spans: Stamps) -> Recording:
+    """Return what lies in one of the spans (k, 2) ns, which are in order and apart."""
+    cut: dict[str, Any] = {name: side.at(_within(side.stamp_ns, spans)) for name, side in recording.sides().items()}
+    return replace(recording, **cut)
+
+
+def _moving(side: Side) -> Stamps:
+    """Return from when to when any joint moves, (k, 2) ns, with what is kept around."""
+    stamps, position = side.stamp_ns, side.position
+    assert position is not None
+    length = max(1, round(AVERAGED * 1e9 / max(float(np.median(np.diff(stamps))) if len(stamps) > 1 else 1.0, 1.0)))
+    starts = np.arange(0, len(stamps) - length + 1, length)
+    if len(starts) < 2:
+        return stamps[[0, -1]][None]
+    whole = position[: len(starts) * length, joints_with(position)].reshape(len(starts), length, -1)
+    # What is no number moves for all that is known.
+    steps = ~(np.abs(np.diff(np.median(whole, axis=1), axis=0)) <= STANDS * AVERAGED)
+    moved = np.flatnonzero(steps.any(axis=1))
+    around = round(KEPT * 1e9)
+    last = np.minimum(starts[moved] + 2 * length, len(stamps) - 1)
+    return np.stack([stamps[starts[moved]] - around, stamps[last] + around], axis=1)
+
+
+def _joined(spans: Stamps) -> Stamps:
+    """Return spans (k, 2) in order, those that overlap as one."""
+    spans = spans[np.argsort(spans[:, 0])]
+    ends = np.maximum.accumulate(spans[:, 1])
+    first = np.concatenate([[True], spans[1:, 0] > ends[:-1]])[: len(spans)]
+    return np.stack([spans[first, 0], ends[np.append(np.flatnonzero(first)[1:] - 1, -1)]], axis=1)
+
+
+def _within(stamps: Stamps, spans: Stamps) -> NDArray[np.bool_]:
+    """Return which stamps lie in one of the spans (k, 2), which are in order and apart."""
+    k = np.searchsorted(spans[:, 0], stamps, side="right") - 1
+    return np.asarray((k >= 0) & (stamps <= spans[np.maximum(k, 0), 1]))

@@ -1,0 +1,60 @@
+"""What changed of an arm over recordings, when and by how much."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from elastic_arm.app import app
+from elastic_arm.diagnosis import Question, diagnose
+from elastic_arm.diagnosis.history import courses, step_of
+from elastic_arm.effects import EFFECTS
+from elastic_arm.errors import DiagnosisError
+from tests.helpers.gap_recordings import ROBOT, motions, record
+
+COMMON = 4e-4  # variance that all sizes share, Nm²
+
+
+def test_a_step_is_found_where_it_is_with_its_levels() -> None:
+    """Levels are means of the sizes on either side, and what all sizes share widens them and hides no step."""
+    values = np.array([6.0, 6.01, 5.99, 9.0, 9.01])
+    step = step_of(values, 1e-4 * np.eye(5) + COMMON)
+    assert step.after == 2 and step.probability > 0.999
+    assert step.before_value == pytest.approx(6.0, abs=1e-3) and step.after_value == pytest.approx(9.005, abs=1e-3)
+    assert step.before_std == pytest.approx(np.sqrt(1e-4 / 3 + COMMON), rel=1e-6)
+
+
+def test_a_drift_within_the_deviations_names_no_place() -> None:
+    """Of sizes that rise evenly by less than they are known to, no place is certain."""
+    assert step_of(np.linspace(6.0, 6.1, 6), 0.01 * np.eye(6)).probability < 0.5
+
+
+def test_friction_that_rises_is_a_change_and_other_friction_is_none() -> None:
+    """From 6 to 9 Nm at one joint, known to 2 %; that of another stays the same within three deviations."""
+    effects = [f"coulomb_friction:joint_1:torque=5|coulomb_friction:joint_2:torque={size}" for size in (6, 9)]
+    first, second = (
+        replace(record(motions()[0], *each.split("|"), seed=k), source=f"day_{k}") for k, each in enumerate(effects)
+    )
+    judge = replace(record(motions()[1], *effects[0].split("|"), seed=2), source="judge")
+    whole = diagnose([first, second], Question(ROBOT, effects=(EFFECTS["coulomb_friction"],)), [judge])
+    found = courses(whole)
+    one, other = (next(c for c in found if c.sized.joint == joint) for joint in ("joint_2", "joint_1"))
+    assert one.changed > 0.99 and one.step is not None and one.step.after == 0
+    assert one.sized.values == pytest.approx([6.0, 9.0], rel=0.02)
+    assert other.changed < 0.5 and other.step is None
+    assert np.abs(other.sized.values - 5.0).max() < 0.1
+    assert found[0] is one
+    told = one.to_dict(("day_0", "day_1"))
+    assert told["step"]["between"] == ["day_0", "day_1"] and told["unit"] == "Nm"
+    with pytest.raises(DiagnosisError, match="two recordings"):
+        courses(replace(whole, identify=("day_0",)))
+
+
+def test_a_folder_without_bags_is_refused(tmp_path: Path) -> None:
+    """In one line that says what to name."""
+    result = CliRunner().invoke(app, ["history", str(tmp_path)])
+    assert result.exit_code == 2 and "holds no bags" in result.stderr
