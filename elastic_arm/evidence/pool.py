@@ -128,9 +128,7 @@ def starting_points(feature: Feature, linear: Linearisation) -> list[tuple[float
     if not components:
         return [()]
     if (middle := _middle(feature)) is not None:
-        # Where only squares of the numbers show, a law that is linear in them does not.
-        quarters = [(0.75 * p.low + 0.25 * p.high, 0.25 * p.low + 0.75 * p.high) for p in components]
-        return [middle, *product(*quarters)]
+        return [middle]
     count = GRID if len(components) == 1 else COARSE
     most = [linear.most(feature, p) for p in components]
     return list(product(*(_spread(p, m, count) for p, m in zip(components, most, strict=True))))
