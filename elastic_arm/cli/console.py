@@ -77,10 +77,8 @@ class _GuardedOutput(io.TextIOWrapper):
     def flush(self) -> None:
         """Hand on what was written.
 
-        Raises
-        ------
-        OutputError
-            If whatever stdout leads to does not take it. A pipe that is closed at its other end is no error of ours.
+        Raises an OutputError if whatever stdout leads to does not take it. A pipe that is closed at its other
+        end is no error of ours.
         """
         with _worded():
             super().flush()

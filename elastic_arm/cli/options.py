@@ -88,10 +88,7 @@ def load_arm(
 ) -> Robot:
     """Read a robot description, of a URDF or MJCF the part that `chain` names, and check that its effects exist.
 
-    Raises
-    ------
-    RobotError, EffectError
-        Naming the file.
+    Raises a RobotError, EffectError naming the file.
     """
     robot = load_robot(path, chain, at)
     if not robot.effects:
@@ -109,10 +106,7 @@ def load_arm(
 def require_bags(bags: Sequence[Path]) -> None:
     """Raise if a recording is not there, or given twice: it would count double, or judge a fit that has seen it.
 
-    Raises
-    ------
-    RecordingError
-        Naming the recording.
+    Raises a RecordingError naming the recording.
     """
     from elastic_arm.recording.storage.bag import WHAT_IS_A_BAG
 
@@ -157,10 +151,7 @@ def read_by_clock(
 ) -> Recording:
     """Read a recording whose stamps mean what the user demands, with notes on what cannot be right of it.
 
-    Raises
-    ------
-    RecordingError
-        Naming what is missing or wrong.
+    Raises a RecordingError naming what is missing or wrong.
     """
     # Not every command that takes these options reads a bag.
     from elastic_arm.recording import read_recording

@@ -25,10 +25,7 @@ Csv = Annotated[bool, typer.Option("--csv", help="Also write tables of the resul
 def claim_folder(folder: Path, names: Sequence[str], *, force: bool, option: str = "--out") -> None:
     """Check that the files `names` may be written into `folder`, which need not exist.
 
-    Raises
-    ------
-    OutputError
-        If one of them exists and `force` is not given, or the folder cannot be written.
+    Raises an OutputError if one of them exists and `force` is not given, or the folder cannot be written.
     """
     _check_name(folder, option)
     left = [name for name in names if (folder / name).exists()]
@@ -43,10 +40,7 @@ def claim_folder(folder: Path, names: Sequence[str], *, force: bool, option: str
 def claim_file(path: Path, *, force: bool, option: str = "--out") -> None:
     """Check that `path` may be written; its folder need not exist.
 
-    Raises
-    ------
-    OutputError
-        If it exists and `force` is not given, is a folder, or cannot be written.
+    Raises an OutputError if it exists and `force` is not given, is a folder, or cannot be written.
     """
     _check_name(path, option)
     if path.is_dir():
@@ -64,10 +58,7 @@ def claim_file(path: Path, *, force: bool, option: str = "--out") -> None:
 def claim_bag(path: Path, option: str = "--out") -> None:
     """Check that a bag may be made at `path`.
 
-    Raises
-    ------
-    OutputError
-        If something is there, or its folder cannot be written.
+    Raises an OutputError if something is there, or its folder cannot be written.
     """
     _check_name(path, option)
     if path.exists():

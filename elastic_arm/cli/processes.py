@@ -27,12 +27,8 @@ ABANDONED = 5.0
 class Nodes:
     """A set of the suite's nodes, each a process of its own; leaving the context stops them all.
 
-    Parameters
-    ----------
-    folder
-        Where parameter files and logs of the nodes go.
-    domain
-        ROS_DOMAIN_ID, so that the nodes meet nobody else.
+    folder: where parameter files and logs of the nodes go; domain: ROS_DOMAIN_ID, so that the nodes meet nobody
+    else.
     """
 
     def __init__(self, folder: Path, domain: int) -> None:
@@ -78,10 +74,7 @@ class Nodes:
     def running(self, name: str) -> bool:
         """Return whether a node still runs.
 
-        Raises
-        ------
-        GraphError
-            If any of the nodes died of an error.
+        Raises a GraphError if any of the nodes died of an error.
         """
         for other, process in self._running.items():
             if process.poll() not in (None, 0):
@@ -91,10 +84,7 @@ class Nodes:
     def stop(self, name: str) -> None:
         """Interrupt a node, and wait until it has ended.
 
-        Raises
-        ------
-        GraphError
-            If it does not, or ends with an error.
+        Raises a GraphError if it does not, or ends with an error.
         """
         code = self._end(name)
         if code != 0:

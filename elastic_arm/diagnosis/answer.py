@@ -74,21 +74,11 @@ def diagnose(recordings: Sequence[Recording], question: Question, validate: Sequ
 
 @dataclass(frozen=True)
 class Answer:
-    """What is said of recordings by the posterior of the sets of terms that were met.
+    """What is said of recordings by the posterior of the sets of terms that were met."""
 
-    Parameters
-    ----------
-    prepared
-        What was to be explained.
-    explanation
-        Sets and their posteriors.
-    question
-        What was asked.
-    """
-
-    prepared: Prepared
-    explanation: Explanation
-    question: Question
+    prepared: Prepared  # what was to be explained
+    explanation: Explanation  # sets and their posteriors
+    question: Question  # what was asked
 
     @property
     def best(self) -> Fit:

@@ -17,15 +17,7 @@ from elastic_arm.evidence.term import Term
 
 
 def changes_between(explanation: Explanation, problem: Problem) -> tuple[Change, ...]:
-    """Return the causes and known effects whose size is likelier not the same in all recordings that were fitted.
-
-    Parameters
-    ----------
-    explanation
-        Sets and their posteriors.
-    problem
-        The recordings.
-    """
+    """Return the causes and known effects whose size is likelier not the same in all recordings that were fitted."""
     search, found = explanation.search, []
     probability: dict[object, float] = {}
     for keys, p in search.probabilities().items():

@@ -23,17 +23,7 @@ NARROW = 12.0
 def common_equations(observations: Sequence[Observation], model: Model) -> tuple[EquationSet, Band]:
     """Return equations and band that all recordings allow.
 
-    Parameters
-    ----------
-    observations
-        Of all recordings.
-    model
-        The nominal model.
-
-    Raises
-    ------
-    DiagnosisError
-        If the recordings hold different channels, or have different sample rates.
+    Raises a DiagnosisError if the recordings hold different channels, or have different sample rates.
     """
     layouts = [EquationSet.of(o.pieces[0], model) for o in observations]
     if any(layout != layouts[0] for layout in layouts):
@@ -51,16 +41,8 @@ def common_equations(observations: Sequence[Observation], model: Model) -> tuple
 def common_band(layout: EquationSet, model: Model, rate: float, torque_band: float = np.inf) -> Band:
     """Return the band in which residuals are compared.
 
-    Parameters
-    ----------
-    layout
-        Usable equations.
-    model
-        The nominal model.
-    rate
-        Hz, of the recordings.
-    torque_band
-        Hz, from which on torques were low-passed before they were recorded: above, they are not those of the motion.
+    torque_band: hz, from which on torques were low-passed before they were recorded: above, they are not those of
+    the motion.
     """
     widest = min(widest_band(rate), torque_band)
     return Band(min(widest, ONE_ENCODER) if has_one_encoder(layout, model.robot) else widest, rate)

@@ -82,21 +82,11 @@ class ComparedEffect:
 
 @dataclass(frozen=True)
 class SimulationComparison:
-    """A real and a simulated recording of the same commands.
+    """A real and a simulated recording of the same commands."""
 
-    Parameters
-    ----------
-    simulated
-        Where the simulated recording came from.
-    difference
-        Channel by channel, without a model.
-    effects
-        Those found in either, most important first.
-    """
-
-    simulated: str
-    difference: RecordingDifference
-    effects: tuple[ComparedEffect, ...]
+    simulated: str  # where the simulated recording came from
+    difference: RecordingDifference  # channel by channel, without a model
+    effects: tuple[ComparedEffect, ...]  # those found in either, most important first
 
     def rows(self) -> list[list[str]]:
         """Return effect, place, in which recording, and its size in the real and in the simulated one, as text."""

@@ -19,35 +19,19 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class DiagnosisContext:
-    """The validation data with the residuals before and after.
+    """The validation data with the residuals before and after."""
 
-    Parameters
-    ----------
-    explanation
-        Sets of causes with their posteriors, at the last linearisation.
-    judging
-        The same linearisation of the recordings that judge.
-    before, after
-        Residuals (N', R) of each stretch of these.
-    alone
-        Residuals of each stretch with one cause alone added, by position in the causes.
-    regimes
-        (R,) share of each residual's power that follows each regime, before.
-    known, unseen
-        What counted as part of the model, and known effects that act in no recorded equation.
-    held_back
-        Whether the last third of each recording judged.
-    """
-
-    explanation: Explanation
-    judging: Linearisation
+    explanation: Explanation  # sets of causes with their posteriors, at the last linearisation
+    judging: Linearisation  # the same linearisation of the recordings that judge
+    # before, after: residuals (N', R) of each stretch of these
     before: Sequence[Array]
     after: Sequence[Array]
-    alone: Sequence[Sequence[Array]]
-    regimes: Sequence[dict[str, float]]
+    alone: Sequence[Sequence[Array]]  # residuals of each stretch with one cause alone added, by position in the causes
+    regimes: Sequence[dict[str, float]]  # (R,) share of each residual's power that follows each regime, before
+    # known, unseen: what counted as part of the model, and known effects that act in no recorded equation
     known: tuple[EffectInstance, ...]
     unseen: tuple[EffectInstance, ...]
-    held_back: bool
+    held_back: bool  # whether the last third of each recording judged
 
     @property
     def validate(self) -> WhitenedData:

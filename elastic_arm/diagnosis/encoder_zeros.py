@@ -23,12 +23,7 @@ BEYOND_LOAD = 2.0  # times the deflection under the largest torque: loads of bot
 def with_common_zeros(recordings: Sequence[Recording], robot: Robot) -> list[Recording]:
     """Take out the zeros of link encoders that are not the same in all recordings; notes state them.
 
-    Parameters
-    ----------
-    recordings
-        Of one arm, with the robot's joints.
-    robot
-        Its description: the stiffness of the drives is taken from it.
+    robot: its description: the stiffness of the drives is taken from it.
     """
     both = [r for r in recordings if _has_both_encoders(r)]
     if len(both) < 2 or len(both) < len(recordings) or not robot.elastic:

@@ -34,12 +34,7 @@ def estimated(
 ) -> tuple[dict[str, ParameterEstimate], EffectInstance]:
     """Return the parameters of a cause with deviations, and the effect as the simulator takes it.
 
-    Parameters
-    ----------
-    fit, term
-        The set, and the cause in it.
-    parameters, values
-        The numbers, and where (K,) the model stands.
+    parameters, values: the numbers, and where (K,) the model stands.
     """
     if term.kind == "number":
         total = values + fit.numbers

@@ -27,21 +27,13 @@ KNOWN = 0.2  # of the noise's power: how well it is known; spectra of quantised 
 
 @dataclass(frozen=True)
 class Gap:
-    """Powers of residuals by row and octave (R, O), Nm².
+    """Powers of residuals by row and octave (R, O), Nm²."""
 
-    Parameters
-    ----------
-    power, noise
-        Of the residuals, and of the sensors' noise in them.
-    count
-        Numbers of independent values.
-    rmse, peak
-        (R,) over the whole band, Nm.
-    """
-
+    # power, noise: of the residuals, and of the sensors' noise in them
     power: Array
     noise: Array
-    count: Array
+    count: Array  # numbers of independent values
+    # rmse, peak: (R,) over the whole band, Nm
     rmse: Array
     peak: Array
 

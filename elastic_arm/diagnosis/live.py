@@ -42,16 +42,8 @@ FIELDS = ("position", "velocity", "effort")
 class Window:
     """The samples of the last while, in bounded memory.
 
-    Parameters
-    ----------
-    joints
-        Names, in the order of the samples' columns.
-    length
-        s; of 15 s, two thirds are fitted and the last third judges.
-    source
-        Source that recordings made of it name.
-    currents
-        The torque channels that are currents times a torque constant.
+    length: s; of 15 s, two thirds are fitted and the last third judges; currents: the torque channels that are
+    currents times a torque constant.
     """
 
     def __init__(
@@ -92,10 +84,7 @@ class Window:
     def recording(self, last: float | None = None) -> Recording:
         """Return the last seconds (or all that is kept) as a recording.
 
-        Raises
-        ------
-        DiagnosisError
-            If there is nothing.
+        Raises a DiagnosisError if there is nothing.
         """
         if not self._batches:
             raise DiagnosisError("no samples yet", "Start the arm, or look for it on /joint_states and /motor_states")
@@ -126,13 +115,7 @@ class ResidualLevels:
 
 
 class LiveDiagnosis:
-    """Diagnoses of an arm that moves.
-
-    Parameters
-    ----------
-    question
-        Arm, model, known effects and priors.
-    """
+    """Diagnoses of an arm that moves."""
 
     def __init__(self, question: Question) -> None:
         self.question = question
@@ -144,10 +127,7 @@ class LiveDiagnosis:
     ) -> LiveDiagnosis:
         """Make one from a file (the package's arm where None), and known effects as text.
 
-        Raises
-        ------
-        RobotError, EffectError
-            If there is no such arm or effect.
+        Raises a RobotError, EffectError if there is no such arm or effect.
         """
         arm = load_robot(robot)
         catalogue = Catalogue.default().with_files(effects_files)
@@ -159,10 +139,7 @@ class LiveDiagnosis:
 
         With `refit`, the model is that of the last diagnosis.
 
-        Raises
-        ------
-        DiagnosisError
-            If there is too little motion.
+        Raises a DiagnosisError if there is too little motion.
         """
         model = self._model
         observation = observe(usable(recording.select(self.question.robot.joint_names)))

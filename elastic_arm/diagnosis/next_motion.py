@@ -76,15 +76,7 @@ AmbiguousPair = tuple[CompetingEffect, CompetingEffect, tuple[CompetingEffect, .
 
 
 def propose(context: DiagnosisContext, causes: Sequence[Cause], *, rng: np.random.Generator) -> Proposal | None:
-    """Return the motion that separates causes from their alternatives best; None where there are no alternatives.
-
-    Parameters
-    ----------
-    context, causes
-        Of the diagnosis.
-    rng
-        Draws the motions.
-    """
+    """Return the motion that separates causes from their alternatives best; None where there are no alternatives."""
     ambiguous = _ambiguous_pairs(context, causes)
     if not ambiguous:
         return None
@@ -113,12 +105,7 @@ def propose(context: DiagnosisContext, causes: Sequence[Cause], *, rng: np.rando
 def separation(pair: AmbiguousPair, columns: Columns) -> float:
     """Log-likelihood by which a recording is expected to decide between two effects, whichever is there.
 
-    Parameters
-    ----------
-    pair
-        The two, and what acts beside them in either case.
-    columns
-        Makes whitened columns for the recording.
+    pair: the two, and what acts beside them in either case.
     """
     one, other, beside = pair
     always = [effect.refit_columns(columns) for effect in beside]

@@ -22,27 +22,13 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ExperimentConditions:
-    """What a new recording would share with one that was made.
+    """What a new recording would share with one that was made."""
 
-    Parameters
-    ----------
-    model
-        The nominal model.
-    layout
-        Usable equations.
-    noise
-        Of the channels, carried into the equations.
-    cutoff
-        Hz.
-    acceleration_cutoff
-        Hz up to which accelerations are motion rather than noise.
-    """
-
-    model: Model
-    layout: EquationSet
-    noise: NoiseModel
-    cutoff: float
-    acceleration_cutoff: float
+    model: Model  # the nominal model
+    layout: EquationSet  # usable equations
+    noise: NoiseModel  # of the channels, carried into the equations
+    cutoff: float  # hz
+    acceleration_cutoff: float  # hz up to which accelerations are motion rather than noise
 
     @staticmethod
     def of(model: Model, data: WhitenedData) -> ExperimentConditions:
@@ -54,14 +40,7 @@ class ExperimentConditions:
 class PredictedExperiment:
     """A trajectory as it would be recorded, without noise.
 
-    Parameters
-    ----------
-    conditions
-        Sensors and model.
-    trajectory
-        Of the motor side; the links follow as far as the drives' stiffness makes them.
-    rate
-        Highest sample rate of the prediction, Hz.
+    trajectory: of the motor side; the links follow as far as the drives' stiffness makes them.
     """
 
     def __init__(self, conditions: ExperimentConditions, trajectory: FourierTrajectory, rate: float) -> None:

@@ -38,26 +38,15 @@ FARTHEST = 1.0
 
 @dataclass(frozen=True)
 class Prediction:
-    """Root mean squares, over the starts, of predicted minus measured angles.
+    """Root mean squares, over the starts, of predicted minus measured angles."""
 
-    Parameters
-    ----------
-    horizons
-        (H,) s.
-    starts
-        How many.
-    before, after
-        (joint, side) -> (H,) rad for "link" (q) and "motor" (theta), with the model and with the causes added; NaN
-        where the model leaves the motion.
-    reason
-        Why there is no prediction, or not everywhere; empty where there is one.
-    """
-
-    horizons: tuple[float, ...] = HORIZONS
-    starts: int = 0
+    horizons: tuple[float, ...] = HORIZONS  # (H,) s
+    starts: int = 0  # how many
+    # before, after: (joint, side) -> (H,) rad for "link" (q) and "motor" (theta), with the model and with the causes
+    # added; NaN where the model leaves the motion
     before: Mapping[Place, tuple[float, ...]] | None = None
     after: Mapping[Place, tuple[float, ...]] | None = None
-    reason: str = ""
+    reason: str = ""  # why there is no prediction, or not everywhere; empty where there is one
 
     def to_dict(self, unit: str = "rad") -> dict[str, Any]:
         """Return it as plain data, with the unit of positions; null where there is no prediction."""
@@ -92,14 +81,8 @@ def _nested(size: Mapping[Place, tuple[float, ...]]) -> dict[str, dict[str, list
 def predict(context: DiagnosisContext, causes: Sequence[EffectInstance], starts: int = STARTS) -> Prediction:
     """Measure the short-horizon prediction error on the validation data, without and with the causes.
 
-    Parameters
-    ----------
-    context
-        Of the diagnosis; what counted as part of the model acts in both predictions.
-    causes
-        Those of what was found that act.
-    starts
-        Instants from which is predicted, spread evenly over the validation data.
+    context: of the diagnosis; what counted as part of the model acts in both predictions; starts: instants from
+    which is predicted, spread evenly over the validation data.
     """
     if context.model.robot.elastic and "motor" not in context.validate.layout.sides:
         return Prediction(reason="motor torque and motor angle are not both recorded: there is nothing to drive with")
@@ -211,12 +194,7 @@ def _with(plant: Plant, effects: Sequence[EffectInstance]) -> Plant:
 def taken_out(context: DiagnosisContext, sensors: Sensors) -> dict[str, tuple[Array, Array]]:
     """Return the gains and lags, (n,) s, by channel, that the calibration took out of it.
 
-    Parameters
-    ----------
-    context
-        Of the diagnosis.
-    sensors
-        With all causes: of what is ordinary, nothing is a cause, and it stays taken out.
+    sensors: with all causes: of what is ordinary, nothing is a cause, and it stays taken out.
     """
     n, found = len(context.model.robot.joints), {}
     for channel in ("joint_torque", "motor_torque", "link_encoder"):
@@ -264,14 +242,7 @@ def corrected(
 ) -> CompletedMotion:
     """Return what the channels would be without the gains, offsets, eccentricities and delays of these sensors.
 
-    Parameters
-    ----------
-    motion
-        The channels.
-    sensors
-        What is to be taken out of them.
-    taken
-        Gains and lags, s, by channel, that are out of them already.
+    taken: gains and lags, s, by channel, that are out of them already.
     """
     n, taken = motion.q.shape[1], taken or {}
 

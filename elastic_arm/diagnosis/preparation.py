@@ -42,56 +42,25 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Prepared:
-    """What is to be explained, and what the reader should know of the data.
+    """What is to be explained, and what the reader should know of the data."""
 
-    Parameters
-    ----------
-    problem
-        Recordings, equations, numbers, effects.
-    unseen
-        Known effects that act in no recorded equation.
-    sources
-        Where the recordings of either part come from.
-    judged
-        Recording -> from when to when it judges, s.
-    independent_motion
-        Whether the motion that judges is another one.
-    notes
-        On the data.
-    mounting
-        How the arm is mounted, where that is not as described.
-    made
-        Joints whose motor torques are made of commands.
-    """
-
-    problem: Problem
-    unseen: tuple[EffectInstance, ...]
-    sources: tuple[tuple[str, ...], tuple[str, ...]]
-    judged: dict[str, tuple[float, float]]
-    independent_motion: bool
-    notes: tuple[str, ...]
-    mounting: Mounting | None
-    made: tuple[str, ...]
+    problem: Problem  # recordings, equations, numbers, effects
+    unseen: tuple[EffectInstance, ...]  # known effects that act in no recorded equation
+    sources: tuple[tuple[str, ...], tuple[str, ...]]  # where the recordings of either part come from
+    judged: dict[str, tuple[float, float]]  # recording -> from when to when it judges, s
+    independent_motion: bool  # whether the motion that judges is another one
+    notes: tuple[str, ...]  # on the data
+    mounting: Mounting | None  # how the arm is mounted, where that is not as described
+    made: tuple[str, ...]  # joints whose motor torques are made of commands
 
 
 def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], question: Question) -> Prepared:
     """Split, clear and observe recordings, and find what may be off and what may be there.
 
-    Parameters
-    ----------
-    recordings
-        What causes are fitted on.
-    validate
-        What judges them; the last third of the recordings' motion where none is given.
-    question
-        Arm, model, known effects and catalogue.
+    validate: what judges them; the last third of the recordings' motion where none is given.
 
-    Raises
-    ------
-    DiagnosisError
-        If the recordings allow no diagnosis: no torque, no motion, too short, validation equal to identification data.
-    RecordingError
-        If a recording lacks a joint.
+    Raises a DiagnosisError if the recordings allow no diagnosis: no torque, no motion, too short, validation equal
+    to identification data; a RecordingError if a recording lacks a joint.
     """
     names, held_back = question.robot.joint_names, not validate
     moving = [without_standstill(r.select(names)) for r in (*recordings, *validate)]

@@ -35,10 +35,7 @@ TORQUES = {"link": "joint torque (effort of the link side)", "motor": "motor tor
 def usable(recording: Recording) -> Recording:
     """Return the recording without outliers and dead torque channels, its clocks together; its notes state it.
 
-    Raises
-    ------
-    DiagnosisError
-        If the arm stands still, or every torque channel is dead.
+    Raises a DiagnosisError if the arm stands still, or every torque channel is dead.
     """
     whole = without_outliers(recording)
     if not moves(whole):

@@ -42,16 +42,7 @@ REGIMES = (
 def shares(data: WhitenedData, values: Sequence[Array], row: int, ratios: tuple[float, float]) -> dict[str, float]:
     """Share of one residual's power that follows each regime.
 
-    Parameters
-    ----------
-    data
-        The data set to which the residuals belong.
-    values
-        Residuals (N', R) of each stretch, Nm.
-    row
-        Which residual; its joint and side follow from the layout.
-    ratios
-        r_hd and r_tot of its joint.
+    values: residuals (N', R) of each stretch, Nm; row: which residual; its joint and side follow from the layout.
     """
     n = data.layout.n
     side, joint = data.layout.sides[row // n], row % n
@@ -83,16 +74,7 @@ def regime(found: dict[str, float]) -> str:
 def bases(signals: Signals, side: str, i: int, n: int, ratios: tuple[float, float]) -> dict[str, Array]:
     """Return the columns (N, k) at the recording's rate that a residual of joint i would follow, by regime.
 
-    Parameters
-    ----------
-    signals
-        Of the motion.
-    side
-        "link", or another: which velocity and sign the residual follows.
-    i, n
-        The joint, and the number of joints.
-    ratios
-        r_hd and r_tot of the joint.
+    side: "link", or another: which velocity and sign the residual follows.
     """
     v = signals.values
     # Without transmissions the motor turns with the link.

@@ -45,39 +45,20 @@ class Alternative:
 
 @dataclass(frozen=True)
 class Cause:
-    """An effect that the model lacks, or a number that is far from what the description states.
+    """An effect that the model lacks, or a number that is far from what the description states."""
 
-    Parameters
-    ----------
-    effect, joint, sides, regime
-        What, where, and when it shows.
-    parameters
-        Values with standard deviations and units.
-    shrink
-        Share of the whole gap that goes when this cause alone is added.
-    confidence
-        Its posterior probability.
-    alternatives
-        What may be there instead.
-    instance
-        As the simulator takes it.
-    stated, found
-        Parameters that the description states and those that were found; None where it states nothing.
-    is_number
-        Whether it is a number of the arm, which the corrected arm holds as that.
-    """
-
+    # effect, joint, sides, regime: what, where, and when it shows
     effect: str
     joint: str | None
     sides: tuple[str, ...]
     regime: str
-    parameters: Mapping[str, ParameterEstimate]
-    shrink: float
-    confidence: float
-    alternatives: tuple[Alternative, ...]
-    instance: EffectInstance
+    parameters: Mapping[str, ParameterEstimate]  # values with standard deviations and units
+    shrink: float  # share of the whole gap that goes when this cause alone is added
+    confidence: float  # its posterior probability
+    alternatives: tuple[Alternative, ...]  # what may be there instead
+    instance: EffectInstance  # as the simulator takes it
     stated: Mapping[str, Any] | None = None
-    is_number: bool = False
+    is_number: bool = False  # whether it is a number of the arm, which the corrected arm holds as that
 
     @property
     def held_as(self) -> str:
@@ -134,33 +115,20 @@ class Cause:
 
 @dataclass(frozen=True)
 class Imperfection:
-    """What the recordings say of one number of the description or of a sensor.
+    """What the recordings say of one number of the description or of a sensor."""
 
-    Parameters
-    ----------
-    what, joint, unit
-        Which number.
-    value, std
-        With its standard deviation: a ratio for unit "1", else a deviation.
-    prior_std
-        Over ordinary arms.
-    ordinary
-        Whether it is likelier within that than far off.
-    recording
-        Of a zero that is another one in this recording than in the first, by how much; None of any other number.
-    neutral
-        Its value on an arm that is as described.
-    """
-
+    # what, joint, unit: which number
     what: str
     joint: str
     unit: str
+    # value, std: with its standard deviation: a ratio for unit "1", else a deviation
     value: float
     std: float
-    prior_std: float
-    ordinary: bool
+    prior_std: float  # over ordinary arms
+    ordinary: bool  # whether it is likelier within that than far off
+    # of a zero that is another one in this recording than in the first, by how much; None of any other number
     recording: str | None = None
-    neutral: float = 0.0
+    neutral: float = 0.0  # its value on an arm that is as described
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as in `diagnosis.json`."""
@@ -172,26 +140,16 @@ class Imperfection:
 
 @dataclass(frozen=True)
 class Change:
-    """A cause that has another size in some of the recordings.
+    """A cause that has another size in some of the recordings."""
 
-    Parameters
-    ----------
-    effect, joint
-        What and where.
-    parameter, unit
-        Its size.
-    values
-        (recording, value, standard deviation) each.
-    confidence
-        Probability that the size is not the same in all.
-    """
-
+    # effect, joint: what and where
     effect: str
     joint: str | None
+    # parameter, unit: its size
     parameter: str
     unit: str
-    values: tuple[tuple[str, float, float], ...]
-    confidence: float
+    values: tuple[tuple[str, float, float], ...]  # (recording, value, standard deviation) each
+    confidence: float  # probability that the size is not the same in all
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as in `diagnosis.json`."""
@@ -225,23 +183,16 @@ class ResidualSizes:
 
 @dataclass(frozen=True)
 class PairSeparation:
-    """Two effects of which one is there, and how far a recording discriminates between them.
+    """Two effects of which one is there, and how far a recording discriminates between them."""
 
-    Parameters
-    ----------
-    cause, alternative
-        Effect and joint of the two.
-    here, expected
-        Log-likelihood by which this recording decides, and by which the proposed motion is expected to, nats.
-    decides
-        Whether the proposed motion is expected to decide.
-    """
-
+    # cause, alternative: effect and joint of the two
     cause: tuple[str, str | None]
     alternative: tuple[str, str | None]
+    # here, expected: log-likelihood by which this recording decides, and by which the proposed motion is expected to,
+    # nats
     here: float
     expected: float = 0.0
-    decides: bool = False
+    decides: bool = False  # whether the proposed motion is expected to decide
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as plain data."""
@@ -257,24 +208,12 @@ class PairSeparation:
 
 @dataclass(frozen=True)
 class Proposal:
-    """A motion that is expected to discriminate between effects.
+    """A motion that is expected to discriminate between effects."""
 
-    Parameters
-    ----------
-    trajectory
-        None where no motion within the limits was found.
-    pairs
-        Between which it discriminates, and how well.
-    candidates
-        How many motions were judged.
-    notes
-        What had to be assumed, or why there is no motion.
-    """
-
-    trajectory: FourierTrajectory | None
-    pairs: tuple[PairSeparation, ...]
-    candidates: int
-    notes: tuple[str, ...] = ()
+    trajectory: FourierTrajectory | None  # none where no motion within the limits was found
+    pairs: tuple[PairSeparation, ...]  # between which it discriminates, and how well
+    candidates: int  # how many motions were judged
+    notes: tuple[str, ...] = ()  # what had to be assumed, or why there is no motion
 
     @property
     def seconds(self) -> float:
@@ -417,15 +356,7 @@ class Diagnosis(Result):
         return rows
 
     def residual_sides(self, recording: int, start_ns: int) -> dict[str, Side]:
-        """Return the residuals of a recording that judged as topics, `/residuals/motor/before`, with torques as effort.
-
-        Parameters
-        ----------
-        recording
-            Its position among those that judged.
-        start_ns
-            Where the recording begins.
-        """
+        """Return the residuals of a recording that judged as topics, `/residuals/motor/before`."""
         if self.context is None:
             return {}
         t, *residuals = self.context.over_time(recording)
@@ -474,10 +405,7 @@ class Diagnosis(Result):
     def save(self, path: str | Path) -> Path:
         """Write `diagnosis.json`.
 
-        Raises
-        ------
-        DiagnosisError
-            If the file cannot be written.
+        Raises a DiagnosisError if the file cannot be written.
         """
         text = json.dumps(self.to_dict(), indent=2, allow_nan=False)
         return write_result(path, f"{text}\n", DiagnosisError, "Choose another --out")
@@ -486,10 +414,7 @@ class Diagnosis(Result):
     def load(path: str | Path, catalogue: Catalogue | None = None) -> Diagnosis:
         """Read a result that :meth:`save` wrote, with the motion proposed beside it; figures over time are not in it.
 
-        Raises
-        ------
-        DiagnosisError
-            If the file is not such a result.
+        Raises a DiagnosisError if the file is not such a result.
         """
         remedy = "Give a diagnosis.json of `elastic-arm diagnose`."
         try:

@@ -28,15 +28,7 @@ def split(recordings: Sequence[Recording], validate: Sequence[Recording]) -> tup
 
     Holes, as those of standstill, count for nothing.
 
-    Parameters
-    ----------
-    recordings, validate
-        As given by the user.
-
-    Raises
-    ------
-    DiagnosisError
-        If the parts would be too short, or a recording is to judge itself.
+    Raises a DiagnosisError if the parts would be too short, or a recording is to judge itself.
     """
     if not recordings:
         raise DiagnosisError("no recording is given", "Name a bag")
@@ -72,13 +64,7 @@ def _course_of_time(recording: Recording) -> tuple[Array, Array]:
 
 
 def independent(identify: Sequence[Recording], validate: Sequence[Recording]) -> bool:
-    """Whether the judging motion is another one than the fitted ones, not a repetition at another time.
-
-    Parameters
-    ----------
-    identify, validate
-        The two parts.
-    """
+    """Whether the judging motion is another one than the fitted ones, not a repetition at another time."""
     rate, alike = RATE, REPEATED
     return not any(_repeats(_course(v, rate), _course(r, rate), alike) for v in validate for r in identify)
 

@@ -39,15 +39,7 @@ def estimates_text(parameters: Mapping[str, ParameterEstimate], between: str = "
 
 
 def instance_text(instance: EffectInstance, units: JointUnits) -> str:
-    """Return all that an effect was given, with the units at its joint.
-
-    Parameters
-    ----------
-    instance
-        On a joint, or the whole arm.
-    units
-        Of the arm.
-    """
+    """Return all that an effect was given, with the units at its joint."""
     given, joint = instance.parameters, instance.joint
     numbers = [f"{p.name} {size_text(given[p.name], 0.0, units.at(joint, p.unit))}" for p in instance.effect.parameters]
     choices = [f"{c.name} {chosen(given[c.name])}" for c in instance.effect.choices]
@@ -90,14 +82,7 @@ def chosen(value: object) -> str:
 def size_text(value: Any, std: Any, unit: str = "1") -> str:
     """Return a number, or a vector of them, with its unit and the digits that its standard deviation warrants.
 
-    Parameters
-    ----------
-    value
-        A number, or a list of them.
-    std
-        Of each; zero where it is given, None where it is not known.
-    unit
-        "1" for a ratio.
+    std: of each; zero where it is given, None where it is not known.
     """
     vector = isinstance(value, list | tuple)
     values = list(value) if vector else [value]
@@ -126,12 +111,7 @@ def bare_note(joints: Sequence[str]) -> str:
 def unseen_notes(instances: Sequence[EffectInstance], bare: Sequence[str]) -> list[str]:
     """Return notes on known effects that act in no torque that was recorded.
 
-    Parameters
-    ----------
-    instances
-        Those in no equation, as of the motor side where that was not recorded.
-    bare
-        The joints without a torque.
+    instances: those in no equation, as of the motor side where that was not recorded.
     """
     places: dict[str, dict[str, list[str]]] = {}
     for instance in instances:
@@ -170,13 +150,7 @@ def scale_sentence(found: Diagnosis) -> str:
 
 
 def summary(found: Diagnosis) -> list[str]:
-    """Return what was found as sentences: the verdict, each cause, and how far the model is off without and with them.
-
-    Parameters
-    ----------
-    found
-        The diagnosis.
-    """
+    """Return what was found as sentences: verdict, each cause, how far the model is off without and with them."""
     first, *more = [*(cause_sentence(cause, found.model) for cause in found.causes), _verdict_sentence(found)]
     return [f"{found.verdict}: {first}", *more]
 
@@ -282,12 +256,7 @@ def listed_alternatives(cause: Cause) -> tuple[list[Alternative], str]:
 def gap_at(found: Diagnosis, joint: str, side: str) -> str:
     """Return the size of a residual without and with the causes, and the share of its own gap that is gone.
 
-    Parameters
-    ----------
-    found
-        The diagnosis.
-    joint, side
-        Which residual; "–" where there is no such equation.
+    joint, side: which residual; "–" where there is no such equation.
     """
     place = (joint, side)
     if place not in found.before.rmse:

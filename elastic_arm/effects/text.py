@@ -25,10 +25,7 @@ def read_effects(
 ) -> tuple[EffectInstance, ...]:
     """Return effects, those that are text read by one of the functions below.
 
-    Raises
-    ------
-    EffectError
-        If one is neither.
+    Raises an EffectError if one is neither.
     """
     found: list[EffectInstance] = []
     for one in [given] if isinstance(given, str | EffectInstance) else given:

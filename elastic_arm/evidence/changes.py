@@ -21,15 +21,7 @@ def change_key(term: Term) -> Key:
 
 
 def change_of(linear: Linearisation, term: Term) -> Term:
-    """Return what a term adds in each recording beside its common size.
-
-    Parameters
-    ----------
-    linear
-        Of two recordings or more.
-    term
-        With a size.
-    """
+    """Return what a term adds in each recording beside its common size."""
     data, count = linear.data, len(linear.problem.observed[linear.which])
     recording = data.of_stretches([part.recording for part in data.parts])
     columns = np.hstack(

@@ -28,13 +28,7 @@ class Products(NamedTuple):
 
 
 class Bands:
-    """Place and octave of each whitened row.
-
-    Parameters
-    ----------
-    data
-        Whitened residuals.
-    """
+    """Place and octave of each whitened row."""
 
     def __init__(self, data: WhitenedData) -> None:
         f = np.concatenate(
@@ -59,12 +53,7 @@ class Bands:
 class Grams:
     """Products of the residual, the numbers' columns and those of terms.
 
-    Parameters
-    ----------
-    y, N
-        (rows,) and (rows, k) whitened residual and columns of the numbers.
-    bands
-        Place and octave of the rows.
+    y, N: (rows,) and (rows, k) whitened residual and columns of the numbers.
     """
 
     def __init__(self, y: Array, N: Array, bands: Bands) -> None:
@@ -126,12 +115,7 @@ class Grams:
     def of(self, terms: Sequence[Term], lacking: Sequence[Term] = ()) -> Products:
         """Return the products of a set: coefficients of the numbers first, then of the terms in order.
 
-        Parameters
-        ----------
-        terms
-            The set.
-        lacking
-            Shares of the numbers' columns that are not there: of effects that the set leaves out.
+        lacking: shares of the numbers' columns that are not there: of effects that the set leaves out.
         """
         (half, base), yy = self._numbers(lacking), self.G0[:, 0, 0]
         rows, b = [half], []

@@ -47,30 +47,15 @@ class Motions(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Linearisation:
-    """Residuals and their derivatives where the numbers of arm and sensors have some values.
+    """Residuals and their derivatives where the numbers of arm and sensors have some values."""
 
-    Parameters
-    ----------
-    problem
-        Recordings, equations, numbers.
-    values
-        (K,) of the numbers, in standard deviations of their priors.
-    acting
-        Effects that act in the predicted torques.
-    which
-        0 for the recordings that are fitted, 1 for those that judge.
-    near
-        What depends on the motion alone, of the same recordings beside other numbers.
-    cache
-        What was made of it.
-    """
-
-    problem: Problem
-    values: Array
-    acting: tuple[ActingEffect, ...]
-    which: int = 0
+    problem: Problem  # recordings, equations, numbers
+    values: Array  # (K,) of the numbers, in standard deviations of their priors
+    acting: tuple[ActingEffect, ...]  # effects that act in the predicted torques
+    which: int = 0  # 0 for the recordings that are fitted, 1 for those that judge
+    # what depends on the motion alone, of the same recordings beside other numbers
     near: Motions | None = field(default=None, repr=False)
-    cache: dict[str, Any] = field(default_factory=dict, init=False, repr=False)
+    cache: dict[str, Any] = field(default_factory=dict, init=False, repr=False)  # what was made of it
     _most: dict[tuple[object, str], float] = field(default_factory=dict, init=False, repr=False)
 
     @cached_property

@@ -27,19 +27,12 @@ UNTOLD = 1e-3  # of a prior's precision: what data tell no more of, they tell no
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """The posterior of one set of terms.
+    """The posterior of one set of terms."""
 
-    Parameters
-    ----------
-    model, terms
-        Of what.
-    found
-        Posterior of the numbers' coefficients and the terms'.
-    """
-
+    # model, terms: of what
     model: LinearModel
     terms: tuple[Term, ...]
-    found: Posterior
+    found: Posterior  # posterior of the numbers' coefficients and the terms'
 
     @property
     def score(self) -> float:
@@ -146,15 +139,7 @@ class Fit:
 
 
 class Screen:
-    """Products of many terms with the residual and the numbers, for what each would gain.
-
-    Parameters
-    ----------
-    grams
-        Of the data.
-    terms
-        That may be added.
-    """
+    """Products of many terms with the residual and the numbers, for what each would gain."""
 
     def __init__(self, grams: Grams, terms: Sequence[Term]) -> None:
         self.grams, self.terms = grams, list(terms)
@@ -226,12 +211,7 @@ class Screen:
 
         What the noise gains that it makes smaller is counted of the terms that could gain most.
 
-        Parameters
-        ----------
-        fit
-            Beside which.
-        among
-            The terms that count; the others gain nothing. None for all.
+        among: the terms that count; the others gain nothing. None for all.
         """
         gains = np.full(len(self.terms), -np.inf)
         some = np.arange(len(self.terms)) if among is None else np.array(sorted(among), dtype=int)
@@ -291,37 +271,18 @@ class Screen:
 
 @dataclass(eq=False)
 class LinearModel:
-    """The data at one linearisation.
+    """The data at one linearisation."""
 
-    Parameters
-    ----------
-    y, N
-        (rows,), (rows, K) whitened residual, and columns of the numbers for one standard deviation each.
-    bands
-        Of the rows.
-    mean
-        (K,) prior means of the numbers' coefficients, whose standard deviation is the trust.
-    kinds
-        (K,) of which kind they are (:data:`KINDS`).
-    moving
-        (K,) at which numbers' values the residuals are made; the others act linearly.
-    always
-        Terms that are known to be there.
-    shares
-        What other terms add to columns of the numbers (:attr:`.Linearisation.shares`).
-    name
-        The trust in the description.
-    """
-
+    # y, N: (rows,), (rows, K) whitened residual, and columns of the numbers for one standard deviation each
     y: Array
     N: Array
-    bands: Bands
-    mean: Array
-    kinds: NDArray[np.intp]
-    moving: NDArray[np.bool_]
-    always: tuple[Term, ...] = ()
-    shares: tuple[Term, ...] = ()
-    name: str = ""
+    bands: Bands  # of the rows
+    mean: Array  # (K,) prior means of the numbers' coefficients, whose standard deviation is the trust
+    kinds: NDArray[np.intp]  # (K,) of which kind they are (:data:`KINDS`)
+    moving: NDArray[np.bool_]  # (K,) at which numbers' values the residuals are made; the others act linearly
+    always: tuple[Term, ...] = ()  # terms that are known to be there
+    shares: tuple[Term, ...] = ()  # what other terms add to columns of the numbers (:attr:`.Linearisation.shares`)
+    name: str = ""  # the trust in the description
     _fits: dict[object, Fit] = field(default_factory=dict, init=False)
 
     @cached_property
@@ -386,12 +347,7 @@ class LinearModel:
     def fit(self, terms: Sequence[Term], near: Fit | None = None) -> Fit:
         """Return the posterior of a set of terms beside those that are known to be there.
 
-        Parameters
-        ----------
-        terms
-            The set.
-        near
-            A fit of a similar set, where its noise starts.
+        near: A fit of a similar set, where its noise starts.
         """
         terms = tuple(terms)
         key = frozenset(t.ident for t in terms)

@@ -59,16 +59,7 @@ def moved(p: Parameter, value: float, step: float, high: float = np.inf) -> floa
 def tangent_term(linear: Linearisation, term: Term, theta: Sequence[float], size: float) -> Term:
     """Return a term at some nonlinear numbers with its derivatives by them.
 
-    Parameters
-    ----------
-    linear
-        Residuals and their derivatives.
-    term
-        Of the effect.
-    theta
-        The numbers.
-    size
-        Coefficient of its one column there; 1 where that is known.
+    size: coefficient of its one column there; 1 where that is known.
     """
     feature = term.feature
     assert feature is not None
@@ -137,17 +128,7 @@ def start_of(term: Term, fit: Fit) -> tuple[Feature, tuple[float, ...], float]:
 def refined(
     linear: Linearisation, model: LinearModel, term: Term, others: Sequence[Term], near: Fit
 ) -> tuple[Term, Fit]:
-    """Return a term with its nonlinear numbers where they are most probable beside others, and the fit of all.
-
-    Parameters
-    ----------
-    linear, model
-        The data.
-    term, others
-        The set.
-    near
-        A fit of a similar set.
-    """
+    """Return a term with its nonlinear numbers where they are most probable beside others, and the fit of all."""
     first = model.fit([*others, term], near)
     feature, theta, size = start_of(term, first)
     start = replace(term, feature=feature)

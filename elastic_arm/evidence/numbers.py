@@ -38,24 +38,12 @@ def numbers_of(
 ) -> tuple[Number, ...]:
     """Return the numbers of an arm and of its sensors that have a prior.
 
-    Parameters
-    ----------
-    robot
-        The description.
-    features
-        Effects of sensors and of the arm's numbers at every place; sensors' without a prior in their file are left out.
-    rate
-        Hz, of the recordings.
-    priors
-        Of the arm's numbers, and those of sensors that differ from their files.
-    pieces
-        The motion, from which the scale of a motor inertia follows that is not described.
-    largest
-        (n,) torques of the joints, Nm: zeros and presliding are a share of them at most.
-    turning
-        (n,) speeds within which dry friction was found to turn over, rad/s; None where they were not looked for.
-    sides
-        Of the equations: with one of them alone, how friction turns over is the same on both sides of a drive.
+    features: effects of sensors and of the arm's numbers at every place; sensors' without a prior in their file are
+    left out; priors: of the arm's numbers, and those of sensors that differ from their files; pieces: the motion,
+    from which the scale of a motor inertia follows that is not described; largest: (n,) torques of the joints, Nm:
+    zeros and presliding are a share of them at most; turning: (n,) speeds within which dry friction was found to
+    turn over, rad/s; None where they were not looked for; sides: of the equations: with one of them alone, how
+    friction turns over is the same on both sides of a drive.
     """
     found: list[Number] = []
     features, inertias = tuple(features), _motor_inertias(pieces)
@@ -130,14 +118,7 @@ def unreferenced(number: Number) -> Number:
 def of_each_recording(numbers: Sequence[Number], count: int, share: float) -> tuple[Number, ...]:
     """Return by how much the zeros of sensors are others in each of some recordings than in the first.
 
-    Parameters
-    ----------
-    numbers
-        Those that all recordings have in common.
-    count
-        How many recordings there are.
-    share
-        Standard deviation over that of the zero itself.
+    share: standard deviation over that of the zero itself.
     """
     zeros = [p for p in numbers if p.feature is not None and p.feature.effect.set_at_start]
     apart = [replace(p, what=f"{p.what}_difference", prior_std=share * p.prior_std) for p in zeros]

@@ -47,12 +47,7 @@ def coefficient_range(parameter: Parameter) -> tuple[float, float, float]:
 def linear_prior(feature: Feature, largest: float) -> tuple[Array, Array, Array]:
     """Return standard deviations and bounds (k,) of the coefficients of a feature's columns.
 
-    Parameters
-    ----------
-    feature
-        The effect at its place.
-    largest
-        Torque of its joint, Nm: no effect of the unit of a torque exceeds it ordinarily.
+    largest: torque of its joint, Nm: no effect of the unit of a torque exceeds it ordinarily.
     """
     found: list[tuple[float, float, float]] = []
     for parameter in feature.linear:
@@ -69,15 +64,7 @@ def linear_prior(feature: Feature, largest: float) -> tuple[Array, Array, Array]
 
 
 def effect_terms(linear: Linearisation, features: Sequence[Feature]) -> list[Term]:
-    """Return the terms of effects, at several values of their nonlinear numbers.
-
-    Parameters
-    ----------
-    linear
-        Residuals and their derivatives.
-    features
-        Effects at their places.
-    """
+    """Return the terms of effects, at several values of their nonlinear numbers."""
     wanted: list[tuple[Feature, tuple[float, ...], float]] = []
     for feature in features:
         feature = scaling(feature, linear.acting)
@@ -152,14 +139,7 @@ def _spread(parameter: Parameter, most: float, count: int) -> list[float]:
 def number_terms(parameters: Sequence[Number], N: Array, far: Set[str]) -> list[Term]:
     """Return the terms of numbers of the arm and its sensors that are far off, by their ordinary columns.
 
-    Parameters
-    ----------
-    parameters
-        The numbers.
-    N
-        (rows, k) whitened columns for one standard deviation each.
-    far
-        Effects as which they may be reported.
+    N: (rows, k) whitened columns for one standard deviation each.
     """
     found: list[Term] = []
     together: dict[Key, list[int]] = {}

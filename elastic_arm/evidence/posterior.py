@@ -40,25 +40,14 @@ class Prior:
 
 @dataclass(frozen=True)
 class Posterior:
-    """Posterior of coefficients beside the noise at its most probable.
+    """Posterior of coefficients beside the noise at its most probable."""
 
-    Parameters
-    ----------
-    x, S
-        (p,) and (p, p) mean and covariance.
-    v
-        (B,) noise power by band.
-    left
-        (B,) sum of squares that is left by band.
-    evidence
-        ln p(y), up to a constant of the data.
-    """
-
+    # x, S: (p,) and (p, p) mean and covariance
     x: Array
     S: Array
-    v: Array
-    left: Array
-    evidence: float
+    v: Array  # (B,) noise power by band
+    left: Array  # (B,) sum of squares that is left by band
+    evidence: float  # ln p(y), up to a constant of the data
 
 
 def posterior(
@@ -71,18 +60,8 @@ def posterior(
 ) -> Posterior:
     """Return the posterior of a set of terms.
 
-    Parameters
-    ----------
-    products
-        Of the set, B bands and p coefficients.
-    n
-        (B,) rows of each band.
-    prior
-        Of the coefficients.
-    place, coloured
-        (B,) place of each band, and ln of the prior odds that the noise of a place has a spectrum of its own.
-    start
-        (B,) noise powers to start from.
+    n: (B,) rows of each band; place, coloured: (B,) place of each band, and ln of the prior odds that the noise of
+    a place has a spectrum of its own; start: (B,) noise powers to start from.
     """
     half, b, yy = products
     P, (row, column) = prior.std**-2.0, np.tril_indices(b.shape[1])

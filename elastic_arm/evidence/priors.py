@@ -18,26 +18,15 @@ from elastic_arm.input_files import Number, explain, read_fields
 
 
 class Trust(NamedTuple):
-    """What kind of description and sensors an arm may have.
+    """What kind of description and sensors an arm may have."""
 
-    Parameters
-    ----------
-    factor
-        On the standard deviations of the numbers.
-    prior
-        Probability of the kind.
-    effect
-        Prior odds that one of the effects that could be there is, and that one of the numbers is far off: where
-        numbers, sensors and noise are exact, all that is left is an effect; elsewhere, most of what is left is what no
-        model has.
-    coloured
-        Prior odds that the noise of a place has a spectrum of its own.
-    """
-
-    factor: float
-    prior: float
+    factor: float  # on the standard deviations of the numbers
+    prior: float  # probability of the kind
+    # prior odds that one of the effects that could be there is, and that one of the numbers is far off: where
+    # numbers, sensors and noise are exact, all that is left is an effect; elsewhere, most of what is left is what no
+    # model has
     effect: float
-    coloured: float
+    coloured: float  # prior odds that the noise of a place has a spectrum of its own
 
 
 # A simulation is as measured, an identified arm as calibrated, drawings and catalogues are as built; convention.
@@ -103,12 +92,7 @@ class Priors(BaseModel):
     def of_currents(self, channels: Iterable[str], *, made: bool = False) -> Priors:
         """Return those of an arm of which torque channels are currents or made of commands; what was stated stays.
 
-        Parameters
-        ----------
-        channels
-            That are currents, of "joint_torque" and "motor_torque".
-        made
-            Whether motor torques are made of commands.
+        channels: that are currents, of "joint_torque" and "motor_torque".
         """
         believed = dict.fromkeys(channels, self.torque_constant) | ({"motor_torque": self.controller} if made else {})
         gains = {f"{channel}_gain": std for channel, std in believed.items()}
@@ -118,17 +102,9 @@ class Priors(BaseModel):
 def read_priors(path: str | Path, sensors: Iterable[str]) -> Priors:
     """Read standard deviations from a YAML file; those that it leaves out keep their defaults.
 
-    Parameters
-    ----------
-    path
-        The file.
-    sensors
-        Ids of the effects of sensors that have a prior.
+    sensors: ids of the effects of sensors that have a prior.
 
-    Raises
-    ------
-    DiagnosisError
-        If the file cannot be read, or holds an unknown key or what is no standard deviation.
+    Raises a DiagnosisError if the file cannot be read, or holds an unknown key or what is no standard deviation.
     """
     content, known = read_fields(path, DiagnosisError, REMEDY), sorted(sensors)
     try:

@@ -28,45 +28,24 @@ Observations = tuple[Observation, ...]
 
 @dataclass(frozen=True)
 class Problem:
-    """What is to be explained.
+    """What is to be explained."""
 
-    Parameters
-    ----------
-    robot, model
-        The description, and the variant of the model.
-    observed
-        The recordings that are fitted, and those that judge.
-    layout, band
-        Usable equations, and where they are compared.
-    numbers
-        That may be off.
-    directions
-        (P, K) derivative of Psi by them.
-    stated, given
-        Effects that the description states, and those that the user knows.
-    candidates
-        Effects that may be there, at their places.
-    largest
-        (n,) torques of the joints, Nm.
-    far
-        Effects as which numbers that are far off are reported.
-    held_back
-        Whether the recordings that judge are the last parts of those that are fitted.
-    """
-
+    # robot, model: the description, and the variant of the model
     robot: Robot
     model: str
-    observed: tuple[Observations, Observations]
+    observed: tuple[Observations, Observations]  # the recordings that are fitted, and those that judge
+    # layout, band: usable equations, and where they are compared
     layout: EquationSet
     band: Band
-    numbers: tuple[Number, ...]
-    directions: Array
+    numbers: tuple[Number, ...]  # that may be off
+    directions: Array  # (P, K) derivative of Psi by them
+    # stated, given: effects that the description states, and those that the user knows
     stated: tuple[EffectInstance, ...]
     given: tuple[EffectInstance, ...]
-    candidates: tuple[Feature, ...]
-    largest: Array
-    far: frozenset[str]
-    held_back: bool = False
+    candidates: tuple[Feature, ...]  # effects that may be there, at their places
+    largest: Array  # (n,) torques of the joints, Nm
+    far: frozenset[str]  # effects as which numbers that are far off are reported
+    held_back: bool = False  # whether the recordings that judge are the last parts of those that are fitted
 
     @property
     def indices(self) -> tuple[range, range]:
@@ -104,14 +83,7 @@ def uncertain_numbers(
 ) -> tuple[tuple[Number, ...], Array]:
     """Return the numbers of an arm and its recorded channels that may be off, and the derivative of Psi by them.
 
-    Parameters
-    ----------
-    robot, model, observed, layout, known, largest, held_back
-        As of :class:`Problem`.
-    effects
-        Of sensors, of the arm's numbers and of warming friction; those of the first and the last have priors.
-    priors
-        Of the numbers.
+    effects: of sensors, of the arm's numbers and of warming friction; those of the first and the last have priors.
     """
     equations = ArmEquations(robot, model)
     friction = [feature_of(instance, equations) for instance in known]

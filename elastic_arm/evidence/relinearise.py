@@ -34,41 +34,20 @@ EXACT = 0.1  # factor of the trust below which the numbers of a description lie 
 
 @dataclass(frozen=True, eq=False)
 class Explanation:
-    """What is most probably there, at the linearisation beside it.
+    """What is most probably there, at the linearisation beside it."""
 
-    Parameters
-    ----------
-    linear
-        Where.
-    search
-        All sets met.
-    best
-        The most probable one.
-    own
-        Score of the set beside which it was linearised.
-    trust
-        Probability of each trust in the description.
-    log
-        What was done, a line a step.
-    """
-
-    linear: Linearisation
-    search: Search
-    best: Fit
-    own: float
-    trust: Mapping[str, float]
-    log: tuple[str, ...] = ()
+    linear: Linearisation  # where
+    search: Search  # all sets met
+    best: Fit  # the most probable one
+    own: float  # score of the set beside which it was linearised
+    trust: Mapping[str, float]  # probability of each trust in the description
+    log: tuple[str, ...] = ()  # what was done, a line a step
 
 
 def explain(problem: Problem, *, refit: bool) -> Explanation:
     """Return the most probable explanation of the recordings that are fitted.
 
-    Parameters
-    ----------
-    problem
-        What is to be explained.
-    refit
-        Whether the description cannot be as measured.
+    refit: whether the description cannot be as measured.
     """
     described = Linearisation(problem, np.zeros(len(problem.numbers)), _stated(problem))
     # Where the description is exact, all that is left is an effect. Where it is off everywhere, there is less to

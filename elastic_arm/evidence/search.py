@@ -37,19 +37,13 @@ class Instead(NamedTuple):
 
 @dataclass
 class Search:
-    """A search over sets of terms at one linearisation.
+    """A search over sets of terms at one linearisation."""
 
-    Parameters
-    ----------
-    linear, model, screens
-        The data, and all that may be added.
-    thetas
-        Where one nonlinear number was most probable beside another set, by key of its term; what is found is added.
-    """
-
+    # linear, model, screens: the data, and all that may be added
     linear: Linearisation
     model: LinearModel
     screens: Sequence[Screen]
+    # where one nonlinear number was most probable beside another set, by key of its term; what is found is added
     thetas: dict[Key, tuple[float, ...]] = field(default_factory=dict)
     met: dict[frozenset[Key], Fit] = field(default_factory=dict)
     _refined: dict[tuple[Key, frozenset[Key]], Term] = field(default_factory=dict)
@@ -59,12 +53,7 @@ class Search:
     def run(self, start: Sequence[Term] = (), *, moves: int = ALL) -> Fit:
         """Return the most probable set, from a set to start from.
 
-        Parameters
-        ----------
-        start
-            The set.
-        moves
-            :data:`ADDED` alone, :data:`SIMPLE` ones, or :data:`ALL`.
+        moves: :data:`ADDED` alone, :data:`SIMPLE` ones, or :data:`ALL`.
         """
         self._moves, best = moves, self._keep(self.model.fit(start))
         while (better := self._better(best)) is not None:
@@ -98,17 +87,6 @@ class Search:
         """Return the terms that would gain most beside a fit, one of each key.
 
         At the noise of the fit a term gains less than beside its own: as little as a share of what is needed is tried.
-
-        Parameters
-        ----------
-        fit
-            Beside which.
-        count
-            Of terms.
-        instead
-            Of which terms they take the place.
-        needed
-            Nats that a term has to gain.
         """
         gained = [
             (gain, screen, t)

@@ -21,58 +21,28 @@ Ident = tuple[Any, ...]
 
 @dataclass(frozen=True, eq=False)
 class Term:
-    """One thing that may be in the data.
+    """One thing that may be in the data."""
 
-    Parameters
-    ----------
-    key
-        Effect, joint and choices; two terms of one key are the same thing at other nonlinear numbers.
-    kind
-        "effect", "number" (of the arm or a sensor, far off) or "law" (without a form).
-    columns
-        (rows, k) whitened.
-    std, mean, low, high
-        (k,) of the prior of the coefficients: Gaussian, truncated.
-    odds
-        ln of the number of terms among which it is chosen, nats.
-    grid
-        -ln of the prior probability of these nonlinear numbers among those tried.
-    offset
-        (rows,) what it adds whatever the coefficients; None for nothing.
-    feature, theta
-        Effect at its place, and its nonlinear numbers.
-    tangents
-        Which components of `theta` the last columns are derivatives by.
-    size
-        Coefficient of the law at which its tangents were taken.
-    scale
-        Factor on the range of the size, whose prior it is.
-    is_scaled
-        Whether it was chosen among others.
-    trusted
-        Whether the trust in the description scales its prior: of what the description states.
-    what
-        Of a law without a form: the law. Of numbers: (K, k) how nu moves with the coefficients.
-    """
-
-    key: Key
-    kind: str
-    columns: Array
+    key: Key  # effect, joint and choices; two terms of one key are the same thing at other nonlinear numbers
+    kind: str  # "effect", "number" (of the arm or a sensor, far off) or "law" (without a form)
+    columns: Array  # (rows, k) whitened
+    # std, mean, low, high: (k,) of the prior of the coefficients: Gaussian, truncated
     std: Array
-    odds: float = 0.0
-    grid: float = 0.0
+    odds: float = 0.0  # ln of the number of terms among which it is chosen, nats
+    grid: float = 0.0  # -ln of the prior probability of these nonlinear numbers among those tried
     mean: Array = None  # type: ignore[assignment]
     low: Array = None  # type: ignore[assignment]
     high: Array = None  # type: ignore[assignment]
-    offset: Array | None = None
+    offset: Array | None = None  # (rows,) what it adds whatever the coefficients; None for nothing
+    # feature, theta: effect at its place, and its nonlinear numbers
     feature: Any = None
     theta: tuple[float, ...] = ()
-    tangents: tuple[int, ...] = ()
-    size: float = 1.0
-    scale: float = 1.0
-    is_scaled: bool = False
-    trusted: bool = False
-    what: Any = None
+    tangents: tuple[int, ...] = ()  # which components of `theta` the last columns are derivatives by
+    size: float = 1.0  # coefficient of the law at which its tangents were taken
+    scale: float = 1.0  # factor on the range of the size, whose prior it is
+    is_scaled: bool = False  # whether it was chosen among others
+    trusted: bool = False  # whether the trust in the description scales its prior: of what the description states
+    what: Any = None  # of a law without a form: the law. Of numbers: (K, k) how nu moves with the coefficients.
     ident: Ident = ()
 
     def __post_init__(self) -> None:

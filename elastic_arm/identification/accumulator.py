@@ -36,12 +36,7 @@ CLOSED = 1e-3
 class Accumulator:
     """Rows of the equations, block by block; the last samples wait until their block is full.
 
-    Parameters
-    ----------
-    equations
-        In base parameters.
-    averaged
-        Whether the rows of an arm that is taken for rigid are averaged.
+    averaged: whether the rows of an arm that is taken for rigid are averaged.
     """
 
     def __init__(self, equations: BaseRegression, *, averaged: bool = False) -> None:

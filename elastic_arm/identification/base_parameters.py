@@ -30,16 +30,11 @@ PREFERENCE = ("K", "D", "K_b", "D_b", "armature", "Izz", "Ixx", "Ixy", "Ixz", "I
 
 @dataclass(frozen=True)
 class BaseParameters:
-    """The map from all parameters to those that the equations see.
-
-    Parameters
-    ----------
-    names, units
-        Of the base parameters; a name is a readable combination.
-    """
+    """The map from all parameters to those that the equations see."""
 
     columns: NDArray[np.intp]  # (B,) indices of the base columns among all parameters
     T: Array  # (B, P): Psi_base = T Psi, and Phi Psi = Phi[:, columns] Psi_base
+    # names, units: of the base parameters; a name is a readable combination
     names: tuple[str, ...]
     units: tuple[str, ...]
 

@@ -54,24 +54,17 @@ RANDOM_STATES = 200
 
 @dataclass(frozen=True)
 class Column:
-    """A column beyond the model's own: one parameter of a law that is linear in it.
+    """A column beyond the model's own: one parameter of a law that is linear in it."""
 
-    Parameters
-    ----------
-    name, unit
-        Of the parameter, e.g. `coulomb_friction:joint_2.torque`, Nm.
-    values
-        Motion -> residual name ("link", "drive", "motor") -> (N, n) Nm per unit of the parameter. Residuals that it
-        does not touch may be left out.
-    ordinary
-        Standard deviation of a prior about the nominal value; None where the parameter is free.
-    """
-
+    # name, unit: of the parameter, e.g. `coulomb_friction:joint_2.torque`, Nm
     name: str
     unit: str
+    # motion -> residual name ("link", "drive", "motor") -> (N, n) Nm per unit of the parameter. Residuals that it
+    # does not touch may be left out.
     values: Callable[[Motion], dict[str, Array]]
     nominal: float = 0.0  # Value in the nominal arm
     least: float = -np.inf  # What a real arm has at least, such as no negative friction
+    # standard deviation of a prior about the nominal value; None where the parameter is free
     ordinary: float | None = None
     sensor: bool = False  # Whether it is an error of a sensor
     dry: bool = False  # Whether it follows the sign of a velocity
@@ -80,25 +73,11 @@ class Column:
 class BaseRegression:
     """The rows of a recording's equations in base parameters.
 
-    Parameters
-    ----------
-    model
-        Bearings locked.
-    recorded
-        Names of the recorded channels among q, theta, tau_J, tau_m: one set for all joints, or n sets.
-    columns
-        Laws beyond the model.
-    joints
-        Names.
-    summed
-        See the module; it matters only with both encoders, motor torque and no joint torque sensor.
-    encoder_columns
-        Whether summed rows have columns for the lags and offsets of the link encoders.
+    recorded: names of the recorded channels among q, theta, tau_J, tau_m: one set for all joints, or n sets;
+    summed: see the module; it matters only with both encoders, motor torque and no joint torque sensor;
+    encoder_columns: whether summed rows have columns for the lags and offsets of the link encoders.
 
-    Raises
-    ------
-    IdentificationError
-        If the channels allow no equation.
+    Raises an IdentificationError if the channels allow no equation.
     """
 
     def __init__(

@@ -43,15 +43,10 @@ INDEPENDENT = 100
 
 @dataclass(frozen=True)
 class Deflections:
-    """The link's rows as equations for deflections.
-
-    Parameters
-    ----------
-    stiffness, damping
-        (k,) places of their K and D among the base parameters.
-    """
+    """The link's rows as equations for deflections."""
 
     rows: NDArray[np.intp]  # (k,) groups of the link's rows: the joints whose deflection both encoders show
+    # stiffness, damping: (k,) places of their K and D among the base parameters
     stiffness: NDArray[np.intp]
     damping: NDArray[np.intp]
     nominal: Array  # (B,) base parameters of the description

@@ -22,19 +22,13 @@ SET_BACK = 1.0
 
 @dataclass
 class IncomingRun:
-    """Samples without a jump back in time.
-
-    Parameters
-    ----------
-    run
-        Points of the grid that wait for the smoother, or are part of its next window.
-    since, last
-        Time of the first sample that is held, and of the last one that came.
-    """
+    """Samples without a jump back in time."""
 
     buffer: Samples | None = None  # Samples that are not on the grid yet
     placing: Placing | None = None  # Puts them there
+    # points of the grid that wait for the smoother, or are part of its next window
     run: list[Grid] = field(default_factory=list)
+    # since, last: time of the first sample that is held, and of the last one that came
     since: float = np.inf
     last: float = -np.inf
 

@@ -49,25 +49,18 @@ def triangular(rows: Array) -> Array:
 
 @dataclass
 class Blocks:
-    """The accumulator: a bounded number of blocks, each the Gram matrices of its rows.
-
-    Parameters
-    ----------
-    grams
-        hi, lo (groups, width, width) of each block: [Phi y]'[Phi y] in twice the working precision.
-    known_noise
-        (groups, width, width) of each block: what noise in Phi is known to add to its sums, on the average.
-    share
-        Of each group's rows, (groups,), those that count; others are zero.
-    """
+    """The accumulator: a bounded number of blocks, each the Gram matrices of its rows."""
 
     groups: int  # Number of groups
     width: int  # Columns, the measured side included
     most: int = MOST_BLOCKS  # Largest number of blocks kept, even
     span: int = 1  # Units of samples that make a block; it doubles whenever the blocks are full
+    # hi, lo (groups, width, width) of each block: [Phi y]'[Phi y] in twice the working precision
     grams: list[Pair] = field(default_factory=list)
     counts: list[int] = field(default_factory=list)  # Samples of each block
+    # (groups, width, width) of each block: what noise in Phi is known to add to its sums, on the average
     known_noise: list[Array] = field(default_factory=list)
+    # of each group's rows, (groups,), those that count; others are zero
     share: Array = field(default_factory=lambda: np.ones(()))
     _units: int = 0
 
@@ -167,17 +160,12 @@ class Blocks:
 
 @dataclass(frozen=True)
 class Prior:
-    """What is known of the parameters before the recording.
-
-    Parameters
-    ----------
-    excess
-        How many times larger the errors of `mean` are than `factor` weighs them, of all rows or (P,): a prior that is
-        chosen so that it predicts well may be narrower than its own errors, and those count in the deviations.
-    """
+    """What is known of the parameters before the recording."""
 
     mean: Array  # (P,) values
     factor: Array  # (P, P) triangular or not: the information is factor' factor; zero columns where nothing is known
+    # how many times larger the errors of `mean` are than `factor` weighs them, of all rows or (P,): a prior that is
+    # chosen so that it predicts well may be narrower than its own errors, and those count in the deviations
     excess: float | Array = 1.0
 
     def rows(self) -> Array:
@@ -211,10 +199,7 @@ class Fit:
 def fit(blocks: Blocks, power: float = 1.0, rounds: int = 4, prior: Prior | None = None) -> Fit:
     """Solve the accumulated problem; groups are weighed by 1/noise to a `power`, estimated in `rounds` rounds.
 
-    Raises
-    ------
-    IdentificationError
-        If there are fewer samples than parameters.
+    Raises an IdentificationError if there are fewer samples than parameters.
     """
     P, rows = blocks.width - 1, blocks.samples * blocks.groups
     if rows <= P:

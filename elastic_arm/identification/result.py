@@ -187,10 +187,7 @@ class Identification(Result):
     def to_json(self, path: str | Path | None = None) -> str:
         """Return it as JSON text, and write it to `path` when given.
 
-        Raises
-        ------
-        IdentificationError
-            If the file cannot be written.
+        Raises an IdentificationError if the file cannot be written.
         """
         text = json.dumps(self.to_dict(), indent=1, allow_nan=False)
         if path is not None:
@@ -201,10 +198,7 @@ class Identification(Result):
     def load(path: str | Path) -> Identification:
         """Read a result that :meth:`to_json` wrote.
 
-        Raises
-        ------
-        IdentificationError
-            If the file is not such a result.
+        Raises an IdentificationError if the file is not such a result.
         """
         try:
             data = json.loads(Path(path).read_text(encoding="utf-8"))

@@ -136,10 +136,7 @@ class Identifier:
     def equations(self) -> BaseRegression:
         """The equations in use.
 
-        Raises
-        ------
-        IdentificationError
-            Before the first samples.
+        Raises an IdentificationError before the first samples.
         """
         return self._ready().equations
 
@@ -151,10 +148,7 @@ class Identifier:
     def choose_equations(self, channels: Samples | Motion) -> BaseRegression:
         """Choose the equations by the channels that are there, and return them.
 
-        Raises
-        ------
-        IdentificationError
-            If the channels allow no equation, or others than before.
+        Raises an IdentificationError if the channels allow no equation, or others than before.
         """
         there = {name for name in SENSED if getattr(channels, name) is not None}
         recorded = tuple(frozenset(there - {c for c, j in channels.lacking if j == i}) for i in range(self.model.n))
@@ -175,11 +169,8 @@ class Identifier:
     def add(self, samples: Samples) -> None:
         """Take samples, later than those before; a jump back in time starts a new piece.
 
-        Raises
-        ------
-        IdentificationError
-            If the channels allow no equation, or differ from those before, or if neither rate nor smoother can be
-            chosen by the samples that wait, which are given up.
+        Raises an IdentificationError if the channels allow no equation, or differ from those before, or if
+        neither rate nor smoother can be chosen by the samples that wait, which are given up.
         """
         if self.paused or not len(samples):
             return
@@ -203,20 +194,14 @@ class Identifier:
     def finish(self) -> None:
         """Work off what still waits, short of the smoother's lag; later samples start a new piece.
 
-        Raises
-        ------
-        IdentificationError
-            If there are too few samples to choose a smoother by.
+        Raises an IdentificationError if there are too few samples to choose a smoother by.
         """
         self._end_piece(wait=False)
 
     def fit(self, prior: Prior | None = None) -> Fit:
         """Return the estimate from all samples so far, and from what is known beforehand.
 
-        Raises
-        ------
-        IdentificationError
-            If there are too few.
+        Raises an IdentificationError if there are too few.
         """
         blocks = self._ready().snapshot()
         if not blocks.grams:

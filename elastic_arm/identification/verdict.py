@@ -56,16 +56,11 @@ class Excitation:
 
 @dataclass
 class MotionStatistics:
-    """Running sums over a motion, from which its typical frequency and its number of independent samples follow.
-
-    Parameters
-    ----------
-    speed, acceleration
-        (n,) sums of squares.
-    """
+    """Running sums over a motion, from which its typical frequency and its number of independent samples follow."""
 
     samples: int = 0  # Number of samples
     seconds: float = 0.0
+    # speed, acceleration: (n,) sums of squares
     speed: Array | float = 0.0
     acceleration: Array | float = 0.0
     forward: Array | float = 0.0  # (n,) sum of squared speeds in the positive direction

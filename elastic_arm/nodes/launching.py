@@ -52,12 +52,8 @@ TYPES = {
 def scenario(arguments: Mapping[str, tuple[Any, str]], nodes: Mapping[str, Sequence[str]]) -> LaunchDescription:
     """Return a launch of some nodes, all of which stop with the first that does.
 
-    Parameters
-    ----------
-    arguments
-        Default (None: it has to be given) and words of each; `namespace` is added.
-    nodes
-        For each node the arguments that it takes as parameters; the others are those of `config/elastic_arm.yaml`.
+    arguments: default (None: it has to be given) and words of each; `namespace` is added; nodes: for each node the
+    arguments that it takes as parameters; the others are those of `config/elastic_arm.yaml`.
     """
     namespace = LaunchConfiguration("namespace")
     return LaunchDescription(
@@ -81,18 +77,8 @@ def arm_node(
 ) -> Node:
     """Return a node of the package.
 
-    Parameters
-    ----------
-    name
-        Of the node.
-    taken
-        Arguments of the launch that it takes as parameters.
-    namespace
-        That it starts in.
-    renamed
-        Parameters that have another name among the arguments.
-    on_exit
-        What happens when it ends; the launch ends as well by default.
+    taken: arguments of the launch that it takes as parameters; renamed: parameters that have another name among the
+    arguments; on_exit: what happens when it ends; the launch ends as well by default.
     """
     defaults = [FindPackageShare(PACKAGE), "/config/elastic_arm.yaml"]
     given = {parameter: _value(parameter, (renamed or {}).get(parameter, parameter)) for parameter in taken}

@@ -28,10 +28,7 @@ def choose_transport(environment: MutableMapping[str, str]) -> None:
 
     A profile or transports of the user's own count. Static peers beside `LOCALHOST` keep what rmw_fastrtps sets up.
 
-    Parameters
-    ----------
-    environment
-        Of the process, before ROS is initialised; changed in place.
+    environment: of the process, before ROS is initialised; changed in place.
     """
     if PROFILE_VARIABLE in environment:
         return

@@ -154,10 +154,7 @@ class Section:
 def write_report(path: str | Path, title: str, sections: Sequence[Section], *, subtitle: str = "") -> Path:
     """Write one HTML file.
 
-    Raises
-    ------
-    OutputError
-        When the file cannot be written.
+    Raises an OutputError when the file cannot be written.
     """
     template = _templates().get_template("report.html")
     page = template.render(

@@ -22,14 +22,7 @@ SUFFIX = "_corrected"
 class Correction:
     """Where an arm came from, and so where its corrected numbers go.
 
-    Parameters
-    ----------
-    base
-        File that the arm was read from; nothing is written for the package's own arm and for arm files.
-    chain, at
-        As the options.
-    catalogue
-        Where ids of effects are looked up.
+    base: file that the arm was read from; nothing is written for the package's own arm and for arm files.
     """
 
     def __init__(self, base: Path | None, chain: str | None, at: str | None, catalogue: Catalogue) -> None:

@@ -30,21 +30,15 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Derived:
-    """A recording after its derivative stage: runs of motion, and how they came about.
+    """A recording after its derivative stage: runs of motion, and how they came about."""
 
-    Parameters
-    ----------
-    pieces
-        Each makes one run when it is called: a long recording is never in memory as a whole.
-    zeros, shift
-        Where deflections are measured: at no load, with standard deviations, and what is added to the link angles so
-        that they count from where those of the first recording do, (n,) rad each.
-    """
-
+    # each makes one run when it is called: a long recording is never in memory as a whole
     pieces: tuple[Callable[[], Motion], ...]
     method: str  # In words
     said: tuple[str, ...] = ()  # What is to be known of clock and pieces
     lengths: tuple[int, ...] = ()  # Samples of the recording in each run
+    # zeros, shift: where deflections are measured: at no load, with standard deviations, and what is added to the
+    # link angles so that they count from where those of the first recording do, (n,) rad each
     zeros: tuple[Array, Array] | None = None
     shift: Array | None = None
 

@@ -39,15 +39,10 @@ LEVEL = 0.02
 
 @dataclass(frozen=True)
 class NuisanceLaw:
-    """A law that nobody asked for.
-
-    Parameters
-    ----------
-    ordinary
-        Standard deviation of its prior, in the unit of its parameters; None where it is free.
-    """
+    """A law that nobody asked for."""
 
     instance: EffectInstance  # The effect at its joint, as the description states it, if it does
+    # standard deviation of its prior, in the unit of its parameters; None where it is free
     ordinary: float | None = None
     stated: bool = False  # Whether the description states it
 

@@ -31,19 +31,14 @@ STEP = 1.0  # degree to which a mounting is known: masses are off, and what is c
 
 @dataclass(frozen=True)
 class Mounting:
-    """A base that is turned, as the effect `base_tilt` has it.
+    """A base that is turned, as the effect `base_tilt` has it."""
 
-    Parameters
-    ----------
-    x, y
-        rad; turned by Rx(x) Ry(y) in the ground frame from where the description has it. About the vertical nothing
-        shows.
-    shown, described : (3,)
-        Gravity in the frame of the ground as described, m/s², as the torques show it and as described.
-    """
-
+    # x, y: rad; turned by Rx(x) Ry(y) in the ground frame from where the description has it. About the vertical
+    # nothing shows.
     x: float
     y: float
+    # shown, described: (3,), Gravity in the frame of the ground as described, m/s², as the torques show it and as
+    # described
     shown: Array
     described: Array
 

@@ -60,14 +60,9 @@ ALIKE = 0.02
 
 @dataclass(frozen=True)
 class BatchChoice:
-    """What the recordings have decided so far.
+    """What the recordings have decided so far."""
 
-    Parameters
-    ----------
-    sign_speed
-        rad/s, of all joints or (n,), see :func:`.law_columns.law_columns`.
-    """
-
+    # rad/s, of all joints or (n,), see :func:`.law_columns.law_columns`
     sign_speed: float | tuple[float, ...] = DEFAULT_SIGN_SPEED
     imperfections: tuple[NuisanceLaw, ...] = ()  # What is identified though nobody asked for it
     averaged: bool = True  # Whether the rows of an arm that is taken for rigid are averaged

@@ -29,23 +29,17 @@ _UNIT = [float(i == j) for i, j in PAIRS]  # coordinates of the unit matrix: of 
 
 @dataclass(frozen=True)
 class Chart:
-    """Parameters near the nominal: Psi = Psi0 + G (x - x0), x dimensionless and x = x0 at the nominal.
-
-    Parameters
-    ----------
-    positive
-        Indices of x that must be positive, each with its weight in the divergence.
-    held
-        Indices of x that are parameters of laws over what is ordinary of them; errors of sensors are free.
-    """
+    """Parameters near the nominal: Psi = Psi0 + G (x - x0), x dimensionless and x = x0 at the nominal."""
 
     G: Array
     x0: Array
     Psi0: Array
     pseudo: tuple[slice, ...]  # Slices of x that hold the ten entries of a normalised pseudo-inertia
+    # indices of x that must be positive, each with its weight in the divergence
     positive: tuple[tuple[int, float], ...]
     free: tuple[int, ...]  # Indices of x that may have either sign
     bounds: tuple[tuple[int, float], ...] = ()  # Of `free`, indices with the least value that each may have
+    # indices of x that are parameters of laws over what is ordinary of them; errors of sensors are free
     held: tuple[int, ...] = ()
 
     def variances(self) -> Array:
@@ -141,10 +135,7 @@ class _Coordinates:
 def folded(robot: Robot, equations: BaseRegression, body: Body) -> Array:
     """Return what the nominal body has beyond the link itself: the folded spline of mod1, else nothing.
 
-    Returns
-    -------
-    Array
-        (10,) mass (kg), first moments (kg m) and inertias (kg m²) about the frame's origin.
+    Returns Array (10,) mass (kg), first moments (kg m) and inertias (kg m²) about the frame's origin.
     """
     link = next(j.link for j in robot.joints if j.link_name == body.name)
     own = inertial_parameters(link.mass, link.com, link.inertia)

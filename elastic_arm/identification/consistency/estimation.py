@@ -47,16 +47,11 @@ STIFFEST = 1e5
 
 @dataclass(frozen=True)
 class Consistent:
-    """Physically consistent parameters.
-
-    Parameters
-    ----------
-    misfit
-        Rise of the weighted residual over the unconstrained fit, in units of its noise: root of the mean square.
-    """
+    """Physically consistent parameters."""
 
     Psi: Array  # (P,) all parameters, laws beyond the model last
     trust: float  # Relative error of the nominal that was taken for granted
+    # rise of the weighted residual over the unconstrained fit, in units of its noise: root of the mean square
     misfit: float
     exact: bool = True  # Whether the solver met its tolerance
 
@@ -64,10 +59,7 @@ class Consistent:
 def consistent(fit: Fit, equations: BaseRegression, correlated: float = 1.0, trust: float | None = None) -> Consistent:
     """Find the physically consistent parameters that fit best, close to the nominal where the data determine nothing.
 
-    Raises
-    ------
-    IdentificationError
-        If the solver fails.
+    Raises an IdentificationError if the solver fails.
     """
     chart = chart_of(equations)
     A, b = _data(fit, equations, chart, correlated)

@@ -48,15 +48,7 @@ class _Active:
 
 
 class TrajectoryAction:
-    """Serves the action; :meth:`observe` is called once a step.
-
-    Parameters
-    ----------
-    node
-        Of the arm.
-    follower
-        Gives what the arm follows at the moment.
-    """
+    """Serves the action; :meth:`observe` is called once a step."""
 
     def __init__(self, node: Node, follower: Callable[[], Follower]) -> None:
         self._follower = follower
@@ -77,14 +69,7 @@ class TrajectoryAction:
     def observe(self, now_ns: int, reference: Row, position: Array, velocity: Array) -> None:
         """Compare the arm with its reference: give feedback, and end a goal that is reached, missed or cancelled.
 
-        Parameters
-        ----------
-        now_ns
-            The arm's time.
-        reference
-            Of this step, (n,) each.
-        position, velocity
-            (n,) as measured.
+        reference: of this step, (n,) each; position, velocity: (n,) as measured.
         """
         active = self._active
         if active is None:

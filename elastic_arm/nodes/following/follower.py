@@ -33,16 +33,8 @@ class Follower:
     of any arm). Any other message is a goal (:func:`elastic_arm.nodes.following.goals.plan_goal`); where the arm states
     no limit, that of the excitation's search counts.
 
-    Parameters
-    ----------
-    robot
-        The arm.
-    start
-        (n,) rad where it stands.
-    origin_ns, step_ns
-        Step k is at `origin_ns + k * step_ns`.
-    policy
-        What to do with a goal that breaks limits: refuse, slow_down or ignore (streams too).
+    start: (n,) rad where it stands; policy: what to do with a goal that breaks limits: refuse, slow_down or ignore
+    (streams too).
 
     Attributes
     ----------
@@ -75,10 +67,7 @@ class Follower:
     def take(self, message: JointTrajectory) -> Goal | None:
         """Take a message; return the goal that came of it, or None of a part of a stream.
 
-        Raises
-        ------
-        GraphError
-            If it cannot be followed; the arm goes on as before.
+        Raises a GraphError if it cannot be followed; the arm goes on as before.
         """
         stamp = message.header.stamp.sec * NANOSECONDS + message.header.stamp.nanosec
         first = message.points[0].time_from_start if message.points else None
@@ -90,10 +79,7 @@ class Follower:
     def go_to(self, message: JointTrajectory) -> Goal:
         """Take a message as a goal, whatever its stamp.
 
-        Raises
-        ------
-        GraphError
-            If it cannot be followed; the arm goes on as before.
+        Raises a GraphError if it cannot be followed; the arm goes on as before.
         """
         present = self.stream.present
         goal = plan_goal(message, self.joints, self.now_ns, present, self._assumed, self._policy)

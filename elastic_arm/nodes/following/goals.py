@@ -32,27 +32,13 @@ STOPPING = 0.2
 
 @dataclass(frozen=True, eq=False)
 class Goal:
-    """A motion from the present state through points.
+    """A motion from the present state through points."""
 
-    Parameters
-    ----------
-    stamps
-        (K,) ns: of the state that it begins with, and of its points.
-    points
-        (K, n) each.
-    degree
-        (K,) of the polynomials that the points allow.
-    slower
-        How many times slower it is than it was asked for.
-    reason
-        Why, in words.
-    """
-
-    stamps: NDArray[np.int64]
-    points: Row
-    degree: NDArray[np.int64]
-    slower: float = 1.0
-    reason: str = ""
+    stamps: NDArray[np.int64]  # (K,) ns: of the state that it begins with, and of its points
+    points: Row  # (K, n) each
+    degree: NDArray[np.int64]  # (K,) of the polynomials that the points allow
+    slower: float = 1.0  # how many times slower it is than it was asked for
+    reason: str = ""  # why, in words
 
     @property
     def end_ns(self) -> int:
@@ -74,24 +60,12 @@ def plan_goal(
     Points at or before the present are left out. Joints that are not named stay where they are. Along a straight line
     the velocity is limited, but not its steps at the ends.
 
-    Parameters
-    ----------
-    message
-        The goal; its stamp is the time from which its points count, zero for now.
-    joints
-        Of the arm, (n,).
-    now_ns, present
-        Time and reference from which it begins, (n,) each.
-    limits
-        To be kept.
-    policy
-        One of POLICIES: what to do with a motion that breaks a limit.
+    message: the goal; its stamp is the time from which its points count, zero for now; joints: of the arm, (n,);
+    now_ns, present: time and reference from which it begins, (n,) each; policy: one of POLICIES: what to do with a
+    motion that breaks a limit.
 
-    Raises
-    ------
-    GraphError
-        If the message is malformed, ends in motion, lies in the past or in weeks, or breaks a limit (where the policy
-        is to slow down: one that slowing down does not mend).
+    Raises a GraphError if the message is malformed, ends in motion, lies in the past or in weeks, or breaks a limit
+    (where the policy is to slow down: one that slowing down does not mend).
     """
     after_ns, points = reference_points(message, joints, present.position)
     begin = message.header.stamp.sec * NANOSECONDS + message.header.stamp.nanosec or now_ns
@@ -115,14 +89,7 @@ def plan_goal(
 def plan_stop(now_ns: int, present: Row, limits: JointLimits) -> Goal:
     """Return the way to a standstill from the present motion at an even deceleration within the limits.
 
-    Parameters
-    ----------
-    now_ns
-        Time at which it begins, ns.
-    present
-        (n,) position, velocity and acceleration at that time.
-    limits
-        Of the joints.
+    present: (n,) position, velocity and acceleration at that time.
     """
     speed = np.abs(present.velocity)
     seconds = max(STOPPING, float(np.max(speed / limits.acceleration)))

@@ -23,39 +23,23 @@ _UNITS = {"position": "rad", "velocity": "rad/s", "acceleration": "rad/s²"}
 
 @dataclass(frozen=True)
 class Violation:
-    """The worst of what breaks limits.
+    """The worst of what breaks limits."""
 
-    Parameters
-    ----------
-    problem
-        In words, as what follows "a goal that".
-    slower
-        How many times slower the motion would have to be; infinite where that does not help.
-    """
-
-    problem: str
-    slower: float
+    problem: str  # in words, as what follows "a goal that"
+    slower: float  # how many times slower the motion would have to be; infinite where that does not help
 
 
 @dataclass(frozen=True, eq=False)
 class JointLimits:
-    """Limits of all joints, (n,) each; angles are infinite where there is none.
+    """Limits of all joints, (n,) each; angles are infinite where there is none."""
 
-    Parameters
-    ----------
-    joints
-        Their names.
-    low, high, velocity, acceleration
-        rad, rad/s, rad/s².
-    assumed
-        Whether limits that the description does not state are those of the excitation's search, not of any arm.
-    """
-
-    joints: tuple[str, ...]
+    joints: tuple[str, ...]  # their names
+    # low, high, velocity, acceleration: rad, rad/s, rad/s²
     low: Array
     high: Array
     velocity: Array
     acceleration: Array
+    # whether limits that the description does not state are those of the excitation's search, not of any arm
     assumed: bool = False
 
     @classmethod
@@ -74,12 +58,7 @@ class JointLimits:
     def violation(self, motion: Row, start: Array) -> Violation | None:
         """Return what of a motion, (N, n) each, breaks a limit most; None where all are kept.
 
-        Parameters
-        ----------
-        motion
-            Position, velocity, acceleration.
-        start
-            (n,) where the arm stands: an arm outside its range may move back into it.
+        start: (n,) where the arm stands: an arm outside its range may move back into it.
         """
         past = np.maximum(motion.position - np.maximum(self.high, start), np.minimum(self.low, start) - motion.position)
         if past.max() > ANGLE_SLACK:

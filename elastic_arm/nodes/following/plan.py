@@ -20,16 +20,7 @@ GENTLE = 0.5
 class Plan:
     """The approach to a trajectory's start, and the trajectory, one or more times.
 
-    Parameters
-    ----------
-    trajectory
-        The motion to stream.
-    position
-        (n,) where the arm stands.
-    repeat
-        How often the trajectory is run; 0 for ever.
-    speed
-        Highest joint speed of the approach, rad/s.
+    position: (n,) where the arm stands.
     """
 
     def __init__(self, trajectory: FourierTrajectory, position: Array, repeat: int = 1, speed: float = 0.3) -> None:

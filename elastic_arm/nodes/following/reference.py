@@ -35,12 +35,8 @@ class ReferenceQueue:
     on, late. Where the stream falls behind, the arm slows down along its path, stands, and picks up again, as a machine
     tool does under feed hold. It is :attr:`delay` behind the stamps then, until another motion begins.
 
-    Parameters
-    ----------
-    start
-        (n,) position held until the first point.
-    origin_ns, step_ns
-        Step k of the grid is at `origin_ns + k * step_ns`.
+    start: (n,) position held until the first point; origin_ns, step_ns: step k of the grid is at `origin_ns + k *
+    step_ns`.
 
     Attributes
     ----------
@@ -72,14 +68,8 @@ class ReferenceQueue:
     ) -> None:
         """Take streamed points, which go on from those before where these lie less than half a second back.
 
-        Parameters
-        ----------
-        stamps
-            (N,) ns, increasing.
-        points
-            (N, n) each.
-        degree
-            Of the polynomials between them, (N,) or one for all.
+        stamps: (N,) ns, increasing; points: (N, n) each; degree: of the polynomials between them, (N,) or one
+        for all.
         """
         stamps = np.asarray(stamps, dtype=np.int64)
         degree = np.broadcast_to(degree, len(stamps)).astype(np.int64)

@@ -43,15 +43,9 @@ def reference_points(
 ) -> tuple[NDArray[np.int64], Points]:
     """Return the points of a message in the order of the arm's joints.
 
-    Parameters
-    ----------
-    message
-        Points with positions, and velocities and accelerations where they are given, zero elsewhere.
-    joints
-        Names of the arm's joints, (n,).
-    held
-        (n,) where joints that the message does not name stay; names of other joints are a mistake then. None where it
-        has to name all joints; further ones are left out.
+    message: points with positions, and velocities and accelerations where they are given, zero elsewhere; joints:
+    names of the arm's joints, (n,); held: (n,) where joints that the message does not name stay; names of other
+    joints are a mistake then. None where it has to name all joints; further ones are left out.
 
     Returns
     -------

@@ -37,16 +37,8 @@ def interpolate(
     Before the first point its polynomial is continued; the last point's own velocity holds at its time, and zero where
     it states none.
 
-    Parameters
-    ----------
-    stamps
-        (N,) ns, increasing.
-    points
-        (N, n) each; rad, rad/s, rad/s².
-    degree
-        Of each point, (N,), or of all: LINEAR, CUBIC or QUINTIC.
-    wanted
-        (M,) ns, not behind the last stamp.
+    stamps: (N,) ns, increasing; points: (N, n) each; rad, rad/s, rad/s²; degree: of each point, (N,), or of all:
+    LINEAR, CUBIC or QUINTIC; wanted: (M,) ns, not behind the last stamp.
     """
     if len(stamps) == 1:
         index = np.zeros(len(wanted), dtype=int)

@@ -27,19 +27,9 @@ class Tolerances:
     ) -> Tolerances:
         """Take the tolerances of a request: 0 stands for the default there, and less for no limit.
 
-        Parameters
-        ----------
-        stated
-            By joint.
-        joints
-            Of the arm, (n,).
-        position, velocity
-            Defaults, rad and rad/s; 0 for no limit.
+        joints: of the arm, (n,).
 
-        Raises
-        ------
-        GraphError
-            If one names another joint.
+        Raises a GraphError if one names another joint.
         """
         values = {"position": np.full(len(joints), position), "velocity": np.full(len(joints), velocity)}
         for tolerance in stated:
@@ -51,15 +41,7 @@ class Tolerances:
         return cls(**{name: np.where(column > 0.0, column, np.inf) for name, column in values.items()})
 
     def exceeded(self, joints: Sequence[str], position: Array, velocity: Array) -> str:
-        """Return in words which error (n,) exceeds its tolerance first; empty where none does.
-
-        Parameters
-        ----------
-        joints
-            Of the arm.
-        position, velocity
-            Errors, rad and rad/s.
-        """
+        """Return in words which error (n,) exceeds its tolerance first; empty where none does."""
         for name, errors, limits, unit in (
             ("position", position, self.position, "rad"),
             ("velocity", velocity, self.velocity, "rad/s"),

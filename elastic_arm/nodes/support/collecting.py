@@ -27,36 +27,19 @@ LOOKS = 5
 
 @dataclass
 class Faults:
-    """Messages that could not be used.
+    """Messages that could not be used."""
 
-    Parameters
-    ----------
-    foreign
-        They do not name all joints of the arm.
-    not_finite
-        They hold a number that is none.
-    changed
-        They lack, or add, a channel that those before had, or had not.
-    """
-
-    foreign: int = 0
-    not_finite: int = 0
-    changed: int = 0
+    foreign: int = 0  # they do not name all joints of the arm
+    not_finite: int = 0  # they hold a number that is none
+    changed: int = 0  # they lack, or add, a channel that those before had, or had not
 
 
 class Collector:
     """Gathers messages of both sides and makes samples of them.
 
-    Parameters
-    ----------
-    joints
-        The joints wanted, in the order of the samples' columns; messages may name them in any order.
-    sides
-        "both", or only "link" or "motor".
-    shown
-        Full names of the topics, as a node has them in its namespace.
-    channels
-        A map of a driver's topics, names and units; the suite's own when None.
+    joints: the joints wanted, in the order of the samples' columns; messages may name them in any order; shown:
+    full names of the topics, as a node has them in its namespace; channels: A map of a driver's topics, names and
+    units; the suite's own when None.
     """
 
     def __init__(
@@ -98,13 +81,7 @@ class Collector:
         return tuple(name for side in self._sources for name in CHANNELS[side])
 
     def take(self, everything: bool = False) -> Samples | None:
-        """Return the samples that are ready, in order of time and never older than those before; None without any.
-
-        Parameters
-        ----------
-        everything
-            Also those that still wait for stragglers.
-        """
+        """Return the samples that are ready, in order of time and never older than those before; None without any."""
         add = dict(zip(CHANNELS, (self.pairing.add_link, self.pairing.add_motor), strict=True))
         for topic, inbox in self.inboxes.items():
             self._empty[topic] += 1

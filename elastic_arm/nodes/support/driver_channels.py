@@ -25,10 +25,7 @@ class DriverSide:
     def of(channels: ChannelMap, side: str, names: Sequence[str]) -> DriverSide | None:
         """Return a side of the joints as a map has it; None where it has nothing of it.
 
-        Raises
-        ------
-        RecordingError
-            If the map holds what a live graph does not give.
+        Raises a RecordingError if the map holds what a live graph does not give.
         """
         if missing := [name for name in names if name not in channels.joints]:
             raise RecordingError(f"the channel map lacks {', '.join(missing)}", "Name every joint of the arm.")

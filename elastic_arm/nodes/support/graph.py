@@ -44,10 +44,7 @@ def qos(topic: str) -> QoSProfile:
 def message_class(type_name: str) -> Any:
     """Return the Python class of a type such as `sensor_msgs/msg/JointState`.
 
-    Raises
-    ------
-    GraphError
-        If its package is not installed.
+    Raises a GraphError if its package is not installed.
     """
     package, _, name = type_name.split("/")
     try:
@@ -85,19 +82,7 @@ def require_single_publisher(node: Node, wanted: Sequence[str], seconds: float =
     The error names the other node: its name may be discovered later than what it publishes, and is waited for. Of two
     that start together one looks a little longer, and finds the other.
 
-    Parameters
-    ----------
-    node
-        Ours, which publishes the topics.
-    wanted
-        Their names.
-    seconds
-        How long others are looked for.
-
-    Raises
-    ------
-    GraphError
-        If there is one.
+    Raises a GraphError if there is one.
     """
     end = time.monotonic() + seconds + (os.getpid() % 8) * 0.05
     while True:

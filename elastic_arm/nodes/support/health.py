@@ -19,14 +19,7 @@ PERIOD = 1.0
 class Health:
     """Publishes one status of a node, and logs it when it gets worse or better.
 
-    Parameters
-    ----------
-    node
-        Whose health it is.
-    what
-        What of it, as in `simulator: pace`.
-    now
-        Time of the status; that of the node's clock where there is no other.
+    now: time of the status; that of the node's clock where there is no other.
     """
 
     def __init__(self, node: Node, what: str, now: Callable[[], Time] | None = None) -> None:
@@ -38,17 +31,7 @@ class Health:
         self._level = DiagnosticStatus.OK
 
     def report(self, problems: list[str], fine: str, values: dict[str, Any]) -> None:
-        """Publish the problems (or, if there are none, that all is `fine`) with figures beside them.
-
-        Parameters
-        ----------
-        problems
-            What is wrong, a line each.
-        fine
-            The message where there is no problem.
-        values
-            Figures by name.
-        """
+        """Publish the problems (or, if there are none, that all is `fine`) with figures beside them."""
         level = DiagnosticStatus.WARN if problems else DiagnosticStatus.OK
         message = "; ".join(problems) or fine
         status = DiagnosticStatus(level=level, name=self._name, message=message, hardware_id=self._arm)

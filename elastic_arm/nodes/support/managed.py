@@ -19,12 +19,7 @@ class ManagedNode(LifecycleNode, ArmNode):
     Subclasses say what the transitions do. What is wrong in one is logged in a line, and the state stays; a node that
     starts by itself ends with that line. A node that is shut down ends, as by Ctrl-C.
 
-    Attributes
-    ----------
-    state
-        The present one.
-    configured
-        Whether what :meth:`configure` has made is there.
+    configured: whether what :meth:`configure` has made is there.
     """
 
     state = "unconfigured"
@@ -47,10 +42,7 @@ class ManagedNode(LifecycleNode, ArmNode):
     def start(self, autostart: bool) -> None:
         """Configure and activate, where that is wanted.
 
-        Raises
-        ------
-        ElasticArmError
-            What was wrong.
+        Raises an ElasticArmError what was wrong.
         """
         self._starting = True
         for transition in (self.trigger_configure, self.trigger_activate) if autostart else ():
@@ -86,17 +78,7 @@ class ManagedNode(LifecycleNode, ArmNode):
     def _carry_out(
         self, work: Callable[[], None], state: str, configured: bool | None = None
     ) -> TransitionCallbackReturn:
-        """Do the work of a transition.
-
-        Parameters
-        ----------
-        work
-            What there is to do.
-        state
-            The one after it.
-        configured
-            What becomes of that; None where it stays.
-        """
+        """Do the work of a transition."""
         finished = False
         try:
             work()

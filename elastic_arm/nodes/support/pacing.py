@@ -8,15 +8,6 @@ class Pace:
 
     A late step is caught up on: the schedule is of absolute times, so delays do not add up. Only after falling behind
     by more than `patience` seconds is the schedule moved, which :attr:`slipped` counts.
-
-    Parameters
-    ----------
-    rate
-        Steps per second of simulated time.
-    factor
-        Simulated seconds per real second.
-    patience
-        Longest delay to catch up on, real seconds.
     """
 
     def __init__(self, rate: float, factor: float = 1.0, patience: float = 0.5) -> None:

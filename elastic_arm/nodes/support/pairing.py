@@ -27,30 +27,14 @@ class Pairs(NamedTuple):
 
 @dataclass
 class Losses:
-    """What did not become a pair, and why.
+    """What did not become a pair, and why."""
 
-    Parameters
-    ----------
-    repeated
-        A stamp that was there already.
-    reordered
-        Arrived behind a younger stamp, and was put in its place.
-    late
-        Older than what was handed out already.
-    early
-        Came before the first sample of the other side: its topic was found later.
-    unmatched
-        The other side's sample never came.
-    restarts
-        The clock of the stamps went back: another run began.
-    """
-
-    repeated: int = 0
-    reordered: int = 0
-    late: int = 0
-    early: int = 0
-    unmatched: int = 0
-    restarts: int = 0
+    repeated: int = 0  # A stamp that was there already
+    reordered: int = 0  # arrived behind a younger stamp, and was put in its place
+    late: int = 0  # older than what was handed out already
+    early: int = 0  # came before the first sample of the other side: its topic was found later
+    unmatched: int = 0  # the other side's sample never came
+    restarts: int = 0  # the clock of the stamps went back: another run began
 
 
 class Pairing:
@@ -59,12 +43,8 @@ class Pairing:
     A sample waits `window` for its partner and for older ones that were overtaken; then it is handed out, or counted as
     unmatched. Nothing handed out is ever followed by something older.
 
-    Parameters
-    ----------
-    window_ns
-        How long a sample waits, in the time of the stamps.
-    capacity
-        Samples kept a side at most, whatever their stamps are.
+    window_ns: how long a sample waits, in the time of the stamps; capacity: samples kept a side at most, whatever
+    their stamps are.
     """
 
     def __init__(self, window_ns: int = 200_000_000, capacity: int = 20_000) -> None:

@@ -31,16 +31,8 @@ def declare(
 ) -> Any:
     """Declare a parameter and return its value.
 
-    Parameters
-    ----------
-    node, name, default, description
-        Of the parameter; its type is that of the default.
-    between
-        Smallest and largest value of a number.
-    choices
-        Values that a text may take.
-    live
-        Whether it may be changed while the node runs.
+    node, name, default, description: of the parameter; its type is that of the default; live: whether it may be
+    changed while the node runs.
     """
     descriptor = ParameterDescriptor(description=description, read_only=not live, type=_TYPES[type(default)].value)
     if choices:
@@ -60,15 +52,6 @@ def declare_texts(node: Node, name: str, description: str, *, live: bool = False
 
     An empty list has no type in ROS: as a default a list of one empty text stands for it. Where the parameter may be
     set, it takes an empty list of whatever type `ros2 param set NODE NAME "[]"` makes of it.
-
-    Parameters
-    ----------
-    node
-        Which gets the parameter.
-    name, description
-        Of the parameter.
-    live
-        Whether it may be set while the node runs.
     """
     descriptor = ParameterDescriptor(description=description, read_only=not live, dynamic_typing=live)
     if not live:
@@ -77,15 +60,7 @@ def declare_texts(node: Node, name: str, description: str, *, live: bool = False
 
 
 def declare_numbers(node: Node, name: str, default: list[float], description: str) -> list[float]:
-    """Declare a list of numbers and return it.
-
-    Parameters
-    ----------
-    node
-        Which gets the parameter.
-    name, default, description
-        Of the parameter.
-    """
+    """Declare a list of numbers and return it."""
     descriptor = ParameterDescriptor(description=description, read_only=True, type=Parameter.Type.DOUBLE_ARRAY.value)
     return list(node.declare_parameter(name, default, descriptor).value)
 
@@ -93,10 +68,7 @@ def declare_numbers(node: Node, name: str, default: list[float], description: st
 def texts(value: Any) -> list[str]:
     """Return the texts of a list parameter that are not empty.
 
-    Raises
-    ------
-    GraphError
-        If it is no list of texts.
+    Raises a GraphError if it is no list of texts.
     """
     given = [] if value is None else value
     if not isinstance(given, Sequence) or isinstance(given, str) or not all(isinstance(text, str) for text in given):

@@ -11,10 +11,7 @@ from elastic_arm.recording.storage.messages import Message
 class Playback:
     """The messages of a bag on a clock that may stand still, run faster and be set.
 
-    Parameters
-    ----------
-    read
-        Returns the messages in the order they were logged, from the first on.
+    read: returns the messages in the order they were logged, from the first on.
 
     Attributes
     ----------
@@ -48,15 +45,7 @@ class Playback:
         return passed
 
     def wait(self, now: float, rate: float) -> float:
-        """Return the seconds until the next message is due, zero or less when it is.
-
-        Parameters
-        ----------
-        now
-            Real time, s, monotonic.
-        rate
-            Seconds of the bag in a second.
-        """
+        """Return the seconds until the next message is due, zero or less when it is."""
         assert self.next is not None, "there is no next message"
         if self._since is not None and not self.paused:
             self._place_ns += (now - self._since) * rate * NANOSECONDS

@@ -31,11 +31,8 @@ QUIET = 0.02
 class ArmNode(Node):
     """A node with a rhythm of its own: the process calls :meth:`tick`, spins until the next is due, and so on.
 
-    Attributes
-    ----------
-    failure
-        Set by a callback that met an error, which ends the node; an exception out of a callback would be logged by the
-        executor with its traceback first.
+    failure: set by a callback that met an error, which ends the node; an exception out of a callback would be
+    logged by the executor with its traceback first.
     """
 
     failure: ElasticArmError | None = None
@@ -59,17 +56,9 @@ class ArmNode(Node):
 def run(make: Callable[[], ArmNode], args: Sequence[str] | None = None) -> int:
     """Run a node until it is done, or SIGINT or SIGTERM stops it.
 
-    Parameters
-    ----------
-    make
-        Makes the node; called after ROS is initialised.
-    args
-        Command line, `sys.argv` by default.
+    make: makes the node; called after ROS is initialised.
 
-    Returns
-    -------
-    int
-        Exit code: 0, or 2 after a mistake of the user's, which stands in one line on stderr.
+    Returns int Exit code: 0, or 2 after a mistake of the user's, which stands in one line on stderr.
     """
     words = sys.argv if args is None else args
     if unreadable := [word for word in words if not _is_text(word)]:

@@ -28,11 +28,6 @@ class StreamScreen:
     A recording is screened as a whole, and more closely
     (:func:`~elastic_arm.recording.inspection.outliers.without_outliers`): here what follows is not known yet, and an
     arm that begins to move has to pass.
-
-    Attributes
-    ----------
-    left_out
-        Samples so far.
     """
 
     def __init__(self) -> None:

@@ -26,12 +26,8 @@ Decoded = tuple[tuple[str, ...], NDArray[np.int64], dict[str, NDArray]]
 class Form:
     """A message to be filled in and published again and again.
 
-    Parameters
-    ----------
-    type_name
-        Of the message, such as `sensor_msgs/msg/JointState`.
-    message
-        An example whose strings and array lengths are those of every message to come.
+    type_name: of the message, such as `sensor_msgs/msg/JointState`; message: an example whose strings and array
+    lengths are those of every message to come.
     """
 
     def __init__(self, type_name: str, message: Any) -> None:
@@ -56,13 +52,6 @@ class Form:
 
 class Inbox:
     """Messages of one topic as they arrived, to be decoded many at a time; the oldest give way when it is full.
-
-    Parameters
-    ----------
-    type_name
-        Of the messages.
-    capacity
-        Messages kept at most.
 
     Attributes
     ----------

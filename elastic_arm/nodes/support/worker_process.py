@@ -31,12 +31,8 @@ class Answer:
 class WorkerProcess:
     """A process that answers one question after another.
 
-    Parameters
-    ----------
-    make
-        Called in the process with `args`; returns what answers questions. Both are importable by name.
-    args
-        What the process needs to know; questions and answers go through a pipe, so all are plain data.
+    make: called in the process with `args`; returns what answers questions. Both are importable by name; args: what
+    the process needs to know; questions and answers go through a pipe, so all are plain data.
 
     Attributes
     ----------
