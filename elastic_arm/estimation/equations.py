@@ -35,7 +35,7 @@ from elastic_arm.arrays import Array
 from elastic_arm.dynamics import Model
 from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.motion import Motion
-from elastic_arm.recording.made_torque import CONTROLLED
+from elastic_arm.robot.parts import CONTROLLED
 
 Channels = Collection[str]
 

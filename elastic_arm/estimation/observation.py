@@ -23,9 +23,9 @@ from elastic_arm.estimation.resampling import Clock, Grid, extended
 from elastic_arm.estimation.smoother import Smoother
 from elastic_arm.recording import Recording
 from elastic_arm.recording.inspection.torque_spectrum import TorqueSpectrum, torque_spectra
-from elastic_arm.recording.made_torque import CONTROLLED
 from elastic_arm.recording.sides import Lacking
 from elastic_arm.robot import JointController
+from elastic_arm.robot.parts import CONTROLLED
 
 # What each channel that may be late consists of.
 CHANNELS = {

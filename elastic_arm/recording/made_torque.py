@@ -20,10 +20,6 @@ from elastic_arm.robot import JointController, Robot
 
 FINER = 8  # instants in a sample interval, over which a torque sample is the mean
 # What to do about a recording without torques.
-CONTROLLED = (
-    "or record commands and positions, and state in the arm file what makes torques of them: "
-    "`controller: {joint_1: {kp: 30, kd: 0.5}}`, Nm/rad and Nm s/rad (docs/servo_arm.md)"
-)
 FEWEST = 12  # samples and commands of which anything is made
 
 

@@ -237,6 +237,13 @@ class Limits:
             )
 
 
+# What to do where no torque was recorded.
+CONTROLLED = (
+    "or record commands and positions, and state in the arm file what makes torques of them: "
+    "`controller: {joint_1: {kp: 30, kd: 0.5}}`, Nm/rad and Nm s/rad (docs/servo_arm.md)"
+)
+
+
 @dataclass(frozen=True)
 class JointController:
     """tau_m = limit(kp (r(t - d) - theta) + kd (dr(t - d) - dtheta) + ki int(r - theta) + feed-forward)."""

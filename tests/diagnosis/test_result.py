@@ -164,7 +164,8 @@ def test_the_corrected_arm_has_what_was_known_and_what_was_found() -> None:
     known, unseen = (parse(f"viscous_friction:joint_{k}:coefficient=3", ROBOT) for k in (1, 3))
     context: Any = SimpleNamespace(known=(known,), unseen=(unseen,), model=SimpleNamespace(robot=ROBOT))
     number = replace(cause("stiffness_mismatch:joint_1:stiffness=0.7"), is_number=True)
-    found: Any = SimpleNamespace(context=context, causes=(cause(), cause("inertia_coupling"), number))
+    causes = (cause(), cause("inertia_coupling"), number)
+    found: Any = SimpleNamespace(context=context, causes=causes, imperfections=(), made=())
     assert [one.held_as for one in found.causes] == ["effect", "variant", "number"]
     effects = repaired_robot(ROBOT, found).effects
     assert [(e["effect"], e["joint"]) for e in effects] == [

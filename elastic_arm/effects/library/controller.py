@@ -94,6 +94,7 @@ EFFECTS = (
         formula="kp true = gain * stated",
         description="The controller's gain of the error of position is not what the description states.",
         signature="The motor residual follows the error of position: command less angle, in motion and at rest.",
+        plain="is controlled with {gain} times the stated kp",
         law=_made(lambda motion, i, stated, p: (1.0 / p["gain"] - 1.0) * _of_position(motion, i, stated)),
         parameters=(
             ratio(
@@ -117,6 +118,7 @@ EFFECTS = (
         description="The controller's gain of the error of speed is not what the description states; back-EMF of a "
         "servo acts as a part of it.",
         signature="The motor residual follows the error of speed.",
+        plain="is controlled with {gain} times the stated kd",
         law=_made(lambda motion, i, stated, p: (1.0 - p["gain"]) * _of_rate(motion, i, stated)),
         parameters=(ratio("gain", 0.3, 3.0, "true / stated kd", least=0.0, draw=(0.5, 2.0)),),
         sides=("motor",),
@@ -137,6 +139,7 @@ EFFECTS = (
         formula="the drive follows r(t - delay)",
         description="Commands reach the drive later than stated: buses, queues, filters of set-points.",
         signature="The motor residual follows the rate of the command times kp.",
+        plain="has its commands {delay} later than stated",
         law=_made(lambda motion, i, stated, p: p["delay"] * _of_delay(motion, i, stated)),
         parameters=(
             Parameter("delay", "s", 1e-4, 0.2, neutral=0.0, draw=(0.01, 0.05), meaning="beyond the one stated"),

@@ -39,7 +39,9 @@ def followed(recording: Recording) -> Iterator[Finding]:
     apart = moves & (left > APART)
     good = moves & ~apart & ~copied
     rates = [1.0 / float(np.median(np.diff(stamps))) for stamps in (given, t)]
-    if copied.any():
+    # A reference beside torques may be the motion itself; without them it is all that tells of the drives.
+    torques = any(one.effort is not None for one in (recording.link, recording.motor) if one is not None)
+    if copied.any() and not torques:
         words = f"commands of {listed(recording.joints, copied)} are the positions themselves"
         yield warning("copied_command", words, "record what the drives were told")
     if apart.any():
