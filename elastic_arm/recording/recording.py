@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+import scipy
 
 from elastic_arm.errors import RecordingError, require_kind
 from elastic_arm.recording.joint_names import matched_names
@@ -150,7 +150,7 @@ class Recording:
         if np.array_equal(stamp_ns, reference.stamp_ns):
             return reference.position
         t, known = (np.asarray(stamps - reference.stamp_ns[0]) * 1e-9 for stamps in (stamp_ns, reference.stamp_ns))
-        return np.asarray(CubicSpline(known, reference.position)(t))
+        return np.asarray(scipy.interpolate.CubicSpline(known, reference.position)(t))
 
     def _measured(self) -> list[Side]:
         measured = [side for side in self.measured().values() if len(side)]
