@@ -166,24 +166,11 @@ def number_terms(parameters: Sequence[Number], N: Array, far: Set[str]) -> list[
 def _number(parameter: Number, N: Array, key: Key, moves: Array) -> Term:
     """Return the term of numbers that move by (K, k) for each coefficient, the first of them a parameter."""
     count = moves.shape[1]
-    low, high = np.full(count, -np.inf), np.full(count, np.inf)
-    low[0], high[0] = _possible(parameter)
+    low = np.full(count, -np.inf)
+    if parameter.unit == "1" and parameter.neutral == 1.0:
+        low[0] = -0.98 / parameter.prior_std  # ratios are positive
     std = np.full(count, WIDE)
-    return Term(key, "number", N @ moves, std, low=low, high=high, feature=parameter.cause, what=moves)
-
-
-def _possible(parameter: Number) -> tuple[float, float]:
-    """Return between which deviations, in its standard deviations, an arm may have a number: others are no cause."""
-    assert parameter.cause is not None
-    (own, *_), std = parameter.cause.effect.parameters, parameter.prior_std
-    if parameter.feature is None:  # ratios of the arm's numbers are positive
-        return (-0.98 / std if parameter.unit == "1" and parameter.neutral == 1.0 else -np.inf), np.inf
-    most = max(abs(own.low), abs(own.high))
-    if own.from_coefficient is None:
-        return -most / std, most / std
-    values = np.array([own.value_of(float(c)) for c in COEFFICIENTS])
-    within = COEFFICIENTS[(values >= own.low) & (values <= own.high)]
-    return float(within.min()) / std, float(within.max()) / std
+    return Term(key, "number", N @ moves, std, low=low, feature=parameter.cause, what=moves)
 
 
 def law_terms(linear: Linearisation) -> list[Term]:

@@ -111,34 +111,23 @@ def _descended(linear: Linearisation, before: Fit, refit: bool, thetas: Thetas, 
     """Return the most probable set beside which the linearisation stays, from one to start from.
 
     Laws without a form and the moves that take long come where the set stays: elsewhere they follow its error. They do
-    not come where it stays less probable than the best one known. A set found at the linearisation of another one is
-    refused where it is less probable at its own.
+    not come where it stays less probable than the best one known.
     """
     log: list[str] = []
-    moves, refused = SIMPLE, set[frozenset[Key]]()
-    kept: tuple[Explanation, frozenset[Key]] | None = None
+    moves, own = SIMPLE, -np.inf
     for n in range(ROUNDS):
-        here = _settled(linear, before, before.model.name)
-        found = _explained(here, before, before.model.name, refit, thetas, moves=moves)
+        linear = _settled(linear, before, before.model.name)
+        found = _explained(linear, before, before.model.name, refit, thetas, moves=moves)
         log += [f"{n}: {line}" for line in found.log]
-        if kept is not None and before.keys != kept[1] and found.own < kept[0].own - WORTH:
-            refused.add(before.keys)
-            log.append(f"{n}: less probable at its own linearisation")
-            gained = 0.0
-        else:
-            gained = np.inf if kept is None or before.keys != kept[1] else found.own - kept[0].own
-            kept = found, before.keys
-        found, own = kept
-        met = {keys: fit for keys, fit in found.search.met.items() if keys not in refused}
-        linear, before = found.linear, max(met.values(), key=lambda fit: fit.score)
         # Numbers of which the recordings tell little need not stay where the score does.
-        stays = before.keys == own and (not _far(before) or gained < WORTH)
+        same = before.keys == found.best.keys
+        stays = same and (not _far(found.best) or found.own < own + WORTH)
+        before, own = found.best, found.own if same else -np.inf
         if stays and (moves == ALL or (best is not None and before.score < best.score + WORTH)):
             break
         if stays or n == ROUNDS - 2:
             moves = ALL
-    found.search.met = met
-    return replace(found, best=before, log=tuple(log))
+    return replace(found, best=max(found.search.met.values(), key=lambda fit: fit.score), log=tuple(log))
 
 
 def _settled(linear: Linearisation, before: Fit | None, trust: str) -> Linearisation:
