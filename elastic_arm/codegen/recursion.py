@@ -8,12 +8,10 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.codegen.loop import build_loop
 from elastic_arm.errors import KernelError
-
-Array = NDArray[np.float64]
 
 _STEPS = 200  # in one call of CasADi: calling a function costs more than a step
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.diagnosis.changes import changes_between
 from elastic_arm.diagnosis.context import DiagnosisContext
 from elastic_arm.diagnosis.estimates import ParameterEstimate, averaged, estimated
@@ -41,7 +42,6 @@ from elastic_arm.identification.batch.mounting import CHANCE, STEP
 from elastic_arm.recording import Recording
 from elastic_arm.recording.recording import recordings_of
 
-Array = NDArray[np.float64]
 LAW = "law"
 MOUNTED = float(np.radians(STEP))  # rad, to which a mounting is known where no tilt is found beside it
 Name = tuple[str, str | None]  # effect and joint: the same law on two sides is one cause

@@ -6,15 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.dynamics import Model
 from elastic_arm.effects import EffectInstance
 from elastic_arm.estimation.observation import Observation
 from elastic_arm.estimation.whitening import WhitenedData
 from elastic_arm.evidence.relinearise import Explanation, Linearisation
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -10,12 +10,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.recording import Recording
 from elastic_arm.robot import Robot
-
-Array = NDArray[np.float64]
 
 BEYOND_LOAD = 2.0  # times the deflection under the largest torque: loads of both signs differ by as much at most
 

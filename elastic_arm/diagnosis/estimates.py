@@ -7,15 +7,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.effects.model import EffectInstance
 from elastic_arm.equations.numbers import Number
 from elastic_arm.evidence.model import Fit
 from elastic_arm.evidence.nonlinear import components, moved
 from elastic_arm.evidence.term import Term
-
-Array = NDArray[np.float64]
 
 STEP = 1e-4  # of a standard deviation, for derivatives of parameters by coefficients; numerical
 

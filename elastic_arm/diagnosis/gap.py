@@ -16,10 +16,9 @@ from numpy.typing import NDArray
 from scipy.signal import periodogram
 from scipy.stats import chi2
 
+from elastic_arm.arrays import Array
 from elastic_arm.estimation.whitening import WhitenedData
 from elastic_arm.evidence.grams import OCTAVES
-
-Array = NDArray[np.float64]
 
 CHANCE = 1e-5  # probability of an octave of noise that counts as more
 KNOWN = 0.2  # of the noise's power: how well it is known; spectra of quantised encoders are off by a seventh

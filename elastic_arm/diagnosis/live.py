@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.diagnosis.answer import diagnose
 from elastic_arm.diagnosis.common_equations import common_band
 from elastic_arm.diagnosis.preprocessing import usable
@@ -30,8 +30,6 @@ from elastic_arm.estimation.residuals import residuals
 from elastic_arm.estimation.whitening import noise_models
 from elastic_arm.recording import Recording, Samples, Side
 from elastic_arm.robot import load_robot
-
-Array = NDArray[np.float64]
 
 # Samples kept at most, whatever their stamps; bounds the memory.
 CAPACITY = 200_000

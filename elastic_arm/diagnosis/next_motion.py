@@ -14,8 +14,8 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.diagnosis.context import DiagnosisContext
 from elastic_arm.diagnosis.predicted_experiment import ExperimentConditions, PredictedExperiment
 from elastic_arm.diagnosis.result import Cause, PairSeparation, Proposal
@@ -28,7 +28,6 @@ from elastic_arm.evidence.relinearise import theta_of
 from elastic_arm.evidence.term import Term
 from elastic_arm.excitation import FourierTrajectory, MotionLimits, Shape, random_trajectories
 
-Array = NDArray[np.float64]
 # Makes whitened columns (rows, k) of a feature at values of its nonlinear parameters.
 Columns = Callable[[Feature, Sequence[float]], Array]
 

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.dynamics import Model
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.equations import EquationSet
@@ -16,8 +16,6 @@ from elastic_arm.estimation.regressors import Signals
 from elastic_arm.estimation.residuals import SLOWEST, raw_residuals
 from elastic_arm.estimation.whitening import NoiseModel, WhitenedData
 from elastic_arm.excitation import FourierTrajectory
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

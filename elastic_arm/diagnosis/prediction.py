@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from elastic_arm.arrays import Array
 from elastic_arm.diagnosis.context import DiagnosisContext
 from elastic_arm.dynamics import Model
 from elastic_arm.effects import EffectInstance
@@ -26,7 +27,6 @@ from elastic_arm.formatting import JointUnits
 from elastic_arm.sensors import Sensors
 from elastic_arm.simulation.batch_prediction import BatchPrediction
 
-Array = NDArray[np.float64]
 Place = tuple[str, str]
 
 HORIZONS = (0.01, 0.02, 0.05, 0.1, 0.2)  # s

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from itertools import chain
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.codegen.parallel import share_out
 from elastic_arm.diagnosis.common_equations import common_equations
 from elastic_arm.diagnosis.encoder_zeros import with_common_zeros
@@ -36,8 +36,6 @@ from elastic_arm.recording.inspection.two_encoders import by_motor_encoders
 from elastic_arm.recording.made_torque import with_made_torque
 from elastic_arm.recording.standstill import without_standstill
 from elastic_arm.robot import Robot
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -10,16 +10,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.recording import Recording, Samples, Side
 from elastic_arm.recording.inspection.outliers import without_outliers
 from elastic_arm.recording.inspection.stuck_channels import NO_MOTION, STILL, moves
 from elastic_arm.recording.sides import joints_with
-
-Array = NDArray[np.float64]
 
 AVERAGING = 0.02  # s; clocks are compared on means over as long
 SHIFT = 1e-5  # s over the recording; less changes nothing that can be measured

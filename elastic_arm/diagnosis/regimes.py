@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import welch
 
+from elastic_arm.arrays import Array
 from elastic_arm.estimation.motion import rates_of
 from elastic_arm.estimation.regressors import Signals
 from elastic_arm.estimation.whitening import WhitenedData
-
-Array = NDArray[np.float64]
 
 ORDERS = (1, 2, 3, 4)  # of the angles of rotor and wave generator
 SLOW = (0.1, 0.3)  # of the typical speed: widths of the two low-speed shapes

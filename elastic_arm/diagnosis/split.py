@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.recording import Recording
-
-Array = NDArray[np.float64]
 
 HELD_BACK = 1.0 / 3.0  # share of each recording that judges
 SHORTEST = 2.5  # s of either part

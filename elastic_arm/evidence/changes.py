@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.model import Fit
 from elastic_arm.evidence.term import Key, Term
 
-Array = NDArray[np.float64]
 CHANGE = "change"
 
 

@@ -9,12 +9,10 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.estimation.whitening import WhitenedData
 from elastic_arm.evidence.term import Ident, Term
-
-Array = NDArray[np.float64]
 
 OCTAVES = np.array([0.5, 1, 2, 4, 8, 16, 32])  # Hz; edges of the octaves in which noise has a power of its own
 

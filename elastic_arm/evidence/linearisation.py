@@ -13,8 +13,8 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.effects.parameters import Parameter
@@ -33,8 +33,6 @@ from elastic_arm.estimation.known_torques import ActingEffect
 from elastic_arm.estimation.whitening import WhitenedData
 from elastic_arm.evidence.problem import Observations, Problem
 from elastic_arm.evidence.term import Term
-
-Array = NDArray[np.float64]
 
 
 class Motions(NamedTuple):

@@ -10,13 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from elastic_arm.arrays import Array
 from elastic_arm.evidence.grams import Bands, Grams
 from elastic_arm.evidence.pool import sized
 from elastic_arm.evidence.posterior import Posterior, Prior, mass, posterior
 from elastic_arm.evidence.priors import CHANGED, FORMLESS, RELATED, SCALES, SIZES, TRUST
 from elastic_arm.evidence.term import Ident, Key, Term
-
-Array = NDArray[np.float64]
 
 WIDEST = max(one.factor for one in TRUST.values())
 LOOKED_AT = 30  # terms of which first-order gains are made well; numerical

@@ -11,9 +11,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
+from elastic_arm.arrays import Array
 from elastic_arm.effects.parameters import Parameter
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.evidence.linearisation import Linearisation
@@ -21,8 +21,6 @@ from elastic_arm.evidence.model import Fit, LinearModel
 from elastic_arm.evidence.pool import linear_prior
 from elastic_arm.evidence.priors import SCALES
 from elastic_arm.evidence.term import Term
-
-Array = NDArray[np.float64]
 
 STEP = 1e-3  # of derivatives, in the coordinates of the numbers over their ranges; numerical
 STEPS = 6  # of Gauss and Newton

@@ -6,16 +6,14 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.dynamics.bodies import TENSOR
 from elastic_arm.equations.numbers import PRESLIDING, Number
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.evidence.priors import OFFSET_SHARE, PRESLIDING_SHARE, ZERO_AS_MOUNTED, Priors
 from elastic_arm.robot import Joint, Robot
-
-Array = NDArray[np.float64]
 
 LEAST_SCALE = 1e-9  # numerical; of roots of sums of squares of torques and accelerations
 # Largest relative error of a stiffness, and of a torque channel's gain, about which the model is made; numerical.

@@ -7,8 +7,8 @@ from dataclasses import replace
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.codegen.parallel import share_out
 from elastic_arm.effects.model import Scope
 from elastic_arm.effects.parameters import Parameter
@@ -20,7 +20,6 @@ from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.priors import SIZES, WIDE
 from elastic_arm.evidence.term import Key, Term
 
-Array = NDArray[np.float64]
 Columns = Callable[[Feature, Sequence[float]], Array]
 
 GRID, COARSE, ORDERS = 7, 5, 12  # values tried of one nonlinear number, of each of several, and of an order

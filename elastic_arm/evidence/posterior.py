@@ -20,9 +20,8 @@ from numpy.typing import NDArray
 from scipy.linalg import lapack
 from scipy.special import log_ndtr
 
+from elastic_arm.arrays import Array
 from elastic_arm.evidence.grams import Products
-
-Array = NDArray[np.float64]
 
 STEPS, SETTLED = 60, 0.01  # of the noise powers, and the change of their logarithms that is none; numerical
 JITTER = 1e-13  # of the scaled precision; numerical

@@ -6,9 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-import numpy as np
-from numpy.typing import NDArray
-
+from elastic_arm.arrays import Array
 from elastic_arm.effects import Effect, EffectInstance
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.equations.number_columns import directions_of
@@ -22,7 +20,6 @@ from elastic_arm.evidence.numbers import numbers_of, of_each_recording, unrefere
 from elastic_arm.evidence.priors import Priors
 from elastic_arm.robot import Robot
 
-Array = NDArray[np.float64]
 Observations = tuple[Observation, ...]
 
 

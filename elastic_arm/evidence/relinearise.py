@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.effects.model import ControllerEffect, EffectInstance, SensorEffect
 from elastic_arm.equations.places import scaling
 from elastic_arm.estimation.effect_columns import Feature
@@ -23,8 +24,6 @@ from elastic_arm.evidence.priors import ELSEWHERE, NEAR, ROUNDS, STATED, TRUST, 
 from elastic_arm.evidence.problem import Problem
 from elastic_arm.evidence.search import ADDED, ALL, SIMPLE, Search
 from elastic_arm.evidence.term import Key, Term
-
-Array = NDArray[np.float64]
 
 STEPS = 6  # of Gauss and Newton beside a set
 Thetas = dict[Key, tuple[float, ...]]

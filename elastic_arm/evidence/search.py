@@ -12,7 +12,6 @@ from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from elastic_arm.evidence.changes import CHANGE, possible_changes
@@ -21,9 +20,6 @@ from elastic_arm.evidence.model import Fit, LinearModel, Screen
 from elastic_arm.evidence.nonlinear import is_open, refined
 from elastic_arm.evidence.priors import MOST, RELATED, SCALES, SHORT, TRIED, WORTH
 from elastic_arm.evidence.term import Key, Term
-
-Array = NDArray[np.float64]
-
 
 ADDED, SIMPLE, ALL = 2, 4, 6  # kinds of moves: more of them take longer
 

@@ -10,11 +10,10 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.evidence.priors import SCALES
 
-Array = NDArray[np.float64]
 Key = tuple[str, str | None, tuple[Any, ...]]  # effect, joint, choices
 Ident = tuple[Any, ...]
 

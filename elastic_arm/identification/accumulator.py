@@ -10,8 +10,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.dynamics.double_double import Pair
 from elastic_arm.dynamics.gram import gram
 from elastic_arm.estimation.equations import MOTOR
@@ -20,8 +20,6 @@ from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.errors_in_variables import noise_sums
 from elastic_arm.identification.least_squares import Blocks, Fit
 from elastic_arm.identification.verdict import MotionStatistics
-
-Array = NDArray[np.float64]
 
 # Seconds over which rows are averaged: the first resonances of arms are at 5 to 20 Hz.
 AVERAGED = 1 / 16

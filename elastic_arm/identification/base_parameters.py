@@ -15,7 +15,7 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from elastic_arm.arrays import Array
 
 # A column counts as new when it leaves this share of its length beside the columns before it.
 INDEPENDENT = 1e-8

@@ -37,6 +37,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.dynamics import Model
 from elastic_arm.dynamics.composition import ARMATURE
 from elastic_arm.dynamics.double_double import Pair
@@ -46,8 +47,6 @@ from elastic_arm.estimation.equations import MOTOR, SIDES, VOID, Channels, Equat
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.formatting import JointUnits
 from elastic_arm.identification.base_parameters import BaseParameters, find_base
-
-Array = NDArray[np.float64]
 
 RANDOM_STATES = 200
 

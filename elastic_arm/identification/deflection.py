@@ -18,13 +18,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.dynamics import Model
 from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.least_squares import Blocks, Fit, Prior, condition, fit
-
-Array = NDArray[np.float64]
 
 MOST_STEPS = 40
 # Parameters that change by less than this share of their standard deviation, or of themselves, stand.

@@ -23,12 +23,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import stdtrit
 
+from elastic_arm.arrays import Array
 from elastic_arm.dynamics.double_double import Pair
-
-Array = NDArray[np.float64]
 
 # A single block has no scatter: errors are taken for white there.
 FEWEST_BLOCKS = 2

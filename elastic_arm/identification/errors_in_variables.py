@@ -12,13 +12,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.estimation.noise import StateNoise
 from elastic_arm.identification.base_regression import BaseRegression
-
-Array = NDArray[np.float64]
 
 # Over steps of this size in position, velocity and acceleration (rad, rad/s, rad/s²) a regressor is next to straight,
 # and rounding has no say. Steps are never below the noise itself.

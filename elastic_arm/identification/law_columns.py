@@ -7,8 +7,8 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.effects import Catalogue, EffectInstance, Role, robot_effects
 from elastic_arm.effects.effect_set import law_joints
 from elastic_arm.effects.equations import ArmEquations
@@ -21,7 +21,6 @@ from elastic_arm.estimation.regressors import CompiledColumns, Signals, Term
 from elastic_arm.identification.base_regression import Column
 from elastic_arm.robot import Robot
 
-Array = NDArray[np.float64]
 # Dry friction turns over gradually below some speed, rad/s: presliding. A batch chooses one for each joint, the
 # middle of what real arms show where the recordings do not tell; the stream has one for all.
 SIGN_SPEEDS = (1e-4, 1e-3, 5e-3, 2e-2, 5e-2)

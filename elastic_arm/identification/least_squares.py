@@ -13,15 +13,13 @@ import functools
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
+from elastic_arm.arrays import Array
 from elastic_arm.dynamics.double_double import Pair, add, cholesky, multiply
 from elastic_arm.errors import IdentificationError
 from elastic_arm.identification import deviations
 from elastic_arm.identification.errors_in_variables import correction_share, covariance_left
-
-Array = NDArray[np.float64]
 
 MOST_BLOCKS = 64
 # With fewer long blocks than this there is nothing to tell the errors' colour by.

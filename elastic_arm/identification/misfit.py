@@ -14,15 +14,13 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import csd, welch
 
+from elastic_arm.arrays import Array
 from elastic_arm.effects.library.friction import DRY
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.verdict import POORLY, SURE
-
-Array = NDArray[np.float64]
 
 # Segments of a spectrum, in all; each overlaps the next by half.
 SEGMENTS = 8

@@ -16,13 +16,12 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.dynamics.double_double import add
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.consistency.estimation import description_covariance
 from elastic_arm.identification.least_squares import Blocks, Fit, Prior
 from elastic_arm.identification.verdict import natural_scales
-
-Array = NDArray[np.float64]
 
 # Relative errors of the description that are tried, wide to narrow.
 WIDTHS = tuple(np.geomspace(10.0, 0.03, 12).tolist())

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.errors import IdentificationError
 from elastic_arm.formatting import JointUnits
 from elastic_arm.identification.base_regression import BaseRegression
@@ -21,7 +21,6 @@ from elastic_arm.output_files import write_result
 from elastic_arm.results import Result, Row
 from elastic_arm.robot import Robot, save_robot
 
-Array = NDArray[np.float64]
 SCHEMA = "elastic_arm/identification/1"
 ARMS = ("nominal", "identified", "consistent")
 

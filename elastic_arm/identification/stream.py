@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.dynamics import Model
 from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.motion import Motion
@@ -24,8 +24,6 @@ from elastic_arm.identification.verdict import Excitation, MotionStatistics, exc
 from elastic_arm.recording import Samples
 from elastic_arm.recording.inspection.stuck_channels import STILL
 from elastic_arm.recording.standstill import KEPT
-
-Array = NDArray[np.float64]
 
 # What each joint has recorded.
 Recorded = tuple[frozenset[str], ...]

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from functools import cached_property, partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.dynamics.composition import ARMATURE
 from elastic_arm.dynamics.double_double import Pair, add, cholesky
 from elastic_arm.effects import EffectInstance
@@ -30,7 +30,6 @@ from elastic_arm.identification.result import Identification
 from elastic_arm.identification.stream import Identifier
 from elastic_arm.robot import Robot
 
-Array = NDArray[np.float64]
 ByJoint = Mapping[str, Mapping[str, float]]
 
 # Relative errors of the description that are tried where held-out motion refutes a fit: errors of a model that does not

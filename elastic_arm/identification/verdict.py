@@ -9,12 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.formatting import rounded
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.least_squares import Blocks, Fit, triangular
-
-Array = NDArray[np.float64]
 
 # A parameter is determined well below the first, poorly below the second relative standard deviation, else not at all.
 WELL = 0.05

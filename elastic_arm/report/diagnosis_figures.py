@@ -9,9 +9,9 @@ from itertools import product
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as MplFigure
-from numpy.typing import NDArray
 from scipy.signal import welch
 
+from elastic_arm.arrays import Array
 from elastic_arm.diagnosis.context import DiagnosisContext
 from elastic_arm.diagnosis.prediction import Prediction
 from elastic_arm.diagnosis.result import Cause, Diagnosis
@@ -27,8 +27,6 @@ from elastic_arm.report.style import (
     new_figure,
     style,
 )
-
-Array = NDArray[np.float64]
 
 # The same colours mean the same throughout.
 BEFORE, CAUSE, AFTER = GREY, VERMILION, BLUE

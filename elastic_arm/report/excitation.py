@@ -7,15 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as MplFigure
-from numpy.typing import NDArray
 
 from elastic_arm.excitation import ExcitationResult, FourierTrajectory, LimitUse, MotionLimits, Workspace
 from elastic_arm.report.html import Block, Figure, Section, Table, Text
 from elastic_arm.report.style import BLUE, GREEN, GREY, VERMILION, new_figure, style
 from elastic_arm.robot.description import Robot
 from elastic_arm.robot.kinematics import link_points
-
-Array = NDArray[np.float64]
 
 POINTS = 1200
 POSES = 6

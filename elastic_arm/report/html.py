@@ -17,8 +17,8 @@ import jinja2
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure as MplFigure
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.output_files import write_result
 from elastic_arm.report.legend import meaning
 from elastic_arm.report.style import envelope_indices, style
@@ -29,7 +29,6 @@ _counter = itertools.count()
 SHORT = 16
 LARGEST_PLAIN = 1e7
 POINTS = 1500  # of a signal that is drawn
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.figure import Figure as MplFigure
 from matplotlib.patches import Patch
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.formatting import rounded
 from elastic_arm.identification import Estimate, Identification
@@ -31,8 +31,6 @@ SIDES = {
     "whole": "motor torque",
 }
 GAPS = " Gaps: where a joint sticks, any torque within its dry friction is right."
-
-Array = NDArray[np.float64]
 
 
 def identifiability(result: Identification) -> MplFigure:

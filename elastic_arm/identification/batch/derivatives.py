@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.codegen.parallel import ahead
 from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.motion import Motion
@@ -24,8 +24,6 @@ from elastic_arm.identification.deflection import shifted, shifts, zeros
 from elastic_arm.identification.stream import smoothed, velocity_noise
 from elastic_arm.recording import Samples
 from elastic_arm.recording.inspection.stuck_channels import STILL
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

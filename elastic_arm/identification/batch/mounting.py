@@ -10,16 +10,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import fdtrc
 
+from elastic_arm.arrays import Array
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.identification.verdict import MotionStatistics
 from elastic_arm.recording.inspection.described_gravity import LEFT, OVERHEAD, SIZE, TURNED, angle_between
 from elastic_arm.robot import Robot
-
-Array = NDArray[np.float64]
 
 ENOUGH = 2000  # samples of a motion that are looked at; bounds the time
 STRAIGHT = 1e-6  # of its size, by which gravity may be off straight down; numerical

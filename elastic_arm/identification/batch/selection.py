@@ -14,8 +14,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.dynamics import build_model
 from elastic_arm.effects import EffectInstance
 from elastic_arm.errors import IdentificationError
@@ -44,7 +44,6 @@ from elastic_arm.identification.stream import Identifier
 from elastic_arm.recording import Recording, Samples
 from elastic_arm.robot import Robot
 
-Array = NDArray[np.float64]
 ProgressCallback = Callable[[str, float], None]
 
 # Squared errors below this share of their terms' squares are nothing but rounding: exact sensors close an equation so.

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.effects.library.friction import PLAIN
 from elastic_arm.effects.text import parse_laws
 from elastic_arm.errors import IdentificationError
@@ -15,8 +15,6 @@ from elastic_arm.identification.batch.settings import IdentificationSettings
 from elastic_arm.recording import Recording
 from elastic_arm.recording.inspection.outliers import without_outliers
 from elastic_arm.robot import Robot
-
-Array = NDArray[np.float64]
 
 
 def turning_speeds(recordings: Sequence[Recording], robot: Robot) -> Array | None:

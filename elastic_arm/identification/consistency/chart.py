@@ -11,14 +11,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.dynamics.bodies import Body, inertial_parameters
 from elastic_arm.dynamics.composition import ARMATURE
 from elastic_arm.identification.base_regression import BaseRegression, Column
 from elastic_arm.robot import Robot
-
-Array = NDArray[np.float64]
 
 # Pseudo-inertias of the nominal are kept this far from singular, relative to their largest eigenvalue.
 THINNEST = 1e-6

@@ -18,8 +18,8 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.dynamics.composition import ARMATURE
 from elastic_arm.effects import EffectInstance
 from elastic_arm.errors import IdentificationError, RobotError
@@ -32,8 +32,6 @@ from elastic_arm.identification.least_squares import Fit, correlation
 from elastic_arm.identification.result import Identification
 from elastic_arm.identification.stream import Identifier
 from elastic_arm.robot import Robot
-
-Array = NDArray[np.float64]
 
 # Relative errors of the nominal that are tried, and the one taken where the data do not say.
 TRUST = np.geomspace(0.01, 2.0, 24)

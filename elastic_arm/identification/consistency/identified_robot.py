@@ -6,16 +6,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.dynamics.composition import ARMATURE, inertia_from
 from elastic_arm.effects import EffectInstance
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.consistency.chart import folded
 from elastic_arm.robot import Robot
-
-Array = NDArray[np.float64]
-
 
 # A link's mass over the described one, beyond which something else is at work. Of eight real arms of right signs, some
 # of their masses guessed, links came out at 0.12 to 4.1 times; of three with torques of the wrong sign at 0.02 and 39.

@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 from builtin_interfaces.msg import Duration
 from control_msgs.action import FollowJointTrajectory
-from numpy.typing import NDArray
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.node import Node
 from rclpy.task import Future
 from trajectory_msgs.msg import JointTrajectoryPoint
 
+from elastic_arm.arrays import Array
 from elastic_arm.errors import GraphError
 from elastic_arm.nodes.following.follower import Follower
 from elastic_arm.nodes.following.goals import Goal
@@ -27,7 +27,6 @@ from elastic_arm.nodes.following.tolerances import Tolerances
 from elastic_arm.nodes.support.parameters import declare
 from elastic_arm.nodes.support.wire import NANOSECONDS
 
-Array = NDArray[np.float64]
 Result = FollowJointTrajectory.Result
 NAME = "~/follow_joint_trajectory"
 # Between two messages of feedback, in the arm's time.

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from trajectory_msgs.msg import JointTrajectory
 
+from elastic_arm.arrays import Array
 from elastic_arm.errors import GraphError
 from elastic_arm.nodes.following.goals import Goal, plan_goal, plan_stop
 from elastic_arm.nodes.following.joint_limits import JointLimits
@@ -15,7 +16,6 @@ from elastic_arm.nodes.following.splines import CUBIC, QUINTIC, Row
 from elastic_arm.nodes.support.wire import NANOSECONDS
 from elastic_arm.robot import Robot
 
-Array = NDArray[np.float64]
 # A stream that begins farther from where the arm stands, rad, would be a jump.
 LARGEST_JUMP = 0.1
 # Those of a stream are made when it arrives: it ends at most so far ahead, seconds, and no message takes longer. The

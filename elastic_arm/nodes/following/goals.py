@@ -15,7 +15,6 @@ from elastic_arm.nodes.following.reference_message import Points, reference_poin
 from elastic_arm.nodes.following.splines import CUBIC, QUINTIC, Row, interpolate
 from elastic_arm.nodes.support.wire import NANOSECONDS
 
-Array = NDArray[np.float64]
 POLICIES = ("refuse", "slow_down", "ignore")
 # A goal is looked at so often between two points: the peaks of a quintic are met within a percent.
 SAMPLES = 16

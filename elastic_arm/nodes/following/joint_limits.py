@@ -5,13 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.excitation.limits import DEFAULTS
 from elastic_arm.nodes.following.splines import Row
 from elastic_arm.robot import Robot
 
-Array = NDArray[np.float64]
 # Peaks of a motion that was planned at a limit exceed it by rounding and between samples: this share is no violation.
 SLACK = 0.02
 # Angle past a limit that counts as rounding, rad.

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import BPoly
 
+from elastic_arm.arrays import Array
 from elastic_arm.excitation import FourierTrajectory
 from elastic_arm.nodes.following.splines import Row
 
-Array = NDArray[np.float64]
 # Peak speed and acceleration of a quintic from rest to rest: distance / duration and distance / duration² times these.
 QUINTIC_SPEED = 15.0 / 8.0
 QUINTIC_ACCELERATION = 10.0 / np.sqrt(3.0)

@@ -8,9 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.nodes.following.splines import LINEAR, QUINTIC, Row, interpolate, resting
 
-Array = NDArray[np.float64]
 NANOSECONDS = 1_000_000_000
 # A pause between streamed points longer than this is the start of another motion, not a hole to bridge.
 LONGEST_HOLE_NS = NANOSECONDS // 2

@@ -11,7 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from elastic_arm.arrays import Array
+
 # Degree of the polynomial that a point allows: by its position alone, with its velocity, with its acceleration too.
 LINEAR, CUBIC, QUINTIC = 1, 3, 5
 

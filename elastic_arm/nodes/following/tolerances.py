@@ -7,11 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from control_msgs.msg import JointTolerance
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.errors import GraphError
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

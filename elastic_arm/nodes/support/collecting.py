@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.nodes.support.driver_channels import DriverSide
 from elastic_arm.nodes.support.pairing import Losses, Pairing
 from elastic_arm.nodes.support.wire import Inbox
 from elastic_arm.recording import ChannelMap, Samples, topics
 
-Array = NDArray[np.float64]
 FIELDS = ("position", "velocity", "effort")
 CHANNELS = {topics.JOINT_STATES: ("q", "dq", "tau_J"), topics.MOTOR_STATES: ("theta", "dtheta", "tau_m")}
 SIDES = {"both": tuple(CHANNELS), "link": (topics.JOINT_STATES,), "motor": (topics.MOTOR_STATES,)}

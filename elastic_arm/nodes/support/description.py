@@ -11,7 +11,6 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from elastic_arm.nodes.following.joint_limits import JointLimits
 from elastic_arm.robot import Joint, Robot, to_urdf
@@ -19,7 +18,6 @@ from elastic_arm.robot.kinematics import link_points
 from elastic_arm.robot.urdf import DYNAMICS
 from elastic_arm.robot.urdf_elements import rotation, vector
 
-Array = NDArray[np.float64]
 TOOL = "tool0"
 # Of the cylinders between joints: those are what the collision check of `elastic-arm excite` looks at, as capsules.
 _BARS = ("base_grey", "link_blue")

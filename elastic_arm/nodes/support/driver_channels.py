@@ -6,12 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_arm.arrays import Array
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording.foreign.channels import CHANNEL_NAMES, ChannelMap, SideChannels
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

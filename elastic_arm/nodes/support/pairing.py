@@ -8,7 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from elastic_arm.arrays import Array
+
 Stamps = NDArray[np.int64]
 # Stamps this far behind are no stragglers: the clock was set back.
 RESTART_NS = 1_000_000_000
