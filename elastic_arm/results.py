@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
 from typing import Any, ClassVar
 
 from elastic_arm.errors import OutputError, require_libraries
-from elastic_arm.output_files import write_result
+from elastic_arm.output_files import csv_text, write_result
 
 Row = Mapping[str, Any]
 
@@ -56,12 +54,8 @@ class Result:
         written = []
         for name, rows in self.tables().items():
             if rows:
-                text = io.StringIO()
-                table = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
-                table.writeheader()
-                for row in rows:
-                    table.writerow({k: f"{v:.9g}" if isinstance(v, float) else v for k, v in row.items()})
-                written.append(write_result(Path(folder) / f"{name}.csv", text.getvalue()))
+                short = [{k: f"{v:.9g}" if isinstance(v, float) else v for k, v in row.items()} for row in rows]
+                written.append(write_result(Path(folder) / f"{name}.csv", csv_text(list(rows[0]), short)))
         return written
 
     def plot(self) -> Any:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-import os
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+
+from tests.helpers.pages import run_page
 
 pytestmark = pytest.mark.slow(10)
 
@@ -50,12 +49,8 @@ def test_the_commands_of_the_page_lead_to_the_friction(tmp_path: Path) -> None:
     (tmp_path / "arm.urdf").write_text(URDF)
     for run in (1, 2):
         np.savetxt(tmp_path / f"run_{run}.csv", table(run), "%.7g", ",", header=header[1], comments="")
-    commands = "".join(re.findall(r"```sh\n(.*?)```", page, flags=re.DOTALL))
-    script = f"set -eu\nelastic-arm() {{ {sys.executable} -c 'from elastic_arm.app import main; main()' \"$@\"; }}\n"
-    env = {**os.environ, "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-    done = subprocess.run(["bash", "-c", script + commands], cwd=tmp_path, env=env, capture_output=True, text=True)
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert done.stdout.count("nothing wrong") == 1
+    printed = run_page(page, tmp_path)
+    assert printed.count("nothing wrong") == 1
     assert (tmp_path / "diagnosis" / "arm_corrected.urdf").exists()
     found = json.loads((tmp_path / "diagnosis" / "diagnosis.json").read_text())
     (cause,) = found["causes"]

@@ -3,12 +3,8 @@
 from __future__ import annotations
 
 import json
-import os
-import re
 import runpy
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +12,7 @@ import pytest
 
 from elastic_arm.recording.foreign.array_files import load_arrays
 from elastic_arm.robot.mjcf import read_mjcf
+from tests.helpers.pages import run_page
 
 pytest.importorskip("pyarrow")
 pytestmark = pytest.mark.slow(20)
@@ -29,13 +26,9 @@ def test_the_commands_of_the_page_lead_to_the_corrected_arm(tmp_path: Path) -> N
     page = (ROOT / "docs" / "servo_arm.md").read_text()
     shutil.copytree(EXAMPLE / "dataset", tmp_path / "dataset")
     shutil.copy(EXAMPLE / "arm.xml", tmp_path)
-    commands = "".join(re.findall(r"```sh\n(.*?)```", page, flags=re.DOTALL))
-    script = f"set -eu\nelastic-arm() {{ {sys.executable} -c 'from elastic_arm.app import main; main()' \"$@\"; }}\n"
-    env = {**os.environ, "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-    done = subprocess.run(["bash", "-c", script + commands], cwd=tmp_path, env=env, capture_output=True, text=True)
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert "nothing wrong" in done.stdout and "commands come at 50 Hz" in done.stdout
-    assert done.stdout.index("scale: no torque was recorded") < done.stdout.index("explained:")
+    printed = run_page(page, tmp_path)
+    assert "nothing wrong" in printed and "commands come at 50 Hz" in printed
+    assert printed.index("scale: no torque was recorded") < printed.index("explained:")
     found = json.loads((tmp_path / "diagnosis" / "diagnosis.json").read_text())
     causes = {(one["effect"], one["joint"]): one["parameters"] for one in found["causes"]}
     assert found["verdict"] == "explained"

@@ -20,6 +20,7 @@ from rich.console import Console
 from rich.errors import MarkupError
 from rich.markup import escape
 from rich.progress import Progress, ProgressColumn
+from rich.status import Status
 from rich.text import Text
 
 from elastic_arm.errors import ElasticArmError, OutputError
@@ -126,6 +127,11 @@ def print_error(error: ElasticArmError) -> None:
 def progress_bar(*columns: ProgressColumn, transient: bool = True) -> Progress:
     """Return a progress display for a terminal; a pipe is spared it, and the empty line that it would leave."""
     return Progress(*columns, console=err, transient=transient, disable=not err.is_terminal)
+
+
+def shares_of(status: Status) -> Callable[[str, float], None]:
+    """Return what shows in a status line what is being done, and the share of it that is."""
+    return lambda what, share: status.update(f"{what}, {share:.0%}")
 
 
 def reports_errors(command: Callable[P, R]) -> Callable[P, R]:

@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from elastic_arm.cli.console import err, out, print_json, reports_errors
+from elastic_arm.cli.console import err, out, print_json, reports_errors, shares_of
 from elastic_arm.cli.gate import FailOn, check_gate, pass_gate
 from elastic_arm.cli.mujoco.corrected import Correction, print_correction
 from elastic_arm.cli.mujoco.replay import print_replays, replay_both
@@ -57,7 +57,7 @@ from elastic_arm.diagnosis.words import (
 from elastic_arm.effects import Catalogue
 from elastic_arm.effects.text import known_effects
 from elastic_arm.estimation.equations import SIDES
-from elastic_arm.estimation.segments import DIAGNOSED, MostTelling
+from elastic_arm.estimation.segments import DIAGNOSED
 from elastic_arm.evidence.priors import read_priors
 from elastic_arm.memory import keep_memory
 from elastic_arm.mujoco import Exported, Replay
@@ -151,12 +151,8 @@ def diagnose_command(
         def read(paths: Sequence[Path]) -> list[Recording]:
             if against:  # sample by sample
                 return [read_by_clock(path, mapping, robot, clock, namespace) for path in paths]
-            says = lambda what, share: status.update(f"{what}, {share:.0%}")  # noqa: E731
-            telling = [MostTelling(robot, most or DIAGNOSED, exact=most is not None) for _ in paths]
-            return [
-                read_motion(path, mapping, robot, clock, namespace, own, says)
-                for path, own in zip(paths, telling, strict=True)
-            ]
+            says = shares_of(status)
+            return [read_motion(path, mapping, robot, clock, namespace, says, DIAGNOSED, most) for path in paths]
 
         recordings, judges = read(bags), read(validate or [])
         simulated = read([against])[0] if against else None

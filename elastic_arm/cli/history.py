@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from json import dumps as json_text
@@ -14,7 +12,7 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from elastic_arm.cli.console import err, out, print_json, reports_errors
+from elastic_arm.cli.console import err, out, print_json, reports_errors, shares_of
 from elastic_arm.cli.gate import FailOn, check_gate, pass_gate
 from elastic_arm.cli.options import (
     AtOption,
@@ -36,9 +34,9 @@ from elastic_arm.diagnosis.words import probability_text, size_text
 from elastic_arm.effects import Catalogue
 from elastic_arm.effects.text import known_effects
 from elastic_arm.errors import RecordingError
-from elastic_arm.estimation.segments import DIAGNOSED, SEGMENT, MostTelling
+from elastic_arm.estimation.segments import DIAGNOSED, SEGMENT
 from elastic_arm.memory import keep_memory
-from elastic_arm.output_files import write_result
+from elastic_arm.output_files import csv_text, write_result
 from elastic_arm.recording import Recording, load_channels
 from elastic_arm.recording.storage.bag import METADATA
 
@@ -88,13 +86,9 @@ def history_command(
     mapping = None if channels is None else load_channels(channels)
     seconds = max(DIAGNOSED / len(paths), SEGMENT - 1.0)
     with err.status("reading") as status:
-
-        def read(path: Path) -> Recording:
-            telling = MostTelling(robot, seconds)
-            says = lambda what, share: status.update(f"{what}, {share:.0%}")  # noqa: E731
-            return read_motion(path, mapping, robot, clock, namespace, telling, says)
-
-        recordings = sorted((read(path) for path in paths), key=lambda one: one.start_ns)
+        says = shares_of(status)
+        read = [read_motion(path, mapping, robot, clock, namespace, says, seconds) for path in paths]
+        recordings = sorted(read, key=lambda one: one.start_ns)
     given = known_effects(with_ or (), robot, catalogue)
     with err.status(f"diagnosing {len(recordings)} recordings"):
         found = diagnose(recordings, Question(robot, model, refit=refit, given=given, catalogue=catalogue))
@@ -141,15 +135,12 @@ def to_dict(found: Diagnosis, all_of: Sequence[Course], dates: Sequence[str]) ->
 def to_csv(result: dict[str, Any]) -> str:
     """Return the sizes of `history.json` as a table, a line for each number and recording."""
     dates = {one["recording"]: one["date"] for one in result["recordings"]}
-    text = io.StringIO()
-    table = csv.writer(text, lineterminator="\n")
-    table.writerow(COLUMNS)
-    for one in result["numbers"]:
-        for value in one["values"]:
-            when = value["recording"], dates[value["recording"]]
-            names = (one[name] for name in COLUMNS[:4])
-            table.writerow([*names, *when, value["value"], value["std"], one["changed"]])
-    return text.getvalue()
+    rows = [
+        {**{name: one[name] for name in COLUMNS if name in one}, **value, "date": dates[value["recording"]]}
+        for one in result["numbers"]
+        for value in one["values"]
+    ]
+    return csv_text(COLUMNS, rows)
 
 
 def print_history(found: Diagnosis, all_of: Sequence[Course], dates: Sequence[str]) -> None:

@@ -29,7 +29,7 @@ from elastic_arm.cli.options import (
 from elastic_arm.cli.outputs import Csv, Force, claim_folder
 from elastic_arm.effects import Catalogue
 from elastic_arm.estimation.motion import Motion
-from elastic_arm.estimation.segments import IDENTIFIED, MostTelling
+from elastic_arm.estimation.segments import IDENTIFIED
 from elastic_arm.formatting import rounded
 from elastic_arm.identification import Estimate, Identification, IdentificationSettings, identify_with, parse_laws
 from elastic_arm.identification.base_regression import BaseRegression
@@ -97,8 +97,7 @@ def identify(
             bar.update(task, description=what, completed=share)
 
         def read(path: Path) -> Recording:
-            telling = MostTelling(robot, most or IDENTIFIED, exact=most is not None)
-            return read_motion(path, mapping, robot, clock, namespace, telling, says)
+            return read_motion(path, mapping, robot, clock, namespace, says, IDENTIFIED, most)
 
         recordings, held_out = ([read(path) for path in paths] for paths in (bags, validate or []))
         result, identifier, motion = identify_with(recordings, robot, settings, validate=held_out, progress=says)

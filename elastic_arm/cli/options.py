@@ -16,7 +16,6 @@ from elastic_arm.robot import Robot, load_robot
 
 if TYPE_CHECKING:
     from elastic_arm.effects import Catalogue
-    from elastic_arm.estimation.segments import MostTelling
     from elastic_arm.recording import ChannelMap, Recording
 
 
@@ -126,15 +125,19 @@ def read_motion(
     robot: Robot,
     clock: ClockChoice,
     namespace: str | None,
-    telling: MostTelling,
     report: Callable[[str, float], None],
+    usual: float,
+    most: float | None = None,
 ) -> Recording:
-    """Read a recording as :func:`read_by_clock` does, but of a long one the motion alone that `telling` chooses.
+    """Read a recording as :func:`read_by_clock` does, but of a long one the motion alone that determines most.
 
-    report: called with what is being read, and the share of it that is.
+    report: called with what is being read, and the share of it that is; usual: s of motion for three joints, and fewer
+    for more; most: s of motion that are asked for instead.
     """
+    from elastic_arm.estimation.segments import MostTelling
     from elastic_arm.recording.reading import read_parts
 
+    telling = MostTelling(robot, most or usual, exact=most is not None)
     arrival = clock is ClockChoice.arrival
     for part, share in read_parts(path, channels, robot.joint_names, arrival=arrival, namespace=namespace):
         telling.add(part)

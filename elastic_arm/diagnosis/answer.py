@@ -94,7 +94,7 @@ class Answer:
 
     def probability(self, name: Name) -> float:
         """Return the probability that an effect is there, on whatever side."""
-        return sum(p for p, fit in self.sets if any(_name(k) == name for k in fit.keys))
+        return self.explanation.search.probability(lambda key: _name(key) == name)
 
     # -- the recordings that judge
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
+from operator import eq
 
 import numpy as np
 
@@ -18,15 +20,11 @@ from elastic_arm.evidence.term import Term
 
 def changes_between(explanation: Explanation, problem: Problem) -> tuple[Change, ...]:
     """Return the causes and known effects whose size is likelier not the same in all recordings that were fitted."""
-    search, found = explanation.search, []
-    probability: dict[object, float] = {}
-    for keys, p in search.probabilities().items():
-        for key in keys:
-            if key[0] == CHANGE:
-                probability[key] = probability.get(key, 0.0) + p
-    for term in explanation.best.optional:
-        if term.kind == CHANGE and probability[term.key] > 0.5:
-            found.append(_change(explanation, problem, explanation.best, term, probability[term.key]))
+    found = []
+    for term in (t for t in explanation.best.optional if t.kind == CHANGE):
+        probability = explanation.search.probability(partial(eq, term.key))
+        if probability > 0.5:
+            found.append(_change(explanation, problem, explanation.best, term, probability))
     return tuple(found)
 
 

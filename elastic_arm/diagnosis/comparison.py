@@ -143,17 +143,13 @@ def _finding(found: Diagnosis, name: Name) -> SizeFound:
             return SizeFound(cause.confidence, cause.parameters)
     assert found.context is not None
     explanation = found.context.explanation
-    probability, first = 0.0, None
-    for keys, p in explanation.search.probabilities().items():
-        if any(key[:2] == name for key in keys):
-            probability += p
-            first = max(first or (p, keys), (p, keys), key=lambda one: one[0])
-    if first is None:
+    sets = [fit for keys, fit in explanation.search.met.items() if any(key[:2] == name for key in keys)]
+    if not sets:
         return SizeFound(0.0, {})
-    fit = explanation.search.met[first[1]]
+    fit = max(sets, key=lambda one: one.score)
     term = next(t for t in fit.optional if t.key[:2] == name)
     parameters, _ = estimated(fit, term, explanation.linear.problem.numbers, explanation.linear.values)
-    return SizeFound(probability, parameters)
+    return SizeFound(explanation.search.probability(lambda key: key[:2] == name), parameters)
 
 
 def _apart(one: ParameterEstimate, other: ParameterEstimate) -> float:

@@ -12,6 +12,8 @@ each k as likely beforehand.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
+from operator import eq
 from typing import Any
 
 import numpy as np
@@ -72,10 +74,6 @@ def courses(found: Diagnosis) -> tuple[Course, ...]:
         raise DiagnosisError("a history needs two recordings or more", "Name them, or the folder that they are in.")
     explanation = found.context.explanation
     best, linear, model = explanation.best, explanation.linear, explanation.search.model
-    probability: dict[object, float] = {}
-    for keys, p in explanation.search.probabilities().items():
-        for key in keys:
-            probability[key] = probability.get(key, 0.0) + p
     result = []
     for term in best.terms:
         if term.kind not in ("effect", "number") or not term.linear:
@@ -85,7 +83,7 @@ def courses(found: Diagnosis) -> tuple[Course, ...]:
         change = present or change_of(linear, term)
         fit = best if present is not None else model.fit((*best.optional, change), near=best)
         sized = sizes_of(explanation, linear.problem, fit, change)
-        changed = probability.get(key, 0.0)
+        changed = explanation.search.probability(partial(eq, key))
         result.append(Course(sized, changed, step_of(sized.values, sized.covariance) if changed > 0.5 else None))
     return tuple(sorted(result, key=lambda one: -one.changed))
 

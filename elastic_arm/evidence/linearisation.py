@@ -121,9 +121,9 @@ class Linearisation:
     def shares(self) -> tuple[Term, ...]:
         """What effects that act, but need not be there, add to the columns of some numbers."""
         found = []
-        for e, effect in enumerate(self.acting):
+        for e, effect in ((e, effect) for e, effect in enumerate(self.acting) if not effect.known):
             numbers, plain = shared_columns(self.data, self.problem.numbers, self._features, e)
-            if numbers and not effect.known:
+            if numbers:
                 X = self.data.whiten(plain)
                 found.append(Term(effect.feature.key, "share", X, np.zeros(len(numbers)), what=numbers))
         return tuple(found)

@@ -22,11 +22,10 @@ from elastic_arm.evidence.nonlinear import components, moved, tangent_term
 from elastic_arm.evidence.pool import effect_terms, law_terms, linear_prior, number_terms
 from elastic_arm.evidence.priors import ELSEWHERE, NEAR, ROUNDS, STATED, TRUST, WORTH
 from elastic_arm.evidence.problem import Problem
-from elastic_arm.evidence.search import ADDED, ALL, SIMPLE, Search
+from elastic_arm.evidence.search import ADDED, ALL, SIMPLE, Search, Thetas
 from elastic_arm.evidence.term import Key, Term
 
 STEPS = 6  # of Gauss and Newton beside a set
-Thetas = dict[Key, tuple[float, ...]]
 STARTS = "as measured", "as built"
 EXACT = 0.1  # factor of the trust below which the numbers of a description lie where it has them; numerical
 
@@ -245,8 +244,8 @@ def known_terms(linear: Linearisation) -> tuple[list[Term], list[Term]]:
     """Return the terms of known effects, and those by which stated ones may be far off; made once."""
     if "known" not in linear.cache:
         linear.cache["known"] = _known_terms(linear)
-    always, off = linear.cache["known"]
-    return always, off
+    known: tuple[list[Term], list[Term]] = linear.cache["known"]
+    return known
 
 
 def _known_terms(linear: Linearisation) -> tuple[list[Term], list[Term]]:
@@ -307,7 +306,9 @@ def _acting(fit: Fit) -> tuple[ActingEffect, ...]:
 
 
 def _again(fit: Fit, linear: Linearisation) -> list[Term]:
-    """Return the terms of a fit at another linearisation."""
+    """Return the terms of a fit at another linearisation; made once there for the same fit."""
+    if linear.cache.get("again", (None,))[0] is fit:
+        return list(linear.cache["again"][1])
     stated = {t.key: t for t in known_terms(linear)[1]}
     found = []
     for t in sorted(fit.optional, key=lambda t: t.kind == CHANGE):  # the sizes that change first
@@ -322,6 +323,7 @@ def _again(fit: Fit, linear: Linearisation) -> list[Term]:
             found.append(replace(t, columns=stated[t.key].columns))
         else:
             found.append(_effect_again(t, fit, linear))
+    linear.cache["again"] = fit, found
     return found
 
 

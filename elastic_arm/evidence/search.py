@@ -6,7 +6,7 @@ the present fit proposes; the score of the whole set decides. All sets met are k
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
 from typing import NamedTuple
@@ -21,6 +21,7 @@ from elastic_arm.evidence.nonlinear import is_open, refined
 from elastic_arm.evidence.priors import MOST, RELATED, SCALES, SHORT, TRIED, WORTH
 from elastic_arm.evidence.term import Key, Term
 
+Thetas = dict[Key, tuple[float, ...]]
 ADDED, SIMPLE, ALL = 2, 4, 6  # kinds of moves: more of them take longer
 
 
@@ -40,28 +41,27 @@ class Search:
     model: LinearModel
     screens: Sequence[Screen]
     # where one nonlinear number was most probable beside another set, by key of its term; what is found is added
-    thetas: dict[Key, tuple[float, ...]] = field(default_factory=dict)
+    thetas: Thetas = field(default_factory=dict)
     met: dict[frozenset[Key], Fit] = field(default_factory=dict)
     _refined: dict[tuple[Key, frozenset[Key]], Term] = field(default_factory=dict)
     log: list[str] = field(default_factory=list)
-    _moves: int = ALL
 
     def run(self, start: Sequence[Term] = (), *, moves: int = ALL) -> Fit:
         """Return the most probable set, from a set to start from.
 
         moves: :data:`ADDED` alone, :data:`SIMPLE` ones, or :data:`ALL`.
         """
-        self._moves, best = moves, self._keep(self.model.fit(start))
-        while (better := self._better(best)) is not None:
+        best = self._keep(self.model.fit(start))
+        while (better := self._better(best, moves)) is not None:
             came, went = better.keys - best.keys, best.keys - better.keys
             self.log.append(f"{better.score - best.score:+.1f}: {_words(came, went)}")
             best = better
         return best
 
-    def _better(self, fit: Fit) -> Fit | None:
+    def _better(self, fit: Fit, count: int) -> Fit | None:
         """Return a better set one move away: more terms first, as they are cheap to find."""
         each = self._added, self._rescaled, self._dropped, self._exchanged, self._two_for_one, self._one_for_two
-        for moves in each[: self._moves]:
+        for moves in each[:count]:
             best = fit
             for one in moves(fit):
                 if one.score > best.score:
@@ -185,6 +185,10 @@ class Search:
         sets = list(self.met)
         scores = np.array([self.met[s].score for s in sets])
         return dict(zip(sets, np.exp(scores - logsumexp(scores)).tolist(), strict=True))
+
+    def probability(self, held: Callable[[Key], bool]) -> float:
+        """Return the probability of the sets that hold a term whose key is one of those."""
+        return sum(p for keys, p in self.probabilities().items() if any(held(key) for key in keys))
 
 
 def _without(fit: Fit, *terms: Term) -> list[Term]:

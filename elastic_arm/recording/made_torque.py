@@ -19,7 +19,6 @@ from elastic_arm.recording.sides import Array, Side, joints_with, listed
 from elastic_arm.robot import JointController, Robot
 
 FINER = 8  # instants in a sample interval, over which a torque sample is the mean
-# What to do about a recording without torques.
 FEWEST = 12  # samples and commands of which anything is made
 
 
