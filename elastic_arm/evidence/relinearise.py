@@ -70,17 +70,11 @@ def _started(described: Linearisation, trust: str, refit: bool, thetas: Thetas) 
     return _explained(_settled(described, None, trust), None, trust, refit, thetas, moves=ADDED)
 
 
-def _made(problem: Problem) -> bool:
-    return any(one.made_by for one in problem.observed[0])
-
-
 def _stated(problem: Problem) -> tuple[ActingEffect, ...]:
-    """Return what is known to act, at its stated size, where torques are made: a controller's gain scales it, too."""
-    if not _made(problem):
-        return ()
+    """Return what the description states to act, at its stated size: gains scale it, too."""
     return tuple(
         ActingEffect(feature, _theta(feature, instance), _coefficients(feature, instance.parameters))
-        for feature, instance in problem.known
+        for feature, instance in problem.known[: len(problem.stated)]
         if not feature.fixed and not isinstance(feature.effect, (SensorEffect, ControllerEffect))
     )
 
@@ -267,8 +261,8 @@ def _known_terms(linear: Linearisation) -> tuple[list[Term], list[Term]]:
         mean = _coefficients(feature, instance.parameters)
         width = STATED * np.maximum(np.abs(mean), 1e-3 * std)
         always.append(Term(feature.key, "effect", X, width, mean=mean, feature=feature, theta=theta, trusted=True))
-        # Beside made torques less than no friction would be a gain of the controller.
-        bounded = _made(problem) and all(p.least == 0.0 for p in feature.linear)
+        # Less than no friction would be a gain.
+        bounded = all(p.least == 0.0 for p in feature.linear)
         low = -mean if bounded else np.full(len(mean), -np.inf)
         off.append(Term(feature.key, "stated", X, std, low=low, feature=feature, theta=theta))
     return always, off
