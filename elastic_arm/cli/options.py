@@ -87,7 +87,7 @@ def load_arm(
 ) -> Robot:
     """Read a robot description, of a URDF or MJCF the part that `chain` names, and check that its effects exist.
 
-    Raises a RobotError, EffectError naming the file.
+    Raises a RobotError or an EffectError that names the file.
     """
     robot = load_robot(path, chain, at)
     if not robot.effects:

@@ -125,7 +125,7 @@ class LiveDiagnosis:
     ) -> LiveDiagnosis:
         """Make one from a file (the package's arm where None), and known effects as text.
 
-        Raises a RobotError, EffectError if there is no such arm or effect.
+        Raises a RobotError or an EffectError if there is no such arm or effect.
         """
         arm = load_robot(robot)
         catalogue = Catalogue.default().with_files(effects_files)

@@ -91,7 +91,7 @@ def on_recorded_side(
     An arm that is taken for rigid has one side: its description does not tell whether a gear's friction acts before the
     sensor or behind it.
 
-    Returns effects, moved The laws, and the ids of those that were moved.
+    Returns the laws, and the ids of those that were moved.
     """
     if robot.elastic or motored:
         return tuple(effects), []

@@ -58,7 +58,7 @@ def run(make: Callable[[], ArmNode], args: Sequence[str] | None = None) -> int:
 
     make: makes the node; called after ROS is initialised.
 
-    Returns int Exit code: 0, or 2 after a mistake of the user's, which stands in one line on stderr.
+    Returns the exit code: 0, or 2 after a mistake of the user's, which stands in one line on stderr.
     """
     words = sys.argv if args is None else args
     if unreadable := [word for word in words if not _is_text(word)]:
