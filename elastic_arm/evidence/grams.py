@@ -6,6 +6,7 @@ All that is decided needs no more of the data. Each pair of columns is multiplie
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -51,12 +52,12 @@ class Bands:
 class Grams:
     """Products of the residual, the numbers' columns and those of terms.
 
-    y, N: (rows,) and (rows, k) whitened residual and columns of the numbers.
+    y, N: (rows,) and (rows, K) whitened residual and columns of the numbers; basis: (K, k) combinations of these.
     """
 
-    def __init__(self, y: Array, N: Array, bands: Bands) -> None:
-        self.bands = bands
-        self.base = np.column_stack([y, N])[bands.order]
+    def __init__(self, y: Array, N: Array, bands: Bands, basis: Array) -> None:
+        self.bands, self.basis = bands, basis
+        self.base = np.column_stack([y, N @ basis])[bands.order]
         self.G0 = bands.products(self.base, self.base)
         rows, columns = np.tril_indices(self.G0.shape[1] - 1)
         self._base_half = self.G0[:, 1 + rows, 1 + columns]
@@ -64,6 +65,7 @@ class Grams:
         self._with_base: dict[Ident, Array] = {}
         self._pairs: dict[tuple[Ident, Ident], Array] = {}
         self._lacking: dict[tuple[Ident, ...], tuple[Array, Array]] = {}
+        self._less: dict[tuple[Ident, ...], Term] = {}
 
     def columns(self, term: Term) -> Array:
         """Return the columns (rows, [1 +] k) of a term in the order of the bands, its offset first where it has one."""
@@ -71,6 +73,17 @@ class Grams:
             own = term.columns if term.offset is None else np.column_stack([term.offset, term.columns])
             self._columns[term.ident] = own[self.bands.order]
         return self._columns[term.ident]
+
+    def less(self, term: Term, lacking: Sequence[Term]) -> Term:
+        """Return a term without some shares of its columns: the same, where it moves none of their numbers."""
+        lacking = [share for share in lacking if term.kind == "number" and term.what[share.what].any()]
+        key = (term.ident, *(share.ident for share in lacking))
+        if lacking and key not in self._less:
+            X = term.columns - sum(share.columns @ term.what[share.what] for share in lacking)
+            what = np.array(term.what)
+            what[sorted({k for share in lacking for k in share.what})] = 0.0  # they have none of it any more
+            self._less[key] = replace(term, columns=X, ident=key, what=what)
+        return self._less[key] if lacking else term
 
     def with_base(self, term: Term) -> Array:
         """Return the products (B, 1 + k, m) of residual and numbers with a term's columns."""
@@ -91,7 +104,7 @@ class Grams:
         """Return the products (B, k, m) of the numbers' columns, less some shares of theirs, with a term's columns."""
         found = self.with_base(term)[:, 1:]
         for share in lacking:
-            found = found - share.what.T @ self.pair(share, term)
+            found = found - self.basis[share.what].T @ self.pair(share, term)
         return found
 
     def _numbers(self, lacking: Sequence[Term]) -> tuple[Array, Array]:
@@ -102,10 +115,12 @@ class Grams:
         if key not in self._lacking:
             H, b = self.G0[:, 1:, 1:], self.G0[:, 0, 1:]
             for share in lacking:
-                mixed = share.what.T @ self.with_base(share)[:, 1:].transpose(0, 2, 1)
+                mixed = self.basis[share.what].T @ self.with_base(share)[:, 1:].transpose(0, 2, 1)
                 H = H - mixed - mixed.transpose(0, 2, 1)
-                H = H + sum(share.what.T @ self.pair(share, other) @ other.what for other in lacking)
-                b = b - self.with_base(share)[:, 0] @ share.what
+                H = H + sum(
+                    self.basis[share.what].T @ self.pair(share, other) @ self.basis[other.what] for other in lacking
+                )
+                b = b - self.with_base(share)[:, 0] @ self.basis[share.what]
             rows, columns = np.tril_indices(H.shape[1])
             self._lacking[key] = H[:, rows, columns], b
         return self._lacking[key]
@@ -116,6 +131,7 @@ class Grams:
         lacking: shares of the numbers' columns that are not there: of effects that the set leaves out.
         """
         (half, base), yy = self._numbers(lacking), self.G0[:, 0, 0]
+        terms = [self.less(t, lacking) for t in terms]
         rows, b = [half], []
         offsets = [t for t in terms if t.offset is not None]
         for t in offsets:  # of known size: off the residual

@@ -161,7 +161,15 @@ class Screen:
             self.squares = np.concatenate([np.einsum("bii->bi", one) for one in own], axis=1)
         self.chosen: dict[int, float] = {}
         self._with: dict[object, Array] = {}
+        self._screens: dict[object, Screen] = {}
         self._whole: tuple[Fit, Array, Array] | None = None  # of the last fit
+
+    def _apart(self, terms: tuple[Term, ...]) -> Screen:
+        """Return the screen of terms without some shares of their columns; made once."""
+        idents = tuple(t.ident for t in terms)
+        if idents not in self._screens:
+            self._screens[idents] = Screen(self.grams, terms)
+        return self._screens[idents]
 
     def _with_term(self, term: Term) -> Array:
         if term.ident not in self._with:
@@ -176,10 +184,11 @@ class Screen:
     def _beside(self, fit: Fit, columns: NDArray[np.intp] | slice) -> tuple[list[Array], Array]:
         """Return the products (B, p', c) of a fit's columns with those of terms, and of what it leaves (B, c)."""
         numbers, left, at = self.with_base[:, 1:, columns], self.with_base[:, 0, columns], 0
-        for share in fit.model.lacking(fit.terms):
-            numbers = numbers - share.what.T @ self._with_term(share)[:, :, columns]
+        lacking = fit.model.lacking(fit.terms)
+        for share in lacking:
+            numbers = numbers - self.grams.basis[share.what].T @ self._with_term(share)[:, :, columns]
         pieces = [numbers]
-        for t in fit.terms:
+        for t in (self.grams.less(t, lacking) for t in fit.terms):
             first = int(t.offset is not None)
             with_term = self._with_term(t)[:, :, columns]
             pieces.append(with_term[:, first:])
@@ -213,7 +222,14 @@ class Screen:
         among: the terms that count; the others gain nothing. None for all.
         """
         gains = np.full(len(self.terms), -np.inf)
-        some = np.arange(len(self.terms)) if among is None else np.array(sorted(among), dtype=int)
+        lacking = fit.model.lacking(fit.terms)
+        which = range(len(self.terms)) if among is None else sorted(among)
+        apart = {t: one for t in which if (one := self.grams.less(self.terms[t], lacking)) is not self.terms[t]}
+        if apart:
+            screen = self._apart(tuple(apart.values()))
+            gains[list(apart)] = screen.gains(fit)
+            self.chosen |= {t: screen.chosen[i] for i, t in enumerate(apart) if i in screen.chosen}
+        some = np.array([t for t in which if t not in apart], dtype=int)
         if not len(some):
             return gains
         w, S = 1.0 / fit.found.v, fit.found.S
@@ -309,7 +325,7 @@ class LinearModel:
     def grams(self) -> Grams:
         """Products of residual and columns."""
         untold = self.mean - self.basis[0] @ (self.basis[0].T @ self.mean)
-        return Grams(self.y - self.N @ untold, self.N @ self.basis[0], self.bands)
+        return Grams(self.y - self.N @ untold, self.N, self.bands, self.basis[0])
 
     @property
     def trust(self) -> float:
@@ -322,14 +338,10 @@ class LinearModel:
             return -float(np.log(CHANGED))
         return -float(np.log(TRUST[self.name].effect * (FORMLESS if term.kind == "law" else 1.0)))
 
-    @cached_property
-    def _shares(self) -> tuple[Term, ...]:
-        return tuple(replace(share, what=self.basis[0][share.what]) for share in self.shares)
-
     def lacking(self, terms: Sequence[Term]) -> tuple[Term, ...]:
         """Return the shares of the numbers' columns that are not there where some terms are."""
         there = {t.key for t in terms if t not in self.always}
-        return tuple(share for share in self._shares if share.key not in there)
+        return tuple(share for share in self.shares if share.key not in there)
 
     def _posterior(self, terms: Sequence[Term], prior: Prior, start: Array | None) -> Posterior:
         coloured = float(np.log(TRUST[self.name].coloured))

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from elastic_arm.arrays import Array
 from elastic_arm.effects.parameters import Parameter, Role
 from elastic_arm.evidence.model import LinearModel, Screen
 from elastic_arm.evidence.nonlinear import moved, refined
@@ -87,15 +88,26 @@ def test_a_size_on_another_scale_gains_what_is_foreseen() -> None:
 
 
 def test_a_set_without_an_effect_has_no_share_of_it_in_the_numbers() -> None:
-    """Without the effect that acts in a gain's column, a set scores as if the column had been made without it."""
+    """Without the effect that acts in a gain's column, a set scores as if the column had been made without it; a gain
+    that is far off has no more of it than an ordinary one."""
     effect = term("friction", COLUMNS[:, 0], 3.0)
     share = replace(effect, kind="share", columns=COLUMNS[:, [1]], std=np.zeros(1), what=[1], ident=("share",))
     y, other = quiet(RNG) + 0.5 * N[:, 1], term("other", COLUMNS[:, 2])
-    acting, without = model(y, N + COLUMNS[:, [1]] * [0.0, 1.0], shares=(share,)), model(y, N)
+    moves = np.array([[0.0], [1.0]])
+
+    def gain(columns: Array) -> Term:
+        return Term(("gain", None, ()), "number", columns @ moves, np.array([3.0]), what=moves)
+
+    with_share = N + COLUMNS[:, [1]] * [0.0, 1.0]
+    acting, without = model(y, with_share, shares=(share,)), model(y, N)
     assert acting.fit([other]).score == pytest.approx(without.fit([other]).score, abs=1e-6)
+    assert acting.fit([gain(with_share)]).score == pytest.approx(without.fit([gain(N)]).score, abs=1e-6)
     assert acting.fit([effect]).score != pytest.approx(without.fit([effect]).score, abs=1e-3)
-    gains = [Screen(data.grams, [other]).gains(data.fit([]))[0] for data in (acting, without)]
-    assert gains[0] == pytest.approx(gains[1], abs=1e-6)
+    for far in (other, other), (gain(with_share), gain(N)):
+        gains = [
+            Screen(data.grams, [one]).gains(data.fit([]))[0] for data, one in zip((acting, without), far, strict=True)
+        ]
+        assert gains[0] == pytest.approx(gains[1], abs=1e-6)
 
 
 def test_a_law_without_a_form_is_screened_over_its_sizes() -> None:
