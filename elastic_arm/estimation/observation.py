@@ -277,7 +277,7 @@ def observe(recording: Recording, band: float | None = None) -> Observation:
     pieces, quiet = (tuple(replace(piece, span=span) for piece in some) for some in (pieces, quiet))
     steps = {"link": encoder_steps(samples.q, noise.q), "motor": encoder_steps(samples.theta, noise.theta)}
     telegraphs = {
-        name: Telegraph.of(position, steps[name], side.corner, clock.rate, side.cutoff / (2 * np.pi))
+        name: Telegraph.of(position, steps[name], side, clock.rate)
         for name, side, position in (("link", link, longest.q), ("motor", motor, longest.theta))
         if side is not None and position is not None
     }
