@@ -88,7 +88,6 @@ def test_an_estimate_survives_an_absurd_sample(samples: Samples) -> None:
 def test_the_identifier_reports_what_it_leaves_out(tmp_path: Path) -> None:
     """One sample of 1e6 Nm on the graph is counted on /diagnostics, and parameters are determined all the same."""
     recording = read_recording(Path(__file__).parents[2] / "bags" / "excitation")
-    assert recording.motor is not None and recording.motor.effort is not None
     effort = recording.motor.effort.copy()
     effort[4000, 1] = 1e6
     bag = write_recording(tmp_path / "spoiled", replace(recording, motor=replace(recording.motor, effort=effort)))

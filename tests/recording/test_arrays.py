@@ -94,7 +94,6 @@ def test_a_force_beside_currents_has_no_constant(tmp_path: Path) -> None:
     effort = {"key": "i", "unit": ["N", "A"], "torque_constant": [None, 0.2], "ratio": [None, 100]}
     content = {**MAPPING, "motor": {"effort": effort}}
     recording = import_arrays(tmp_path / "a.npz", write_yaml(tmp_path / "map.yaml", content))
-    assert recording.motor is not None
     np.testing.assert_allclose(recording.motor.effort, arrays["i"] * [1.0, 20.0])
 
 

@@ -121,11 +121,9 @@ def test_commands_of_any_topic_are_the_reference(tmp_path: Path) -> None:
     }  # fmt: skip
     bag = write_foreign(tmp_path / "bag", sorted(messages, key=lambda message: message[2]))
     recording = read_recording(bag, write_yaml(tmp_path / "map.yaml", {"joints": joints}))
-    assert recording.reference is not None
     np.testing.assert_allclose(recording.reference.position, np.deg2rad(np.outer(np.arange(30), [1, -1])))
     np.testing.assert_array_equal(recording.reference.stamp_ns, stamps(30))
     again = read_recording(write_recording(tmp_path / "own", recording)).reference
-    assert again is not None
     np.testing.assert_array_equal(again.position, recording.reference.position)
 
 

@@ -297,7 +297,6 @@ def test_sides_without_a_residual_are_not_drawn(two_causes: Diagnosis, tmp_path:
 def test_an_angle_about_zero_is_drawn_in_one_piece(two_causes: Diagnosis) -> None:
     """A joint without gears that swings about zero is not cut in two where a turn begins."""
     context = two_causes.context
-    assert context is not None
     joint = replace(context.model.robot.joints[0], transmission=None)
     gearless = SimpleNamespace(model=SimpleNamespace(robot=SimpleNamespace(joints=(joint,))))
     theta = 4.0 * np.pi + 0.5 * np.sin(np.linspace(0.0, 6.0, 200))

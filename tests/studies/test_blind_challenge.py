@@ -177,7 +177,6 @@ def test_a_field_arm_is_recorded_with_its_description_and_read_back(tmp_path: Pa
     truth = campaign.open_sealed(tmp_path, campaign.load_manifest(tmp_path)["truth_sha256"])
     for entry in truth:
         path, channels = description_path(tmp_path, entry["name"]), channels_path(tmp_path, entry["name"])
-        assert path is not None
         robot = load_robot(path)
         read = read_recording(tmp_path / "bags" / f"{entry['name']}_identify", channels, robot.joint_names)
         assert robot.elastic and robot.n in (6, 7) and np.linalg.norm(robot.gravity) == pytest.approx(9.81)
