@@ -8,22 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.io
-import yaml
 
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording import Recording, read_recording
 from elastic_arm.recording.foreign.array_files import load_arrays
 from elastic_arm.recording.foreign.arrays import import_arrays
 from elastic_arm.recording.foreign.guess import guess_mapping
-from tests.helpers.bags import JOINT_STATE, JOINTS, joint_state, stamps, write_foreign
+from tests.helpers.bags import JOINT_STATE, JOINTS, joint_state, stamps, write_foreign, write_yaml
 
 KR300 = Path(__file__).parents[3] / "shared" / "data" / "kuka_kr300" / "run_A.mat"
-
-
-def write_yaml(path: Path, content: object) -> Path:
-    """Write `content` as YAML."""
-    path.write_text(yaml.safe_dump(content, sort_keys=False))
-    return path
 
 
 def motion(count: int = 60) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

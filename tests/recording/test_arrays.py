@@ -7,24 +7,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.io
-import yaml
 
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording import read_recording, write_recording
 from elastic_arm.recording.foreign.arrays import import_arrays
 from elastic_arm.recording.inspection.check import check_bag
-from tests.helpers.bags import assert_equal
+from tests.helpers.bags import assert_equal, write_yaml
 
 ROOT = Path(__file__).parents[2]
 
 
 KUKA = ROOT.parent / "shared" / "data" / "kuka_lwr4"
-
-
-def write_yaml(path: Path, content: object) -> Path:
-    """Write `content` as YAML."""
-    path.write_text(yaml.safe_dump(content, sort_keys=False))
-    return path
 
 
 MAPPING = {

@@ -13,15 +13,9 @@ from elastic_arm.recording import load_channels, message_types, read_recording, 
 from elastic_arm.recording.foreign.arrays import load_array_map
 from elastic_arm.recording.foreign.channels import ChannelScale
 from elastic_arm.recording.inspection.check import check_bag
-from tests.helpers.bags import JOINT_STATE, JOINTS, joint_state, stamps, states, write_foreign
+from tests.helpers.bags import JOINT_STATE, JOINTS, joint_state, stamps, states, write_foreign, write_yaml
 
 ROOT = Path(__file__).parents[2]
-
-
-def write_yaml(path: Path, content: object) -> Path:
-    """Write `content` as YAML."""
-    path.write_text(yaml.safe_dump(content, sort_keys=False))
-    return path
 
 
 def test_the_documented_maps_are_valid(tmp_path: Path) -> None:

@@ -12,23 +12,19 @@ from elastic_arm.errors import RecordingError
 from elastic_arm.recording import Recording, read_recording, write_recording
 from elastic_arm.recording.inspection.check import check_bag
 from elastic_arm.recording.inspection.repair import repair_bag
-from tests.helpers.bags import JOINT_STATE, JOINTS, joint_state, side, stamps, states, two_sided, write_foreign
+from tests.helpers.bags import (
+    JOINT_STATE,
+    JOINTS,
+    both,
+    codes,
+    joint_state,
+    side,
+    stamps,
+    states,
+    two_sided,
+    write_foreign,
+)
 from tests.helpers.random_arms import random_arm
-
-
-@pytest.fixture
-def rng() -> np.random.Generator:
-    return np.random.default_rng(11)
-
-
-def both(stamp_ns: np.ndarray) -> list[tuple[str, str, int, bytes]]:
-    """Messages of both sides at the same stamps."""
-    return states("/joint_states", stamp_ns) + states("/motor_states", stamp_ns)
-
-
-def codes(path: Path, **options: object) -> set[str]:
-    """Codes of all findings but the notes."""
-    return {finding.code for finding in check_bag(path, **options).findings if finding.severity != "note"}
 
 
 def test_a_clean_bag_has_no_findings(tmp_path: Path, rng: np.random.Generator) -> None:

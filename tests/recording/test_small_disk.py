@@ -26,11 +26,6 @@ def disk(tmp_path: Path) -> Iterator[Path]:
         yield folder
 
 
-@pytest.fixture
-def rng() -> np.random.Generator:
-    return np.random.default_rng(3)
-
-
 @pytest.mark.parametrize("compression", ["none", "lz4", "zstd"])
 def test_a_full_disk_loses_nothing_that_was_written(disk: Path, compression: str) -> None:
     """Where the disk takes no more the error says so, and what was written before it is read again, in order."""

@@ -18,24 +18,9 @@ from elastic_arm.recording.inspection.info import bag_info
 from elastic_arm.recording.inspection.repair import repair_bag
 from elastic_arm.recording.storage.messages import read_messages
 from elastic_arm.recording.stream_writer import StreamWriter
-from tests.helpers.bags import JOINT_STATE, stamps, states, two_sided
+from tests.helpers.bags import JOINT_STATE, both, codes, stamps, states, two_sided
 
 ROOT = Path(__file__).parents[2]
-
-
-@pytest.fixture
-def rng() -> np.random.Generator:
-    return np.random.default_rng(11)
-
-
-def both(stamp_ns: np.ndarray) -> list[tuple[str, str, int, bytes]]:
-    """Messages of both sides at the same stamps."""
-    return states("/joint_states", stamp_ns) + states("/motor_states", stamp_ns)
-
-
-def codes(path: Path, **options: object) -> set[str]:
-    """Codes of all findings but the notes."""
-    return {finding.code for finding in check_bag(path, **options).findings if finding.severity != "note"}
 
 
 RECORDER = """
