@@ -248,10 +248,5 @@ def finite(value: float) -> float | None:
     return value if np.isfinite(value) else None
 
 
-def main() -> None:
-    """Entry point."""
-    sys.exit(run(IdentifierNode))
-
-
 if __name__ == "__main__":
-    main()
+    sys.exit(run(IdentifierNode))
