@@ -13,32 +13,16 @@ import numpy as np
 import pytest
 import yaml
 from rich.table import Table
-from typer.testing import CliRunner, Result
 
-from elastic_arm.app import SUBCOMMANDS, app, load
+from elastic_arm.app import SUBCOMMANDS, load
 from elastic_arm.cli.console import UNLIMITED, PipeConsole
 from elastic_arm.excitation import load_trajectory
 from elastic_arm.recording import write_recording
 from elastic_arm.robot import load_robot, to_urdf
 from elastic_arm.robot.loading import NOMINAL_ARM
 from tests.helpers.bags import two_sided
+from tests.helpers.command_line import refusal, run
 from tests.helpers.motions import trajectory
-
-
-def run(*arguments: object) -> Result:
-    """Run `elastic-arm …`."""
-    return CliRunner().invoke(app, [str(argument) for argument in arguments])
-
-
-def refusal(*arguments: object) -> str:
-    """Return the one line that a refused command writes."""
-    result = run(*arguments)
-    assert result.exit_code == 2, result.output
-    (line,) = result.stderr.strip().splitlines()
-    assert line.startswith("error: ")
-    assert line.endswith((".", "?"))
-    assert "Errno" not in line
-    return line
 
 
 @pytest.fixture
@@ -83,41 +67,31 @@ def test_describe_tells_joints_and_base_parameters() -> None:
 # --- nothing is overwritten unasked
 
 
-def test_a_file_is_overwritten_with_force_alone(tmp_path: Path) -> None:
-    """A second `describe --urdf` to one file is refused and changes nothing; with --force it writes."""
-    file = tmp_path / "arm.urdf"
-    file.write_text("mine")
-    assert "--force" in refusal("describe", "--urdf", file)
-    assert file.read_text() == "mine"
-    assert run("describe", "--urdf", file, "--force").exit_code == 0
-    assert file.read_text().startswith("<?xml")
+KEPT: dict[str, tuple[str, list[object], str]] = {  # what is there, and what the refusal to overwrite it names
+    "describe": ("arm.urdf", ["--urdf", "{}/arm.urdf"], "exists already"),
+    "excite": ("motion.yaml", ["--out", "{}/motion.yaml"], "exists already"),
+    "excite ": ("report.html", ["--out", "{}/t.yaml", "--report", "{}"], "--report"),
+    "identify": ("robot.yaml", ["bags/excitation", "--out", "{}"], "robot.yaml"),
+    "diagnose": ("report.html", ["bags/excitation", "--out", "{}"], "report.html"),
+    "paper": ("claims.csv", ["--out", "{}"], "claims.csv"),
+}
 
 
-def test_an_earlier_trajectory_is_kept(motion: Path) -> None:
-    """`excite` refuses before its search to write over a trajectory, and says how to do it all the same."""
-    before = motion.read_bytes()
-    said = refusal("excite", "--out", motion)
-    assert "exists already" in said
-    assert "--force" in said
-    assert motion.read_bytes() == before
+@pytest.mark.parametrize("command", KEPT)
+def test_nothing_is_overwritten_unasked(tmp_path: Path, command: str) -> None:
+    """Before the work a command refuses to write over a file, in a folder or by its name, and leaves it as it is."""
+    name, arguments, words = KEPT[command]
+    (tmp_path / name).write_text("mine")
+    said = refusal(command.strip(), *(str(word).format(tmp_path) for word in arguments))
+    assert words in said and "--force" in said
+    assert [path.read_text() for path in tmp_path.iterdir()] == ["mine"]
 
 
-def test_an_earlier_report_of_an_excitation_is_kept(tmp_path: Path) -> None:
-    """`excite --report` refuses a folder with a report in it."""
-    (tmp_path / "report.html").write_text("mine")
-    assert "--report" in refusal("excite", "--out", tmp_path / "t.yaml", "--report", tmp_path)
-
-
-@pytest.mark.parametrize(("command", "result"), [("identify", "robot.yaml"), ("paper", "claims.csv")])
-def test_earlier_results_are_kept(tmp_path: Path, bag: Path, command: str, result: str) -> None:
-    """A folder that holds any of a command's results is refused before the work, and stays as it is."""
-    folder = tmp_path / "results"
-    folder.mkdir()
-    (folder / result).write_text("mine")
-    said = refusal(command, *([bag] if command == "identify" else []), "--out", folder)
-    assert result in said
-    assert "--force" in said
-    assert [path.name for path in folder.iterdir()] == [result]
+def test_a_file_is_overwritten_with_force(tmp_path: Path) -> None:
+    """`describe --urdf --force` writes where something stands."""
+    (tmp_path / "arm.urdf").write_text("mine")
+    assert run("describe", "--urdf", tmp_path / "arm.urdf", "--force").exit_code == 0
+    assert (tmp_path / "arm.urdf").read_text().startswith("<?xml")
 
 
 def test_no_recording_is_overwritten(tmp_path: Path, bag: Path, motion: Path) -> None:

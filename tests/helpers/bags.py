@@ -109,8 +109,9 @@ def assert_equal(one: Recording, other: Recording) -> None:
 
 
 def both(stamp_ns: Iterable[int]) -> list[tuple[str, str, int, bytes]]:
-    """Messages of both sides at the same stamps, side by side."""
-    return states("/joint_states", stamp_ns) + states("/motor_states", stamp_ns)
+    """Messages of both sides in turn."""
+    pairs = zip(states("/joint_states", stamp_ns), states("/motor_states", stamp_ns), strict=True)
+    return [message for pair in pairs for message in pair]
 
 
 def codes(path: Path, **options: Any) -> set[str]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +21,7 @@ from tests.helpers.bags import (
     JOINT_STATE,
     JOINTS,
     assert_equal,
+    both,
     joint_state,
     stamps,
     states,
@@ -30,12 +30,6 @@ from tests.helpers.bags import (
 )
 
 SHARED = Path(__file__).parents[3] / "shared" / "data" / "ur10"
-
-
-def both(stamp_ns: Iterable[int]) -> list[tuple[str, str, int, bytes]]:
-    """Messages of both sides in turn."""
-    pairs = zip(states("/joint_states", stamp_ns), states("/motor_states", stamp_ns), strict=True)
-    return [message for pair in pairs for message in pair]
 
 
 def older(file: Path) -> None:
