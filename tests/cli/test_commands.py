@@ -288,29 +288,25 @@ def test_summaries_are_the_first_sentences_of_the_subcommands() -> None:
         assert " ".join(first.split()) == subcommand.summary
 
 
-def test_help_imports_no_library_of_a_subcommand() -> None:
-    """The help of the application needs neither NumPy nor CasADi."""
+SPARED = {  # command -> what it shows, and what it does not import
+    "--help": ("Usage", ("numpy", "casadi", "scipy", "matplotlib", "cvxpy", "rosbags", "pydantic")),
+    "describe --base": (
+        "base parameters",
+        ("scipy.optimize", "scipy.linalg", "cvxpy", "rosbags", "mcap", "elastic_arm.effects"),
+    ),
+}
+
+
+@pytest.mark.parametrize("command", SPARED)
+def test_commands_import_no_library_that_they_do_not_need(command: str) -> None:
+    """The help needs neither NumPy nor CasADi, a description neither estimators nor readers of bags."""
+    shown, heavy = SPARED[command]
     lines = (
         "import sys",
         "from typer.testing import CliRunner",
         "from elastic_arm.app import app",
-        "CliRunner().invoke(app, ['--help'])",
-        "heavy = ('numpy', 'casadi', 'scipy', 'matplotlib', 'cvxpy', 'rosbags', 'pydantic')",
-        "sys.exit(' '.join(name for name in heavy if name in sys.modules) or None)",
-    )
-    done = subprocess.run([sys.executable, "-c", "\n".join(lines)], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-
-
-def test_a_description_is_shown_without_estimators_readers_and_effects() -> None:
-    """`describe` names base parameters, and imports neither what estimates them nor what reads bags."""
-    lines = (
-        "import sys",
-        "from typer.testing import CliRunner",
-        "from elastic_arm.app import app",
-        "assert 'base parameters' in CliRunner().invoke(app, ['describe', '--base']).output",
-        "heavy = ('scipy.optimize', 'scipy.linalg', 'cvxpy', 'rosbags', 'mcap', 'elastic_arm.effects')",
-        "sys.exit(' '.join(name for name in heavy if name in sys.modules) or None)",
+        f"assert {shown!r} in CliRunner().invoke(app, {command.split()!r}).output",
+        f"sys.exit(' '.join(name for name in {heavy!r} if name in sys.modules) or None)",
     )
     done = subprocess.run([sys.executable, "-c", "\n".join(lines)], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

@@ -130,13 +130,20 @@ def test_wrong_type_is_named(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("content", "words"), [(b"", "is empty"), (b"no bag at all", "is no MCAP file"), (None, "does not exist")]
+    ("name", "content", "words"),
+    [
+        ("x.mcap", b"", "is empty"),
+        ("x.mcap", b"no bag at all", "is no MCAP file"),
+        ("x.mcap", None, "does not exist"),
+        ("x.db3", b"", "is empty"),
+        ("x.db3", b"no bag at all", "is no SQLite file"),
+        ("x.db3", b"SQLite format 3\0 and no more", "is damaged"),
+    ],
 )
-def test_what_is_no_bag_is_refused(tmp_path: Path, content: bytes | None, words: str) -> None:
-    """Empty, foreign and missing files are each called what they are."""
-    file = tmp_path / "x.mcap"
+def test_what_is_no_bag_is_refused(tmp_path: Path, name: str, content: bytes | None, words: str) -> None:
+    """Empty, foreign, broken and missing files are each called what they are."""
     if content is not None:
-        file.write_bytes(content)
+        (tmp_path / name).write_bytes(content)
     for use in (read_recording, check_bag, repair_bag):
         with pytest.raises(RecordingError, match=words):
-            use(file)
+            use(tmp_path / name)

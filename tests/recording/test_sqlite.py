@@ -149,18 +149,6 @@ def test_a_torn_file_is_read_up_to_the_tear(tmp_path: Path) -> None:
     np.testing.assert_array_equal(kept.link.stamp_ns, stamps(9_000)[: len(kept.link)])
 
 
-@pytest.mark.parametrize(
-    ("content", "words"),
-    [(b"", "is empty"), (b"no bag at all", "is no SQLite file"), (b"SQLite format 3\0 and no more", "is damaged")],
-)
-def test_what_is_no_bag_is_refused(tmp_path: Path, content: bytes, words: str) -> None:
-    """Empty, foreign and broken files are each called what they are."""
-    (tmp_path / "x.db3").write_bytes(content)
-    for use in (read_recording, check_bag, repair_bag):
-        with pytest.raises(RecordingError, match=words):
-            use(tmp_path / "x.db3")
-
-
 def test_a_database_that_is_no_bag_is_refused(tmp_path: Path) -> None:
     """A SQLite file without the tables of a bag is no bag."""
     sqlite3.connect(tmp_path / "x.db3").execute("CREATE TABLE notes (text)").connection.close()

@@ -13,8 +13,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import sympy
-import typer
-from typer.testing import CliRunner
 
 from elastic_arm.dynamics import build_model
 from elastic_arm.errors import RobotError
@@ -23,7 +21,6 @@ from elastic_arm.robot.kinematics import link_placements
 from elastic_arm.robot.urdf import parse_urdf
 from elastic_arm.studies.paper import feedforward
 from elastic_arm.studies.paper.claims import Claim, beyond_noise, judge, verdict
-from elastic_arm.studies.paper.command import paper
 from elastic_arm.studies.paper.coupling import symbolic_coupling
 from elastic_arm.studies.paper.export import export
 from elastic_arm.studies.paper.identification_study import shares, smallness
@@ -31,6 +28,7 @@ from elastic_arm.studies.paper.report import table_i, write_paper_report
 from elastic_arm.studies.paper.study import QUICK, StudyResult, run_study
 from elastic_arm.studies.paper.torques import line_over_ratio, studied_ratios
 from elastic_arm.studies.paper.virtual_prototype.motions import StepRamp
+from tests.helpers.command_line import refusal
 
 pytestmark = pytest.mark.slow(55)
 
@@ -250,14 +248,6 @@ def test_arm_without_several_ratios_is_refused() -> None:
         studied_ratios(load_robot(None).with_(total_ratios_studied={}))
 
 
-def command_line(*arguments: str) -> tuple[int, str]:
-    """Run the command; return exit code and what it said."""
-    app = typer.Typer()
-    app.command()(paper)
-    run = CliRunner().invoke(app, list(arguments), env={"COLUMNS": "400"})
-    return run.exit_code, run.output
-
-
 def saved(robot: Robot, path: Path, old: str, new: str) -> str:
     """Write the arm file with a pattern replaced; return its path."""
     save_robot(robot, path)
@@ -271,8 +261,7 @@ def saved(robot: Robot, path: Path, old: str, new: str) -> str:
 def test_zero_ratio_is_a_clear_error(tmp_path: Path) -> None:
     """Exit code 2, the field named."""
     arm = saved(load_robot(None), tmp_path / "arm.yaml", r"harmonic_drive_ratio: \S+", "harmonic_drive_ratio: 0.0")
-    code, said = command_line("--robot", arm, "--out", str(tmp_path / "out"))
-    assert code == 2
+    said = refusal("paper", "--robot", arm, "--out", tmp_path / "out")
     assert "harmonic_drive_ratio" in said and "zero" in said
 
 
@@ -282,8 +271,7 @@ def test_arm_without_bearings_is_a_clear_error(tmp_path: Path) -> None:
     first = robot.joints[0]
     bare = robot.with_joint(first.name, transmission=replace(first.transmission, bearing=None))
     save_robot(bare, tmp_path / "arm.yaml")
-    code, said = command_line("--robot", str(tmp_path / "arm.yaml"), "--out", str(tmp_path / "out"))
-    assert code == 2
+    said = refusal("paper", "--robot", tmp_path / "arm.yaml", "--out", tmp_path / "out")
     assert first.name in said and "bearing" in said
     assert not (tmp_path / "out").exists()
 
@@ -292,6 +280,4 @@ def test_missing_engine_is_a_clear_error(tmp_path: Path, monkeypatch: pytest.Mon
     """Exit code 2, and all that is missing named at once."""
     monkeypatch.setitem(sys.modules, "mujoco", None)
     monkeypatch.setitem(sys.modules, "sympy", None)
-    code, said = command_line("--out", str(tmp_path / "out"))
-    assert code == 2
-    assert "pip install mujoco sympy" in said
+    assert "pip install mujoco sympy" in refusal("paper", "--out", tmp_path / "out")
