@@ -12,6 +12,7 @@ import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import factorial
+from typing import NamedTuple
 
 import numpy as np
 import scipy  # its parts are loaded when they are used
@@ -59,6 +60,7 @@ class SideNoise:
     # What else stands in the two is motion that the model of it cannot follow, no noise.
     white_position: Array
     white_velocity: Array | None
+    corner: Array  # (n,) Hz below which the position's noise is more than white (:class:`Telegraph`); 0 where it is not
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,14 +117,43 @@ def estimate_noise(position: Array, velocity: Array | None, rate: float) -> Side
     position, velocity = position[wide], None if velocity is None else velocity[wide]
     spectrum = _spectrum(position, rate)
     band, white = spectrum.band(std), np.minimum(std, spectrum.white_std())
-    velocity_std = white_velocity = None
+    own, velocity_std, white_velocity = spectrum, None, None
     if ratio is not None and velocity is not None:
         velocity_std, spectrum = std * ratio * rate, _spectrum(velocity, rate)
         band = max(band, spectrum.band(velocity_std))
         white_velocity = np.minimum(velocity_std, spectrum.white_std())
     slowest = max(2 * np.pi * LOWEST_CUTOFF_HZ, _quiet(position, std, rate))
     cutoff = min(max(2 * np.pi * CUTOFF_OVER_BAND * band, slowest), _crossing(cutoff, ratio) * rate)
-    return SideNoise(cutoff, std, velocity_std, white, white_velocity)
+    corner = own.corner(std, cutoff / (2 * np.pi))
+    return SideNoise(cutoff, std, velocity_std, white, white_velocity, corner)
+
+
+class Telegraph(NamedTuple):
+    """Noise of encoders that round an angle that nearly stands: the reading goes to and fro between two steps.
+
+    While an angle moves, rounding makes white noise. Where it stands, the noise is as strong, and slow: of the power of
+    the white part its spectrum has fc² / (f² + f0²), of which the integral is the share of the time that it stands.
+    """
+
+    # fc, f0: (n,) Hz; no such noise where fc is 0
+    fc: Array
+    f0: Array
+
+    @staticmethod
+    def of(position: Array, step: Array, fc: Array, rate: float, above: float) -> Telegraph:
+        """Return the noise of encoders.
+
+        position: (N, n) rad on a regular grid; step: (n,) rad, 0 where they are finer than their noise; fc: (n,) Hz;
+        above: Hz, in a period of which an angle that stands has moved by less than two steps.
+        """
+        later = max(1, round(rate / above))
+        stands = np.mean(np.abs(position[later:] - position[:-later]) < 1.5 * step, axis=0)
+        fc = np.where((step > 0.0) & (stands > 0.0), fc, 0.0)
+        return Telegraph(fc, np.pi * fc**2 / (rate * np.maximum(stands, 1.0 / len(position))))
+
+    def power(self, f: Array) -> Array:
+        """Return the power (F, n) of the noise at f (F,) Hz over that of its white part."""
+        return 1.0 + self.fc**2 / (f[:, None] ** 2 + self.f0**2 + np.finfo(float).tiny)
 
 
 def _quiet(position: Array, std: Array, rate: float) -> float:
@@ -155,6 +186,18 @@ class _Spectrum:
         threshold = scipy.stats.chi2.ppf(1.0 - 1e-3 / self.power.size, freedom) / freedom
         out = np.any(self.power > threshold * 2.0 * std**2 / self.rate, axis=1)
         return float(self.frequency[np.max(np.flatnonzero(out), initial=0)])
+
+    def corner(self, std: Array, above: float) -> Array:
+        """Return the corner (n,) Hz of noise that is `std` (n,) where white, from the octave above the motion's end."""
+        own = (self.frequency > above) & (self.frequency < min(2 * above, WHITE[0] * self.rate))
+        if not own.any():
+            return np.zeros(len(std))
+        more = self.power[own] * self.rate / (2.0 * std**2) - 1.0
+        freedom = 2 * max(1, round(self.windows / 1.5)) * int(own.sum())
+        clear = np.median(more, axis=0) > scipy.stats.chi2.isf(CHANCE, freedom) / freedom - 1.0
+        # The median, as structures ring at some frequencies and rounding of a steady motion has lines.
+        squares = np.median(more * self.frequency[own, None] ** 2, axis=0)
+        return np.sqrt(np.where(clear, np.maximum(squares, 0.0), 0.0))
 
     def white_std(self) -> Array:
         """Return the std (n,) of white noise that is as strong as the highest frequencies are."""
