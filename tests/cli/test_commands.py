@@ -182,13 +182,6 @@ def test_without_arguments_four_ways_in_are_shown() -> None:
     assert "Usage: " in run("bag").stdout
 
 
-def test_the_answer_no_keeps_its_exit_status(bag: Path) -> None:
-    """`bag check` of a torn bag ends with 1, of a sound one with 0, also as a command of the application."""
-    assert run("bag", "check", bag).exit_code == 0
-    (bag / "metadata.yaml").unlink()
-    assert run("bag", "check", bag).exit_code == 1
-
-
 @pytest.mark.parametrize("arguments", [["--duration", "1e9"], ["--rate", "1e9", "--duration", "1"]])
 def test_a_simulation_that_no_memory_holds_is_refused(tmp_path: Path, arguments: list[str]) -> None:
     """Ten million samples are the most; the bag is not begun."""

@@ -16,7 +16,7 @@ import sympy
 
 from elastic_arm.dynamics import build_model
 from elastic_arm.errors import RobotError
-from elastic_arm.robot import Robot, load_robot, save_robot, to_urdf
+from elastic_arm.robot import load_robot, save_robot, to_urdf
 from elastic_arm.robot.kinematics import link_placements
 from elastic_arm.robot.urdf import parse_urdf
 from elastic_arm.studies.paper import feedforward
@@ -246,23 +246,6 @@ def test_arm_without_several_ratios_is_refused() -> None:
     """The study compares ratios; the error says what to write."""
     with pytest.raises(RobotError, match="total_ratios_studied"):
         studied_ratios(load_robot(None).with_(total_ratios_studied={}))
-
-
-def saved(robot: Robot, path: Path, old: str, new: str) -> str:
-    """Write the arm file with a pattern replaced; return its path."""
-    save_robot(robot, path)
-    text = path.read_text(encoding="utf-8")
-    changed = re.sub(old, new, text, count=1)
-    assert changed != text
-    path.write_text(changed, encoding="utf-8")
-    return str(path)
-
-
-def test_zero_ratio_is_a_clear_error(tmp_path: Path) -> None:
-    """Exit code 2, the field named."""
-    arm = saved(load_robot(None), tmp_path / "arm.yaml", r"harmonic_drive_ratio: \S+", "harmonic_drive_ratio: 0.0")
-    said = refusal("paper", "--robot", arm, "--out", tmp_path / "out")
-    assert "harmonic_drive_ratio" in said and "zero" in said
 
 
 def test_arm_without_bearings_is_a_clear_error(tmp_path: Path) -> None:
