@@ -72,7 +72,8 @@ def general_laws(sets: Sequence[WhitenedData], joint: int, gear: Transmission | 
             GeneralLaw(joint, "drive", "its load some time before", _scaled(sets, _relaxed(load, RELAXATIONS)))
         )
     if "link" in sides or "drive" in sides:
-        found.append(GeneralLaw(joint, "sensor", "its load", _splines(sets, _load(joint), LOADS)))
+        load = _load(joint)
+        found.append(GeneralLaw(joint, "sensor", "its load", _but_linear(sets, load, _splines(sets, load, LOADS))))
     elastic = sets[0].parts[0].signals.values["x"].shape[1] > n
     if gear is not None and elastic:
         for acting in ("drive", "motor"):
@@ -162,6 +163,18 @@ def _splines(sets: Sequence[WhitenedData], argument: Argument, count: int) -> Ar
         return np.hstack([local, np.full((len(within), 1), MEAN)])
 
     return shapes
+
+
+def _but_linear(sets: Sequence[WhitenedData], argument: Argument, shapes: Argument) -> Argument:
+    """Return functions without what is in proportion to their argument over all recordings.
+
+    That part of what a sensor reads is its gain. Beside it a law that has it could take the load's signal off the gain's
+    column and leave its noise, which is in the residuals.
+    """
+    parts = [part.signals for data in sets for part in data.parts]
+    x = np.concatenate([argument(signals) for signals in parts])
+    share = x @ np.concatenate([shapes(signals) for signals in parts]) / max(float(x @ x), 1e-300)
+    return lambda signals: shapes(signals) - argument(signals)[:, None] * share
 
 
 def _relaxed(load: Argument, constants: Sequence[float]) -> Argument:
