@@ -126,11 +126,11 @@ class Answer:
         found = np.zeros(len(self.judging.data.white))
         for t in terms:
             if t.kind in ("effect", "stated"):
-                found += self.judging.columns(t.feature, theta_of(t, self.best)) @ self._coefficients(t)
+                found += self.judging.data.whiten([more[:, :, None] for more in self._added(t)])[:, 0]
         return found
 
     def _coefficients(self, term: Term) -> Array:
-        return np.ones(1) if term.offset is not None else self.best.beta(term)[: term.linear]
+        return np.ones(1) if term.feature.fixed else self.best.beta(term)[: term.linear]
 
     def _added(self, term: Term, *, stated: bool = False) -> list[Array]:
         """Return what a term adds to the residuals (N', R) of each stretch that judges, Nm; or what is stated of it."""
@@ -145,7 +145,11 @@ class Answer:
         if term.kind == "law":
             return [X @ self.best.beta(term) for X in term.what.plain(self.judging.data)]
         beta = term.mean if stated and term.trusted else self._coefficients(term)
-        return [X @ beta for X in self._columns(term)]
+        added = [X @ beta for X in self._columns(term)]
+        if term.trusted and term.what is not None:  # what its columns do not show of its law as stated
+            parts = zip(added, self.judging.data.plain(*term.what), self._columns(term), strict=True)
+            return [more + W.sum(axis=2) - X @ term.mean for more, W, X in parts]
+        return added
 
     def _columns(self, term: Term) -> list[Array]:
         """Return the columns (N', R, k) of a term of each stretch that judges, Nm."""

@@ -136,6 +136,11 @@ class Feature:
         return self._compiled.quadratic
 
     @property
+    def bends(self) -> bool:
+        """Whether its columns are the effect to first order alone: its law is not linear in its sizes."""
+        return bool(self.linear) and self.phase is None and (self.effect.regressor is not None or self._compiled.bends)
+
+    @property
     def acts(self) -> bool:
         """Whether the law adds anything to the residuals of this model."""
         try:
