@@ -147,8 +147,8 @@ class Answer:
         beta = term.mean if stated and term.trusted else self._coefficients(term)
         added = [X @ beta for X in self._columns(term)]
         if term.trusted and term.what is not None:  # what its columns do not show of its law as stated
-            parts = zip(added, self.judging.data.plain(*term.what), self._columns(term), strict=True)
-            return [more + W.sum(axis=2) - X @ term.mean for more, W, X in parts]
+            laws = zip(added, self.judging.data.plain(*term.what), self._columns(term), strict=True)
+            return [more + W.sum(axis=2) - X @ term.mean for more, W, X in laws]
         return added
 
     def _columns(self, term: Term) -> list[Array]:
