@@ -6,8 +6,8 @@ torques have the wrong sign, or the arm is mounted otherwise. Where it rises far
 taken for; where it hardly rises at all, gravity has been taken out of the torque before it was recorded.
 
 Joints that turn the other way or have their zero elsewhere, torques of the wrong sign, and channels of two joints that
-were exchanged are tried: masses and inertias are left free, tau = Y(q, dq, ddq) pi, so that the geometry alone decides, however wrong the
-described masses are.
+were exchanged are tried: masses and inertias are left free, tau = Y(q, dq, ddq) pi, so that the geometry alone decides,
+however wrong the described masses are.
 
 Slow samples resemble each other: N of them are worth as few independent ones as the two series' autocorrelations say
 (M. S. Bartlett, Journal of the Royal Statistical Society 98 (1935) 536).
@@ -93,13 +93,23 @@ class GravityFit(NamedTuple):
 def contradicted_gravity(recording: Recording, robot: Robot) -> list[Finding]:
     """Return which torques are at odds with the description, of a recording without damaged samples.
 
-    They belong to another joint, way to turn or zero, "exchanged", "mirrored", "joint_zero"; run against gravity, "gravity_sign"; show
-    another direction, "mounting"; are far larger or smaller, "gravity_size"; or hold no gravity, "gravity_missing".
+    They belong to another joint, way to turn or zero, "exchanged", "mirrored", "joint_zero"; run against gravity,
+    "gravity_sign"; show another direction, "mounting"; are far larger or smaller, "gravity_size"; or hold no gravity,
+    "gravity_missing".
     """
     found = []
     for side, motion, fit in _fits(recording, robot):
         found += _size(fit, side) or _geometry(motion, side, robot) or _judged(fit, side, robot)
     return found
+
+
+def misread_channels(recording: Recording, robot: Robot) -> str | None:
+    """Return which channels are not what they are taken for, by unit, sign or joint; None where all are."""
+    for side, motion, fit in _fits(recording, robot):
+        for one in _size(fit, side) or _geometry(motion, side, robot):
+            if one.code != "joint_zero":
+                return one.message
+    return None
 
 
 def _fits(recording: Recording, robot: Robot) -> Iterator[tuple[str, _SideMotion, GravityFit]]:
