@@ -52,7 +52,7 @@ ARMS = [
     ("one.urdf", ["coulomb_friction:j1:torque=0.3", "viscous_friction:j1:coefficient=0.2"]),
     ("one.urdf", ["stribeck_friction:j1:torque=0.4,speed=0.2", "coulomb_friction:j1:torque=0.3"]),
     (
-        "one.urdf",
+        "two.urdf",
         [
             "asymmetric_friction:j1:asymmetry=0.4",
             "coulomb_friction:j1:torque=0.6",
