@@ -63,9 +63,12 @@ def doubts(recording: Recording, robot: Robot) -> list[str]:
     return [finding.message for finding in found if finding.severity == "warning" and finding.code != "mounting"]
 
 
-def misread(recordings: Sequence[Recording], robot: Robot) -> str | None:
-    """Return which channels are not what they are taken for, in words; no arm is to be written by them."""
-    found = (misread_channels(cleared(one)[0], robot) for one in recordings)
+def misread(recordings: Sequence[Recording], robot: Robot, *, weight: bool = True) -> str | None:
+    """Return which channels are not what they are taken for, in words; no arm is to be written by them.
+
+    weight: whether torques without gravity are among them, as they are where nothing stands for what is missing.
+    """
+    found = (misread_channels(cleared(one)[0], robot, weight=weight) for one in recordings)
     return next((f"{one.source}: {words}" for one, words in zip(recordings, found, strict=True) if words), None)
 
 

@@ -103,12 +103,18 @@ def contradicted_gravity(recording: Recording, robot: Robot) -> list[Finding]:
     return found
 
 
-def misread_channels(recording: Recording, robot: Robot) -> str | None:
-    """Return which channels are not what they are taken for, by unit, sign or joint; None where all are."""
+def misread_channels(recording: Recording, robot: Robot, *, weight: bool) -> str | None:
+    """Return which channels are not what they are taken for, by unit, sign or joint; None where all are.
+
+    weight: whether torques without gravity are among them.
+    """
     for side, motion, fit in _fits(recording, robot):
         for one in _size(fit, side) or _geometry(motion, side, robot):
             if one.code != "joint_zero":
                 return one.message
+        missing = (one for one in _judged(fit, side, robot) if weight and one.code == "gravity_missing")
+        if (found := next(missing, None)) is not None:
+            return found.message
     return None
 
 
