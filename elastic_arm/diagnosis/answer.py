@@ -27,7 +27,7 @@ from elastic_arm.diagnosis.result import (
     UnexplainedResidual,
     plain_parameters,
 )
-from elastic_arm.diagnosis.words import REPEATED_MOTION, law_note, no_separation, shape_note
+from elastic_arm.diagnosis.words import REPEATED_MOTION, law_note, no_separation, ringing_note, shape_note
 from elastic_arm.effects import EFFECTS, EffectInstance
 from elastic_arm.effects.library.base_tilt import TILT
 from elastic_arm.errors import DiagnosisError, require_kind
@@ -38,7 +38,9 @@ from elastic_arm.evidence.model import Fit
 from elastic_arm.evidence.priors import LEFT, LISTED, MOTION, NOISY
 from elastic_arm.evidence.relinearise import Explanation, explain, theta_of
 from elastic_arm.evidence.term import Key, Term
+from elastic_arm.identification.batch.identify import resonances
 from elastic_arm.identification.batch.mounting import CHANCE, STEP
+from elastic_arm.identification.verdict import SURE
 from elastic_arm.recording import Recording
 from elastic_arm.recording.recording import recordings_of
 
@@ -393,6 +395,11 @@ class Answer:
         known = self.known()
         notes = [law_note(names[t.what.joint], t.what) for _, t in laws]
         notes += [shape_note(*self.places[row]) for row in rows]
+        noise, over = named(np.sqrt(before.noise.sum(axis=1))), named(after.rmse)
+        left = {place[0] for place, size in over.items() if size > SURE * noise[place]}
+        if left and not problem.robot.elastic:
+            found = resonances(problem.robot, problem.model, [o.pieces for o in problem.observed[0]])
+            notes += [ringing_note(joint, frequency) for joint, frequency in found.items() if joint in left]
         notes += [*prepared.notes, *(() if prepared.independent_motion else (REPEATED_MOTION,))]
         ratios = [self._gear_ratios(row) for row in range(len(self.places))]
         return Diagnosis(
@@ -407,7 +414,7 @@ class Answer:
             band=problem.band.cutoff,
             trust=self.explanation.trust,
             verdict=verdict,
-            noise=named(np.sqrt(before.noise.sum(axis=1))),
+            noise=noise,
             before=ResidualSizes(named(before.rmse), named(before.peak)),
             after=ResidualSizes(named(after.rmse), named(after.peak)),
             shrink=None if verdict == "none" else share,

@@ -110,7 +110,7 @@ def shrunk(scores: Array) -> tuple[Array, float, float]:
     target = float(np.trace(meat)) / max(k, 1)  # a prior may leave the data no direction
     apart = np.sum((meat - target * np.eye(k)) ** 2)
     scatter = np.sum(np.sum(scores**2, axis=1) ** 2) - np.sum(meat**2) / blocks
-    return meat, target, float(min(scatter / max(apart, 1e-300), 1.0))
+    return meat, target, 1.0 if scatter >= apart else float(scatter / apart)
 
 
 def widening(squares: Array, own: float = 1.0) -> Array:
