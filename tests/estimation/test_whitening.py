@@ -125,12 +125,3 @@ def test_rows_of_a_motor_that_sticks_are_freed_of_its_friction() -> None:
     assert freed[inside].max() < 0.1 * kept[inside].max()
     assert (freed == kept).mean() > 0.8
     np.testing.assert_array_equal(moving.y[0][:, : 2 * MODEL.n], whole.y[0][:, : 2 * MODEL.n])
-
-
-def test_scales_divide_the_rows_and_nothing_else() -> None:
-    """A joint that scatters three times as much counts a third, of what is whitened as if it did not."""
-    (noise,) = noise_models(MODEL, observation(), *setting(), (FLOOR,))
-    scales = np.linspace(1.0, 3.0, noise.covariance.shape[1])
-    f = np.array([1.0, 5.0])
-    scaled = replace(noise, scales=scales).whitener(f)
-    np.testing.assert_allclose(scaled * scales[:, None], noise.whitener(f), rtol=1e-9, atol=1e-12)
