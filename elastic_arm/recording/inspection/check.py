@@ -68,8 +68,12 @@ def misread(recordings: Sequence[Recording], robot: Robot, *, weight: bool = Tru
 
     weight: whether torques without gravity are among them, as they are where nothing stands for what is missing.
     """
-    found = (misread_channels(cleared(one)[0], robot, weight=weight) for one in recordings)
-    return next((f"{one.source}: {words}" for one, words in zip(recordings, found, strict=True) if words), None)
+    for recording in recordings:
+        whole = cleared(recording)[0]
+        words = [*(finding.message for finding in disagreeing(whole)), misread_channels(whole, robot, weight=weight)]
+        if first := next(filter(None, words), None):
+            return f"{recording.source}: {first}"
+    return None
 
 
 def _seen(whole: Recording, recording: Recording, robot: Robot | None) -> list[Finding]:
