@@ -5,7 +5,7 @@
 Where a joint is rigid, the torque that is left when friction, gravity and other joints have theirs accelerates one
 inertia, and H is the same at all frequencies. A joint between two inertias has a resonance: H has a peak there, with
 both of its half-power points inside the band in which the motion has energy, and half of the acceleration follows the
-torque between them. Friction that the equations lack answers likewise, and goes first.
+torque up to there. Friction that the equations lack answers likewise, and goes first.
 """
 
 from __future__ import annotations
@@ -84,5 +84,5 @@ def resonance(equations: BaseRegression, motion: Motion, Psi_base: Array, side: 
     H = answer[band] / np.maximum(density[band], 1e-300)
     if not len(H) or max(H[0], H[-1]) > H.max() / np.sqrt(2.0):
         return None
-    within = coherence[band[H.max() / np.sqrt(2.0) <= H]]
-    return float(f[band[np.argmax(H)]]) if np.mean(within) >= 0.5 else None
+    upto = np.flatnonzero(H.max() / np.sqrt(2.0) <= H)[-1] + 1
+    return float(f[band[np.argmax(H)]]) if np.mean(coherence[band[:upto]]) >= 0.5 else None

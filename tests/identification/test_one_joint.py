@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from elastic_arm.diagnosis import Question, diagnose
 from elastic_arm.identification import Estimate, Identification, IdentificationSettings, identify, parse_laws
@@ -102,6 +104,16 @@ def test_an_elastic_joint_described_as_rigid_is_named_with_its_frequency() -> No
     assert float(re.search(r"([\d.e+]+) times the noise", note)[1]) > 50
     assert float(re.search(r"near ([\d.]+) Hz", note)[1]) == pytest.approx(6.0, rel=0.1)
     assert not any("the fit leaves" in note for note in found(arm, rigid).notes)
+
+
+def test_a_torque_of_another_motion_is_no_elastic_joint() -> None:
+    """What a fit leaves of torques that have nothing to do with the motion is said, and no resonance is named."""
+    for seed in range(3):
+        moved = swung(seed)
+        slow = lfilter([0.02], [1.0, -0.98], np.random.default_rng(seed).normal(0.0, 30.0, len(T)))
+        wrong = replace(moved, motor=replace(moved.motor, effort=slow[:, None]))
+        (note,) = [note for note in found(pendulum(0.0), wrong).notes if "the fit leaves" in note]
+        assert "elastic" not in note
 
 
 def test_a_diagnosis_suggests_elasticity_with_its_frequency() -> None:
