@@ -31,7 +31,7 @@ from elastic_arm.diagnosis.words import REPEATED_MOTION, law_note, no_separation
 from elastic_arm.effects import EFFECTS, EffectInstance
 from elastic_arm.effects.library.base_tilt import TILT
 from elastic_arm.errors import DiagnosisError, require_kind
-from elastic_arm.evidence.changes import CHANGE
+from elastic_arm.evidence.changes import CHANGE, bends
 from elastic_arm.evidence.grams import OCTAVES
 from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.model import Fit
@@ -140,9 +140,10 @@ class Answer:
             return [X @ self.best.beta(term) for X in self._columns(term)]
         if term.kind == CHANGE:
             common = next(t for t in self.best.terms if t.key == term.what)
-            each = self.best.raw(term).reshape(-1, common.linear)
+            columns = self.judging.data.plain(common.feature.by_size) if bends(common) else self._columns(common)
+            each = self.best.raw(term).reshape(-1, columns[0].shape[2])
             each = (each - each.mean(axis=0)) * self.prepared.problem.held_back
-            parts = zip(self._columns(common), self.judging.data.parts, strict=True)
+            parts = zip(columns, self.judging.data.parts, strict=True)
             return [X @ each[part.recording] for X, part in parts]
         if term.kind == "law":
             return [X @ self.best.beta(term) for X in term.what.plain(self.judging.data)]

@@ -192,6 +192,11 @@ class Feature:
         kind = Whole if self.effect.regressor is None else OwnRegressor
         return kind(self.effect, self.joint, self.choices, self.equations, self.friction, self.shared)
 
+    @property
+    def by_size(self) -> Feature:
+        """The feature whose columns are derivatives by the sizes: itself, or that of which it is the whole."""
+        return self
+
     def at(self, equations: ArmEquations) -> Feature:
         """Return the feature of the same arm with other numbers; its columns stay compiled."""
         return replace(self, equations=equations)
@@ -213,6 +218,11 @@ class Whole(Feature):
     def whole(self) -> Feature:
         """Return itself."""
         return self
+
+    @property
+    def by_size(self) -> Feature:
+        """The feature of which it is the whole."""
+        return Feature(self.effect, self.joint, self.choices, self.equations, self.friction, self.shared)
 
     @cached_property
     def linear(self) -> tuple[Parameter, ...]:

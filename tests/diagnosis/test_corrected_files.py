@@ -107,3 +107,15 @@ def test_what_was_written_has_no_cause_left(tmp_path: Path, name: str, effects: 
     assert isinstance(written, Exported)
     again = diagnose([first], Question(load_robot(written.files[0])), [judge])
     assert causes(again) <= {left.what for left in written.left}
+
+
+def test_a_zero_that_is_another_one_in_a_second_recording_is_a_change(tmp_path: Path) -> None:
+    """An encoder that is referenced anew: 0.06 rad in one recording, 0.12 rad in the next, within 4 deviations."""
+    base = tmp_path / "two.urdf"
+    base.write_text(FILES["two.urdf"])
+    offsets = (0.06, 0.12)
+    (first, judge), (_, second) = (recorded(base, [f"joint_zero:j2:offset={offset}"]) for offset in offsets)
+    (change,) = diagnose([first, second], Question(load_robot(base)), [judge]).changes
+    assert (change.effect, change.joint, change.parameter) == ("joint_zero", "j2", "offset")
+    for (_, value, std), offset in zip(change.values, offsets, strict=True):
+        assert abs(value - offset) < 4.0 * std and std < 0.005
