@@ -53,6 +53,22 @@ def test_whitened_residuals_of_a_clean_arm_are_white_noise_of_variance_one() -> 
     assert mean_square(data) == pytest.approx(1.0, abs=0.15)
 
 
+def test_a_torque_sensor_noisier_than_stated_spoils_its_own_row_alone() -> None:
+    """Three times the noise of tau_J makes that of the drives' whitened rows nine times as strong in the mean square.
+    The links' stay as they are, and the motors' nearly so at low frequency."""
+    (noise,) = noise_models(MODEL, observation(), *setting(), (0.0,))
+    louder = replace(observation(), noise=replace(observation().noise, tau_J=3.0 * observation().noise.tau_J))
+    (true,) = noise_models(MODEL, louder, *setting(), (0.0,))
+    f = np.array([1.0, 5.0, 20.0])
+    W = noise.whitener(f)
+    at = np.rint(f / (noise.f[1] - noise.f[0])).astype(int)
+    power = np.real(np.einsum("fij,fjk,fik->fi", W, true.covariance[at], W.conj()))
+    layout, n = setting()[0], MODEL.n
+    assert layout.sides == ("link", "drive", "motor")
+    np.testing.assert_allclose(power[:, :n], 1.0, rtol=1e-6)
+    assert (power[:, n : 2 * n] > 6.0).all() and (power[:2, 2 * n :] < 1.01).all()
+
+
 @pytest.mark.parametrize("side", ["link", "motor"])
 def test_an_encoder_counts_in_all_accelerations_that_are_made_of_it(side: str) -> None:
     """Be it the link's or the motor's of a rigid arm: what a clean one leaves is as large as the noise model states."""
