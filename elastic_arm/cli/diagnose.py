@@ -164,7 +164,7 @@ def diagnose_command(
         found = diagnose(recordings, question, judges)
     with working("predicting, comparing, proposing"):
         found = follow_up(found, rng=np.random.default_rng(0) if propose else None)
-        wrong = misread(recordings, robot, weight=False)
+        wrong = misread(recordings, robot, explained=True)
         corrected = correct(found, robot, out_dir, correction) if wrong is None else wrong
         replays = replay_both(correction, out_dir, (judges or recordings)[0]) if replayed else []
         comparison = compare(found, simulated, question, difference) if simulated and difference else None

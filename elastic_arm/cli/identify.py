@@ -104,7 +104,7 @@ def identify(
         result, identifier, motion = identify_with(recordings, robot, settings, validate=held_out, progress=says)
         says("report", 1.0)
         stated = any(law.effect.id == "gravity_compensation" for law in (*laws, *robot_effects(robot, catalogue)))
-        wrong = misread(recordings, robot, weight=not stated)
+        wrong = misread(recordings, robot, explained=stated)
         result = result if wrong is None else result.with_(identified=None)
         _write(result, sections_of=(identifier.equations, motion), out_dir=out_dir)
         if csv:

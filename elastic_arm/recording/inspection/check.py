@@ -63,15 +63,15 @@ def doubts(recording: Recording, robot: Robot) -> list[str]:
     return [finding.message for finding in found if finding.severity == "warning" and finding.code != "mounting"]
 
 
-def misread(recordings: Sequence[Recording], robot: Robot, *, weight: bool = True) -> str | None:
+def misread(recordings: Sequence[Recording], robot: Robot, *, explained: bool = False) -> str | None:
     """Return which channels are not what they are taken for, in words; no arm is to be written by them.
 
-    weight: whether torques without gravity are among them, as they are where nothing stands for what is missing.
+    explained: whether effects stand for missing gravity and for encoders that disagree, as those of a diagnosis do.
     """
     for recording in recordings:
         whole = cleared(recording)[0]
-        words = [*(finding.message for finding in disagreeing(whole)), misread_channels(whole, robot, weight=weight)]
-        if first := next(filter(None, words), None):
+        words = [] if explained else [finding.message for finding in disagreeing(whole)]
+        if first := next(filter(None, [*words, misread_channels(whole, robot, weight=not explained)]), None):
             return f"{recording.source}: {first}"
     return None
 
