@@ -63,6 +63,7 @@ from elastic_arm.memory import keep_memory
 from elastic_arm.mujoco import Exported, Replay
 from elastic_arm.output_files import write_result
 from elastic_arm.recording import Recording, load_channels, write_recording
+from elastic_arm.recording.inspection.check import misread
 from elastic_arm.recording.inspection.differences import differences
 from elastic_arm.robot import Robot, save_robot
 
@@ -163,10 +164,11 @@ def diagnose_command(
         found = diagnose(recordings, question, judges)
     with working("predicting, comparing, proposing"):
         found = follow_up(found, rng=np.random.default_rng(0) if propose else None)
-        corrected = correct(found, robot, out_dir, correction)
+        wrong = misread(recordings, robot, explained=True)
+        corrected = correct(found, robot, out_dir, correction) if wrong is None else wrong
         replays = replay_both(correction, out_dir, (judges or recordings)[0]) if replayed else []
         comparison = compare(found, simulated, question, difference) if simulated and difference else None
-        write_diagnosis(found, robot, out_dir, replays, comparison)
+        write_diagnosis(found, None if wrong else robot, out_dir, replays, comparison)
         if csv:
             found.to_csv(out_dir)
         for k, bag in enumerate(residual_bags):
@@ -198,14 +200,14 @@ def correct(found: Diagnosis, robot: Robot, folder: Path, correction: Correction
 
 def write_diagnosis(
     found: Diagnosis,
-    robot: Robot,
+    robot: Robot | None,
     folder: Path,
     replays: Sequence[Replay] = (),
     comparison: SimulationComparison | None = None,
 ) -> None:
     """Write diagnosis.json, report.html and, where there are any, the corrected arm and the motion proposed.
 
-    What an earlier diagnosis left in the folder is replaced.
+    robot: as described; None where no arm is to be written. What an earlier diagnosis left in the folder is replaced.
     """
     # Matplotlib is slow to import, and only reports need it.
     from elastic_arm.report.diagnosis import write_gap_report
@@ -216,16 +218,10 @@ def write_diagnosis(
         (folder / name).unlink(missing_ok=True)
     if comparison is not None:
         write_result(folder / COMPARISON, json_text(comparison.to_dict(), indent=2, allow_nan=False) + "\n")
-    if ROBOT in _further(found):
+    if robot is not None and found.causes:
         save_robot(repaired_robot(robot, found), folder / ROBOT)
-    if found.proposal is not None and found.proposal.trajectory is not None and SEPARATING in _further(found):
+    if found.proposal is not None and found.proposal.trajectory is not None and found.proposal.worthwhile:
         found.proposal.trajectory.save(folder / SEPARATING)
-
-
-def _further(found: Diagnosis) -> list[str]:
-    """Return the files besides diagnosis.json and report.html that a diagnosis leads to."""
-    robot = [ROBOT] if found.causes else []
-    return [*robot, SEPARATING] if found.proposal is not None and found.proposal.worthwhile else robot
 
 
 def print_diagnosis(found: Diagnosis, folder: Path) -> None:
@@ -254,7 +250,8 @@ def print_diagnosis(found: Diagnosis, folder: Path) -> None:
     out.print(f"trust in the description: {escape(trust_text(found.trust))}")
     for note in found.notes:
         out.print(f"note: {escape(note)}")
-    out.print(f"written: {escape(str(folder))}/{', '.join(['diagnosis.json', 'report.html', *_further(found)])}")
+    further = [name for name in (ROBOT, SEPARATING) if (folder / name).exists()]
+    out.print(f"written: {escape(str(folder))}/{', '.join(['diagnosis.json', 'report.html', *further])}")
 
 
 def _print_causes(causes: Sequence[Cause]) -> None:

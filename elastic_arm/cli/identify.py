@@ -27,7 +27,7 @@ from elastic_arm.cli.options import (
     require_bags,
 )
 from elastic_arm.cli.outputs import Csv, Force, claim_folder
-from elastic_arm.effects import Catalogue
+from elastic_arm.effects import Catalogue, robot_effects
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.estimation.segments import IDENTIFIED
 from elastic_arm.formatting import rounded
@@ -36,6 +36,7 @@ from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.memory import keep_memory
 from elastic_arm.mujoco import Exported
 from elastic_arm.recording import Recording, load_channels
+from elastic_arm.recording.inspection.check import misread
 
 TABLES = ("parameters.csv", "residuals.csv")
 RESULTS = ("identification.json", "report.html", "robot.yaml")
@@ -102,10 +103,13 @@ def identify(
         recordings, held_out = ([read(path) for path in paths] for paths in (bags, validate or []))
         result, identifier, motion = identify_with(recordings, robot, settings, validate=held_out, progress=says)
         says("report", 1.0)
+        stated = any(law.effect.id == "gravity_compensation" for law in (*laws, *robot_effects(robot, catalogue)))
+        wrong = misread(recordings, robot, explained=stated)
+        result = result if wrong is None else result.with_(identified=None)
         _write(result, sections_of=(identifier.equations, motion), out_dir=out_dir)
         if csv:
             result.to_csv(out_dir)
-        corrected = Correction(robot_file, chain, at, catalogue).write(result.identified, out_dir)
+        corrected = Correction(robot_file, chain, at, catalogue).write(result.identified, out_dir) or wrong
     if json:
         print_json(result.to_dict())
     else:

@@ -27,18 +27,20 @@ from elastic_arm.diagnosis.result import (
     UnexplainedResidual,
     plain_parameters,
 )
-from elastic_arm.diagnosis.words import REPEATED_MOTION, law_note, no_separation, shape_note
+from elastic_arm.diagnosis.words import REPEATED_MOTION, law_note, no_separation, ringing_note, shape_note
 from elastic_arm.effects import EFFECTS, EffectInstance
 from elastic_arm.effects.library.base_tilt import TILT
 from elastic_arm.errors import DiagnosisError, require_kind
-from elastic_arm.evidence.changes import CHANGE
+from elastic_arm.evidence.changes import CHANGE, bends
 from elastic_arm.evidence.grams import OCTAVES
 from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.model import Fit
 from elastic_arm.evidence.priors import LEFT, LISTED, MOTION, NOISY
 from elastic_arm.evidence.relinearise import Explanation, explain, theta_of
 from elastic_arm.evidence.term import Key, Term
+from elastic_arm.identification.batch.identify import resonances
 from elastic_arm.identification.batch.mounting import CHANCE, STEP
+from elastic_arm.identification.verdict import SURE
 from elastic_arm.recording import Recording
 from elastic_arm.recording.recording import recordings_of
 
@@ -126,11 +128,11 @@ class Answer:
         found = np.zeros(len(self.judging.data.white))
         for t in terms:
             if t.kind in ("effect", "stated"):
-                found += self.judging.columns(t.feature, theta_of(t, self.best)) @ self._coefficients(t)
+                found += self.judging.data.whiten([more[:, :, None] for more in self._added(t)])[:, 0]
         return found
 
     def _coefficients(self, term: Term) -> Array:
-        return np.ones(1) if term.offset is not None else self.best.beta(term)[: term.linear]
+        return np.ones(1) if term.feature.fixed else self.best.beta(term)[: term.linear]
 
     def _added(self, term: Term, *, stated: bool = False) -> list[Array]:
         """Return what a term adds to the residuals (N', R) of each stretch that judges, Nm; or what is stated of it."""
@@ -138,14 +140,19 @@ class Answer:
             return [X @ self.best.beta(term) for X in self._columns(term)]
         if term.kind == CHANGE:
             common = next(t for t in self.best.terms if t.key == term.what)
-            each = self.best.raw(term).reshape(-1, common.linear)
+            columns = self.judging.data.plain(common.feature.by_size) if bends(common) else self._columns(common)
+            each = self.best.raw(term).reshape(-1, columns[0].shape[2])
             each = (each - each.mean(axis=0)) * self.prepared.problem.held_back
-            parts = zip(self._columns(common), self.judging.data.parts, strict=True)
+            parts = zip(columns, self.judging.data.parts, strict=True)
             return [X @ each[part.recording] for X, part in parts]
         if term.kind == "law":
             return [X @ self.best.beta(term) for X in term.what.plain(self.judging.data)]
         beta = term.mean if stated and term.trusted else self._coefficients(term)
-        return [X @ beta for X in self._columns(term)]
+        added = [X @ beta for X in self._columns(term)]
+        if term.trusted and term.what is not None:  # what its columns do not show of its law as stated
+            laws = zip(added, self.judging.data.plain(*term.what), self._columns(term), strict=True)
+            return [more + W.sum(axis=2) - X @ term.mean for more, W, X in laws]
+        return added
 
     def _columns(self, term: Term) -> list[Array]:
         """Return the columns (N', R, k) of a term of each stretch that judges, Nm."""
@@ -389,6 +396,11 @@ class Answer:
         known = self.known()
         notes = [law_note(names[t.what.joint], t.what) for _, t in laws]
         notes += [shape_note(*self.places[row]) for row in rows]
+        noise, over = named(np.sqrt(before.noise.sum(axis=1))), named(after.rmse)
+        left = {place[0] for place, size in over.items() if size > SURE * noise[place]}
+        if left and not problem.robot.elastic:
+            found = resonances(problem.robot, problem.model, [o.pieces for o in problem.observed[0]])
+            notes += [ringing_note(joint, frequency) for joint, frequency in found.items() if joint in left]
         notes += [*prepared.notes, *(() if prepared.independent_motion else (REPEATED_MOTION,))]
         ratios = [self._gear_ratios(row) for row in range(len(self.places))]
         return Diagnosis(
@@ -403,7 +415,7 @@ class Answer:
             band=problem.band.cutoff,
             trust=self.explanation.trust,
             verdict=verdict,
-            noise=named(np.sqrt(before.noise.sum(axis=1))),
+            noise=noise,
             before=ResidualSizes(named(before.rmse), named(before.peak)),
             after=ResidualSizes(named(after.rmse), named(after.peak)),
             shrink=None if verdict == "none" else share,

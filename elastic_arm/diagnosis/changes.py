@@ -11,7 +11,7 @@ import numpy as np
 from elastic_arm.arrays import Array
 from elastic_arm.diagnosis.estimates import estimated
 from elastic_arm.diagnosis.result import Change
-from elastic_arm.evidence.changes import CHANGE
+from elastic_arm.evidence.changes import CHANGE, bends
 from elastic_arm.evidence.model import Fit
 from elastic_arm.evidence.problem import Problem
 from elastic_arm.evidence.relinearise import Explanation
@@ -48,7 +48,8 @@ class SizedTerm:
 def sizes_of(explanation: Explanation, problem: Problem, fit: Fit, term: Term) -> SizedTerm:
     """Return the sizes of what changes by a term of a fit."""
     common = next(t for t in fit.terms if t.key == term.what)
-    base, own, size = fit.slices[common.ident].start, fit.slices[term.ident].start, common.linear
+    base, own = fit.slices[common.ident].start, fit.slices[term.ident].start
+    size = term.count // len(problem.observed[0])
     parameters, _ = estimated(fit, common, problem.numbers, explanation.linear.values)
     name, first = next(iter(parameters.items()))
     scale, at = 1.0, 0.0
@@ -56,6 +57,8 @@ def sizes_of(explanation: Explanation, problem: Problem, fit: Fit, term: Term) -
         k = int(np.flatnonzero(common.what[:, 0])[0])
         scale = problem.numbers[k].prior_std
         at = problem.numbers[k].neutral + scale * float(explanation.linear.values[k] + (fit.numbers - fit.far_off)[k])
+    elif bends(common):
+        at = common.theta[0]
     else:
         at = common.feature.linear[0].neutral or 0.0
     together = np.zeros((len(problem.observed[0]), len(fit.found.x)))

@@ -135,6 +135,11 @@ def shape_note(joint: str, side: str) -> str:
     return f"What is left at {joint} ({side} side) is larger than the noise of its sensors, and no effect explains it."
 
 
+def ringing_note(joint: str, frequency: float) -> str:
+    """Return the note on a joint that is described as rigid and has a resonance."""
+    return f"{joint} has a resonance near {frequency:.2g} Hz, and is described as rigid: it may be elastic."
+
+
 def no_separation(effect: str, other: str) -> str:
     """Return that no motion is known that separates two effects."""
     return f"a motion in which {effect} and {other} act differently"

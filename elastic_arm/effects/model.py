@@ -11,7 +11,6 @@ equations of motion. What differs between kinds of effects is only how they ente
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum
@@ -319,25 +318,6 @@ class EffectInstance:
                 "Name no joint: it acts on the whole arm." if scope is Scope.ARM else f"It sits on {sits}.",
             )
         return (names.index(self.joint),)
-
-    def implausible(self, robot: Robot) -> str | None:
-        """Return why no arm has the effect at this size, in words; None where one may.
-
-        A size is beyond what is plausible of any arm, or it is a torque that is larger than the joint's own limit:
-        a unit, a sign or a mapping is wrong then, and there is no property of an arm to be written down.
-        """
-        torques = [robot.joints[i].limits.torque for i in self.joint_indices(robot)]
-        limit = math.inf if None in torques else max(t for t in torques if t is not None)
-        for p in self.effect.parameters:
-            value: Any = self.parameters[p.name]
-            size = max(map(abs, value)) if isinstance(value, tuple) else abs(value)
-            if p.role is not Role.PHASE and size > max(abs(p.low), abs(p.high)):
-                return (
-                    f"{p.name} of {size:.4g} {p.unit} is beyond {max(abs(p.low), abs(p.high)):g}, the most of any arm"
-                )
-            if p.unit == "Nm" and size > limit:
-                return f"{p.name} of {size:.4g} Nm is more than the {limit:g} Nm that the joint gives"
-        return None
 
     def with_parameters(self, **parameters: Value) -> EffectInstance:
         """Return the effect with these parameters changed."""

@@ -136,6 +136,11 @@ class Feature:
         return self._compiled.quadratic
 
     @property
+    def bends(self) -> bool:
+        """Whether its columns are the effect to first order alone: its law is not linear in its sizes."""
+        return bool(self.linear) and self.phase is None and (self.effect.regressor is not None or self._compiled.bends)
+
+    @property
     def acts(self) -> bool:
         """Whether the law adds anything to the residuals of this model."""
         try:
@@ -187,6 +192,11 @@ class Feature:
         kind = Whole if self.effect.regressor is None else OwnRegressor
         return kind(self.effect, self.joint, self.choices, self.equations, self.friction, self.shared)
 
+    @property
+    def by_size(self) -> Feature:
+        """The feature whose columns are derivatives by the sizes: itself, or that of which it is the whole."""
+        return self
+
     def at(self, equations: ArmEquations) -> Feature:
         """Return the feature of the same arm with other numbers; its columns stay compiled."""
         return replace(self, equations=equations)
@@ -208,6 +218,11 @@ class Whole(Feature):
     def whole(self) -> Feature:
         """Return itself."""
         return self
+
+    @property
+    def by_size(self) -> Feature:
+        """The feature of which it is the whole."""
+        return Feature(self.effect, self.joint, self.choices, self.equations, self.friction, self.shared)
 
     @cached_property
     def linear(self) -> tuple[Parameter, ...]:

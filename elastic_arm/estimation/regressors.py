@@ -225,12 +225,16 @@ class CompiledColumns:
         argument, state = _stacked(arguments, "searched"), _stacked(states, "state")
         self._scan: Recursion | None = None
         self._moved_states = False
-        blocks = []
+        blocks, self.bends = [], False
         for term in terms:
             numbers = {p.name: arguments.get(p.name, ca.SX.sym(p.name, p.size)) for p in term.effect.parameters}
             values = {**numbers, **term.choices, **states}
             contribution = reduce(add, (term.effect.law(motion, i, values) for i in term.joints))
-            blocks.append(_columns(term, contribution, numbers))
+            rows = _derivatives(term, contribution, numbers)
+            # An exact conversion of its coefficient makes a law linear.
+            bent = [numbers[p.name] for p in term.linear if p.from_coefficient is None]
+            self.bends |= bool(bent) and ca.depends_on(rows, ca.vertcat(*bent))
+            blocks.append(_columns(term, rows, numbers))
             if term.effect.states:
                 self._scan = _recursion(contribution, states, symbols, argument, equations)
                 self._moved_states |= any(ca.depends_on(one, equations.Psi) for one in contribution.rates.values())
@@ -298,11 +302,14 @@ def _stacked(symbols: Mapping[str, ca.SX], name: str) -> ca.SX:
     return ca.vertcat(*symbols.values()) if symbols else ca.SX.sym(name, 1)
 
 
-def _columns(term: Term, contribution: Contribution, numbers: Mapping[str, ca.SX]) -> ca.SX:
-    """Return the columns (3 n, k) of one effect."""
+def _derivatives(term: Term, contribution: Contribution, numbers: Mapping[str, ca.SX]) -> ca.SX:
+    """Return the derivatives (3 n, k) of one effect by its linear parameters; the effect itself without any."""
     rows = ca.vertcat(contribution.link, contribution.drive, contribution.motor)
-    if term.linear:
-        rows = ca.jacobian(rows, ca.vertcat(*(numbers[p.name] for p in term.linear)))
+    return ca.jacobian(rows, ca.vertcat(*(numbers[p.name] for p in term.linear))) if term.linear else rows
+
+
+def _columns(term: Term, rows: ca.SX, numbers: Mapping[str, ca.SX]) -> ca.SX:
+    """Return the columns (3 n, k) of one effect."""
     sets = []
     for point in term.points:
         found = rows

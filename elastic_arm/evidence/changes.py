@@ -8,6 +8,7 @@ import numpy as np
 
 from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.model import Fit
+from elastic_arm.evidence.pool import linear_prior
 from elastic_arm.evidence.term import Key, Term
 
 CHANGE = "change"
@@ -22,11 +23,20 @@ def change_of(linear: Linearisation, term: Term) -> Term:
     """Return what a term adds in each recording beside its common size."""
     data, count = linear.data, len(linear.problem.observed[linear.which])
     recording = data.of_stretches([part.recording for part in data.parts])
-    columns = np.hstack(
-        [np.where((recording == k)[:, None], term.columns[:, : term.linear], 0.0) for k in range(count)]
-    )
-    std = np.tile(term.std[: term.linear], count)
+    own, own_std = term.columns[:, : term.linear], term.std[: term.linear]
+    if bends(term):
+        own = term.columns
+        own_std, _, _ = linear_prior(term.feature.by_size, linear.problem.largest_at(term.feature.joint))
+    columns = np.hstack([np.where((recording == k)[:, None], own, 0.0) for k in range(count)])
+    std = np.tile(own_std, count)
     return Term(change_key(term), CHANGE, columns, std, what=term.key, ident=(*term.ident, CHANGE))
+
+
+def bends(term: Term) -> bool:
+    """Whether a term is an effect whose sizes are among its nonlinear numbers, by steps of their unit."""
+    if term.kind != "effect" or term.linear or not term.tangents:
+        return False
+    return term.feature.by_size.bends and not any(p.logarithmic for p in term.feature.effect.parameters)
 
 
 def possible_changes(linear: Linearisation, fit: Fit) -> Iterator[Term]:
@@ -34,5 +44,6 @@ def possible_changes(linear: Linearisation, fit: Fit) -> Iterator[Term]:
     if len(linear.problem.observed[linear.which]) < 2:
         return
     for term in fit.terms:
-        if term.kind in ("effect", "number", "stated") and term.linear and change_key(term) not in fit.keys:
+        sized = (term.kind in ("effect", "number", "stated") and term.linear) or bends(term)
+        if sized and change_key(term) not in fit.keys:
             yield change_of(linear, term)

@@ -100,7 +100,7 @@ class Fit:
         found = np.zeros((term.count, len(self.found.x)))
         found[:, self.slices[term.ident]] = np.eye(term.count)
         for change in (t for t in self.optional if t.kind == "change" and t.what == term.key):
-            own, linear = self.slices[change.ident], term.linear
+            own, linear = self.slices[change.ident], term.linear or term.count
             found[:linear, own] += np.tile(np.eye(linear), change.count // linear) * linear / change.count
         return found
 

@@ -39,8 +39,7 @@ def is_open(term: Term) -> bool:
     feature = term.feature
     if term.kind != "effect" or feature is None:
         return False
-    whole = feature.effect.regressor is not None and bool(feature.linear)
-    return whole or (feature.count == 1 and any(not p.integer for p in components(feature)))
+    return feature.bends or (feature.count == 1 and any(not p.integer for p in components(feature)))
 
 
 def axis(p: Parameter, high: float = np.inf) -> tuple[float, float]:
@@ -113,7 +112,7 @@ def start_of(term: Term, fit: Fit) -> tuple[Feature, tuple[float, ...], float]:
         size = float(beta[0]) if beta[0] else 1e-12
         theta = [float(np.clip(b / size, p.low, p.high)) for b, p in zip(beta[1:], components(feature), strict=True)]
         return feature, tuple(theta), size
-    if feature.effect.regressor is not None and feature.linear:
+    if feature.bends:
         values = feature.parameters([float(b) for b in beta], term.theta)
         flat = np.concatenate([np.atleast_1d(values[p.name]) for p in feature.effect.parameters])
         inside = [float(np.clip(v, p.low, p.high)) for v, p in zip(flat, components(feature.whole()), strict=True)]

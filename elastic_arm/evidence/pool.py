@@ -166,8 +166,8 @@ def _number(parameter: Number, N: Array, key: Key, moves: Array) -> Term:
     """Return the term of numbers that move by (K, k) for each coefficient, the first of them a parameter."""
     count = moves.shape[1]
     low = np.full(count, -np.inf)
-    if parameter.unit == "1" and parameter.neutral == 1.0:
-        low[0] = -0.98 / parameter.prior_std  # ratios are positive
+    least = parameter.cause.linear[0].above if parameter.cause is not None else -np.inf
+    low[0] = 0.98 * (least - parameter.neutral) / parameter.prior_std  # ratios are positive, channels late
     std = np.full(count, WIDE)
     return Term(key, "number", N @ moves, std, low=low, feature=parameter.cause, what=moves)
 

@@ -259,8 +259,12 @@ def _known_terms(linear: Linearisation) -> tuple[list[Term], list[Term]]:
             always.append(Term(feature.key, "effect", X, std, feature=feature, theta=theta))
             continue
         mean = _coefficients(feature, instance.parameters)
+        law = _whole(feature, instance)
+        # Its columns are the law to first order alone: what is stated is known beyond.
+        offset = None if law is None else linear.columns(*law).sum(axis=1) - X @ mean
         width = STATED * np.maximum(np.abs(mean), 1e-3 * std)
-        always.append(Term(feature.key, "effect", X, width, mean=mean, feature=feature, theta=theta, trusted=True))
+        term = Term(feature.key, "effect", X, width, mean=mean, feature=feature, theta=theta, trusted=True)
+        always.append(replace(term, offset=offset, what=law))
         # Less than no friction would be a gain.
         bounded = all(p.least == 0.0 for p in feature.linear)
         low = -mean if bounded else np.full(len(mean), -np.inf)
@@ -270,6 +274,11 @@ def _known_terms(linear: Linearisation) -> tuple[list[Term], list[Term]]:
 
 def _theta(feature: Feature, instance: EffectInstance) -> tuple[float, ...]:
     return tuple(float(v) for p in feature.searched for v in np.atleast_1d(instance.parameters[p.name]))
+
+
+def _whole(feature: Feature, instance: EffectInstance) -> tuple[Feature, tuple[float, ...]] | None:
+    """Return the law at its stated numbers where it is not linear in them."""
+    return (feature.whole(), _theta(feature.whole(), instance)) if feature.bends else None
 
 
 def _coefficients(feature: Feature, values: Mapping[str, Any]) -> Array:
@@ -292,7 +301,7 @@ def _acting(fit: Fit) -> tuple[ActingEffect, ...]:
     """Return the effects of a fit that act in the true torques: neither those of sensors nor those of controllers."""
     beside = (SensorEffect, ControllerEffect)
     acting = [t for t in fit.terms if t.kind in ("effect", "stated") and not isinstance(t.feature.effect, beside)]
-    sizes = [np.ones(1) if t.offset is not None else fit.beta(t)[: t.linear] for t in acting]
+    sizes = [np.ones(1) if t.feature.fixed else fit.beta(t)[: t.linear] for t in acting]
     return tuple(
         ActingEffect(t.feature, theta_of(t, fit), size, known=t in fit.model.always)
         for t, size in zip(acting, sizes, strict=True)

@@ -1,8 +1,9 @@
 """Standard deviations that hold for errors of any colour.
 
 Whatever the errors' colour, the scores Phi'(y - Phi Psi) of blocks that are longer than it lasts are independent, and
-their scatter gives the covariance (the sandwich, clustered by blocks). Three things make it too small where blocks are
-few, and all are mended:
+their scatter gives the covariance (the sandwich, clustered by blocks). Blocks whose scores resemble their neighbours'
+are joined until they are as long (D. Andrews, Econometrica 59 (1991) 817). Three things make the scatter too small
+where blocks are few, and all are mended:
 
 - The fit follows the blocks that determine a parameter: their scores are corrected for their share in the fit (the
   jackknife that leaves out one block at a time).
@@ -55,18 +56,33 @@ def scattered(
     # shows a parameter would answer for all of it: scores are those at the estimate before it was pulled.
     pull = np.zeros(back.shape[1]) if prior is None or known is None else known.T @ (prior @ solution)
     to_unit, from_unit = _unit_errors(back.shape[1], known)
-    scores, squares = [], np.zeros((len(to_unit),) * 2)
+    each = []
     for (hi, lo), noise_in_phi in blocks:
         gram = np.tensordot(weights**2, hi - noise_in_phi, 1)
         score = back.T @ (gram @ solution + np.tensordot(weights**2, lo, 1) @ solution)[:-1]
-        values, vectors = np.linalg.eigh(back.T @ gram[:-1, :-1] @ back)
-        score += vectors @ (values * (vectors.T @ pull))
+        gram = gram[:-1, :-1]
+        each.append((gram, score + back.T @ gram @ back @ pull))
+    joined = resembling(np.array([score for _, score in each]) @ to_unit.T)
+    scores, squares = [], np.zeros((len(to_unit),) * 2)
+    for first in range(0, len(each), joined):
+        gram, score = (sum(parts) for parts in zip(*each[first : first + joined], strict=True))
+        values, vectors = np.linalg.eigh(back.T @ gram @ back)
         scores.append(to_unit @ vectors @ ((vectors.T @ score) / np.maximum(1.0 - values, LEAST_OWN)))
         own = (to_unit @ vectors * np.maximum(values, 0.0)) @ vectors.T @ to_unit.T
         squares += own @ own
     meat, target, share = shrunk(np.array(scores))
     wide = back @ from_unit @ widening(squares, np.sqrt(1.0 - share))
     return np.asarray(wide @ ((1.0 - share) * meat + share * target * np.eye(len(meat))) @ wide.T)
+
+
+def resembling(scores: Array) -> int:
+    """Return over how many neighbours the scores of blocks (blocks, k) resemble each other, 1 where they do not.
+
+    Andrews' bandwidth of Bartlett's window for what follows its neighbour by one and the same share.
+    """
+    share = max(float(np.sum(scores[1:] * scores[:-1])) / max(float(np.sum(scores**2)), 1e-300), 0.0)
+    width = 1.1447 * (4.0 * share**2 / (1.0 - share**2) ** 2 * len(scores)) ** (1.0 / 3.0)
+    return max(1, min(round(width), len(scores) // FEWEST_BLOCKS))
 
 
 def _unit_errors(k: int, known: Array | None) -> tuple[Array, Array]:
@@ -94,7 +110,7 @@ def shrunk(scores: Array) -> tuple[Array, float, float]:
     target = float(np.trace(meat)) / max(k, 1)  # a prior may leave the data no direction
     apart = np.sum((meat - target * np.eye(k)) ** 2)
     scatter = np.sum(np.sum(scores**2, axis=1) ** 2) - np.sum(meat**2) / blocks
-    return meat, target, float(min(scatter / max(apart, 1e-300), 1.0))
+    return meat, target, 1.0 if scatter >= apart else float(scatter / apart)
 
 
 def widening(squares: Array, own: float = 1.0) -> Array:

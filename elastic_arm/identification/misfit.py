@@ -5,7 +5,7 @@
 Where a joint is rigid, the torque that is left when friction, gravity and other joints have theirs accelerates one
 inertia, and H is the same at all frequencies. A joint between two inertias has a resonance: H has a peak there, with
 both of its half-power points inside the band in which the motion has energy, and half of the acceleration follows the
-torque there. Friction that the equations lack answers likewise, and goes first.
+torque up to there. Friction that the equations lack answers likewise, and goes first.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ def resonance(equations: BaseRegression, motion: Motion, Psi_base: Array, side: 
     band = np.flatnonzero(density >= ENERGY * density.max())
     band = np.arange(max(band[0], 1), band[-1] + 1)
     H = answer[band] / np.maximum(density[band], 1e-300)
-    peak = int(np.argmax(H)) if len(H) else 0
-    if not len(H) or coherence[band[peak]] < 0.5 or max(H[0], H[-1]) > H[peak] / np.sqrt(2.0):
+    if not len(H) or max(H[0], H[-1]) > H.max() / np.sqrt(2.0):
         return None
-    return float(f[band[peak]])
+    upto = np.flatnonzero(H.max() / np.sqrt(2.0) <= H)[-1] + 1
+    return float(f[band[np.argmax(H)]]) if np.mean(coherence[band[:upto]]) >= 0.5 else None

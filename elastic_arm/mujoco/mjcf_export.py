@@ -172,7 +172,8 @@ class _Document:
                 else:
                     reason = "the file has no jointactuatorfrc sensor of this joint"
                     name = self.arm.robot.joint_names[i]
-                    self.left += [(one, reason) for one in self.after.delays if one.joint == name]
+                    late = [(one, reason) for one in self.after.delays if one.joint in (name, None)]
+                    self.left += [one for one in late if one not in self.left]
                 continue
             element = self._joint_element(i)
             from_actuator = self._from_actuator(i, field)

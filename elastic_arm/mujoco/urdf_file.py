@@ -9,9 +9,11 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from elastic_arm.effects import Catalogue, EffectInstance, robot_effects
+from elastic_arm.arrays import Array
+from elastic_arm.effects import EFFECTS, Catalogue, EffectInstance, robot_effects
 from elastic_arm.effects.library.base_tilt import TILT
 from elastic_arm.errors import RobotError
+from elastic_arm.identification.batch.mounting import tilt_of
 from elastic_arm.input_files import read_bytes
 from elastic_arm.mujoco.changes import (
     Change,
@@ -86,21 +88,28 @@ def export_urdf(
         if base is not None:
             require_same_joints(robot, arm, base)
         numbers = robot if base is not None else arm.with_(effects=robot.effects)
-        after = stated_arm(numbers, catalogue)
+        after = stated_arm(numbers, catalogue, base=arm.base_placement)
         before = stated_arm(arm, catalogue)
         left = list(after.left) + [(one, _NO_NUMBER) for one in after.delays]
         changes = [*_joints(root, arm, before, after, deviations, left), *_links(root, arm, before, after)]
         if not robot.elastic:
             springs = [one for one in robot_effects(numbers, catalogue) if one.effect.id == "joint_spring"]
             left += [(spring, _NO_NUMBER) for spring in springs]
-        tilts = [one for one in robot_effects(numbers, catalogue) if one.effect.id == TILT]
-        left += [(tilt, _MOUNTING) for tilt in tilts]
-        if base is not None and not tilts and not np.allclose(before.gravity, after.gravity, rtol=0.0, atol=1e-9):
-            raise RobotError("gravity changes, and a URDF does not state it", "Tilt the joint that carries the base")
+        if not np.allclose(before.gravity, after.gravity, rtol=0.0, atol=1e-9):
+            left.append((_mounting(before.gravity, after.gravity), _MOUNTING))
         _check(document.text(), chain, after)
     write_result(out, document.text())
-    listed = [*left_effects(numbers, left), *_numbers_left(robot, numbers, before, after)]
+    as_placed = numbers.with_(base_placement=arm.base_placement)
+    listed = [*left_effects(as_placed, left), *_numbers_left(robot, numbers, before, after)]
     return Exported((out,), tuple(changes), tuple(listed), units=robot.units)
+
+
+def _mounting(before: Array, after: Array) -> EffectInstance:
+    """Return the tilt of the base under which what is straight down by the file is felt as `after` (3,)."""
+    if not np.isclose(np.linalg.norm(before), np.linalg.norm(after)):
+        raise RobotError("gravity changes, and a URDF does not state it", "Tilt the joint that carries the base")
+    x, y = tilt_of(after)
+    return EffectInstance(EFFECTS[TILT], None, {"x": x, "y": y})
 
 
 def _numbers_left(robot: Robot, numbers: Robot, before: StatedArm, after: StatedArm) -> Iterator[Left]:

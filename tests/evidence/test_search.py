@@ -159,7 +159,7 @@ class Bump:
     joint, phase, fixed, count = "joint", None, False, 1
     linear = (Parameter("torque", "1", 0.1, 10.0, neutral=0.0),)
     searched = (Parameter("speed", "rad/s", 0.01, 1.0, role=Role.SEARCHED),)
-    effect = SimpleNamespace(regressor=None)
+    bends = False
 
 
 @pytest.mark.parametrize("true", [0.05, 0.3])

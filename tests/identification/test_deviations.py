@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 from scipy.special import stdtrit
 from scipy.stats import chi2
 
 from elastic_arm.dynamics.gram import gram
-from elastic_arm.identification.deviations import widening
+from elastic_arm.identification.deviations import resembling, widening
 from elastic_arm.identification.least_squares import Blocks, Prior, fit
 
 
@@ -101,3 +102,29 @@ def test_a_prior_that_the_data_outweigh_changes_nothing() -> None:
     plain, held = fit(blocks), fit(blocks, prior=Prior(np.zeros(6), np.eye(6)))
     assert np.all(np.abs(held.Psi - plain.Psi) < 0.01 * plain.std)
     assert held.std == pytest.approx(plain.std, rel=0.01)
+
+
+def test_intervals_hold_the_truth_where_errors_last_longer_than_blocks() -> None:
+    """Errors and motion that last over several of 48 blocks, as what a model lacks does: 86 to 99 % of 300 cover.
+
+    Of blocks as they are 71 % do. Scores of white errors resemble no neighbours.
+    """
+    hits, joined = [], []
+    for seed in range(300):
+        rng = np.random.default_rng(seed)
+
+        def slow(rng: np.random.Generator = rng) -> np.ndarray:
+            return np.asarray(lfilter([1.0], [1.0, -0.99], rng.standard_normal(48 * 40 + 1000))[1000:])
+
+        blocks = Blocks(1, 3)
+        phi, error = np.column_stack([slow(), slow()]), slow()
+        for k in range(48):
+            rows = slice(40 * k, 40 * k + 40)
+            y = phi[rows] @ [2.0, -1.0] + error[rows]
+            blocks.add(tuple(part[None] for part in gram(np.column_stack([phi[rows], y]))), 40)  # type: ignore[arg-type]
+        found = fit(blocks)
+        hits.append(np.abs(found.Psi - [2.0, -1.0]) < 1.96 * found.std)
+        joined.append(resembling(rng.standard_normal((48, 12))))
+    covered = np.mean(hits, axis=0)
+    assert np.all((covered >= 0.86) & (covered <= 0.99)), covered
+    assert np.mean(joined) < 1.1

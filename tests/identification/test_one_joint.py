@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
+from elastic_arm.diagnosis import Question, diagnose
 from elastic_arm.identification import Estimate, Identification, IdentificationSettings, identify, parse_laws
 from elastic_arm.recording import Recording, Side
 from elastic_arm.robot import Robot, parse_urdf
@@ -76,8 +79,8 @@ def test_a_right_description_with_friction_is_better_than_a_fit_of_wrong_torques
     assert result.validation["run_2"]["nominal"]["whole"]["j"] < 0.05
 
 
-def test_an_elastic_joint_described_as_rigid_is_named_with_its_frequency() -> None:
-    """A resonance of 6 Hz: joint, ratio to the noise and frequency are said; of a rigid joint nothing is."""
+def two_masses() -> tuple[Robot, Recording, Recording]:
+    """Return a rigid joint, a recording of the same with a resonance of 6 Hz, and one of itself."""
     motor, link, damping, rng = 0.4, 1.3, 3.0, np.random.default_rng(4)
     stiffness = (2 * np.pi * 6.0) ** 2 / (1 / motor + 1 / link)
     rigid, elastic, torque = np.zeros((3, len(T)))
@@ -90,11 +93,36 @@ def test_an_elastic_joint_described_as_rigid_is_named_with_its_frequency() -> No
         elastic += (moved * wave).real
         rigid += (wave / ((motor + link) * s**2)).real
     arm = parse_urdf(URDF.format(y=0, z=1, c=0, I=motor + link, dynamics=""))
-    (note,) = [note for note in found(arm, recorded(elastic, torque, 1)).notes if "the fit leaves" in note]
+    return arm, recorded(elastic, torque, 1), recorded(rigid, torque, 2)
+
+
+def test_an_elastic_joint_described_as_rigid_is_named_with_its_frequency() -> None:
+    """A resonance of 6 Hz: joint, ratio to the noise and frequency are said; of a rigid joint nothing is."""
+    arm, elastic, rigid = two_masses()
+    (note,) = [note for note in found(arm, elastic).notes if "the fit leaves" in note]
     assert note.startswith("j: the fit leaves") and "may be elastic" in note
     assert float(re.search(r"([\d.e+]+) times the noise", note)[1]) > 50
     assert float(re.search(r"near ([\d.]+) Hz", note)[1]) == pytest.approx(6.0, rel=0.1)
-    assert not any("the fit leaves" in note for note in found(arm, recorded(rigid, torque, 2)).notes)
+    assert not any("the fit leaves" in note for note in found(arm, rigid).notes)
+
+
+def test_a_torque_of_another_motion_is_no_elastic_joint() -> None:
+    """What a fit leaves of torques that have nothing to do with the motion is said, and no resonance is named."""
+    for seed in range(3):
+        moved = swung(seed)
+        slow = lfilter([0.02], [1.0, -0.98], np.random.default_rng(seed).normal(0.0, 30.0, len(T)))
+        wrong = replace(moved, motor=replace(moved.motor, effort=slow[:, None]))
+        (note,) = [note for note in found(pendulum(0.0), wrong).notes if "the fit leaves" in note]
+        assert "elastic" not in note
+
+
+def test_a_diagnosis_suggests_elasticity_with_its_frequency() -> None:
+    """What effects of a rigid joint leave has a resonance of 6 Hz; a recording of a rigid joint has no note."""
+    arm, elastic, rigid = two_masses()
+    noted = [note for note in diagnose([elastic], Question(arm)).notes if "may be elastic" in note]
+    assert [float(re.search(r"near ([\d.]+) Hz", note)[1]) for note in noted] == [pytest.approx(6.0, rel=0.1)]
+    plain = diagnose([rigid], Question(arm))
+    assert plain.verdict == "none" and not any("elastic" in note for note in plain.notes)
 
 
 @pytest.mark.parametrize("laws", [("coulomb_friction",), ("motor_torque_offset",)])

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import typer
+from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 import elastic_arm.robot
@@ -219,6 +220,20 @@ def test_a_urdf_lists_what_it_has_no_number_for(tmp_path: Path) -> None:
     motor = next(one for one in elastic.left if (one.what, one.joint) == ("armature", "joint_1"))
     inertias = (gear.rotor.izz * gear.r_tot**2, gear.wave_generator.izz * gear.harmonic_drive_ratio**2, gear.spline.izz)
     assert motor.numbers["armature"] == pytest.approx(sum(inertias))
+
+
+def test_what_the_whole_arm_has_is_listed(base: Path) -> None:
+    """A URDF has no number for how its base is turned, an MJCF without torque sensors none for a delay of the arm."""
+    urdf = base.parent / "arm.urdf"
+    urdf.write_text(to_urdf(load_robot(base)))
+    robot, turn = load_robot(urdf), np.eye(4)
+    turn[:3, :3] = Rotation.from_euler("x", 0.7).as_matrix()
+    (left,) = export_urdf(robot.with_(base_placement=turn @ robot.base_placement), urdf, urdf.with_stem("fixed")).left
+    assert (left.what, left.numbers) == ("base_tilt", {"x": pytest.approx(0.7), "y": pytest.approx(0.0)})
+    assert left.cost["joint2"] > 1.0
+    late = {"effect": "time_delay", "joint": None, "parameters": {"delay": 0.01, "channels": ["motor_torque"]}}
+    (left,) = export_mjcf(corrected(base, late), base, base.parent / "fixed.xml").left
+    assert (left.what, left.joint) == ("time_delay", None)
 
 
 def test_a_new_mjcf_lists_what_it_has_no_number_for(tmp_path: Path) -> None:

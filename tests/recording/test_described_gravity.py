@@ -9,13 +9,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from typer.testing import CliRunner
 
+from elastic_arm.cli.application import app
 from elastic_arm.cli.options import ClockChoice, read_by_clock
 from elastic_arm.dynamics import build_model
 from elastic_arm.recording import Recording, Side, write_recording
 from elastic_arm.recording.inspection.check import check_bag
 from elastic_arm.recording.inspection.described_gravity import contradicted_gravity
-from elastic_arm.robot import Robot
+from elastic_arm.recording.inspection.report import Finding
+from elastic_arm.robot import Robot, save_robot
 from tests.helpers.random_arms import random_arm
 
 Array = NDArray[np.float64]
@@ -179,3 +182,42 @@ def test_torques_without_gravity_are_named_with_the_correlation(left: float, wor
     robot = arm()
     (finding,) = contradicted_gravity(recorded(robot, left * DOWN), robot)
     assert finding.code == "gravity_missing" and words in finding.message and "correlation" in finding.message
+
+
+@pytest.mark.parametrize(
+    ("side", "elastic", "seed", "joint"), [("link", False, 2, 1), ("motor", False, 3, 0), ("motor", True, 2, 0)]
+)
+def test_a_joint_whose_zero_is_elsewhere_is_named_with_the_angle(
+    side: str, elastic: bool, seed: int, joint: int
+) -> None:
+    """0.08 rad at one joint, whatever the masses; of the last joint it is another mass, and nothing is said."""
+    robot = arm(seed, elastic=elastic)
+    recording = recorded(robot, side=side)
+    link = recording.link
+    assert link is not None and link.position is not None
+
+    def found(j: int) -> list[Finding]:
+        position = link.position + 0.08 * np.eye(4)[j]
+        return contradicted_gravity(replace(recording, link=replace(link, position=position)), heavier(robot))
+
+    (finding,) = found(joint)
+    assert finding.code == "joint_zero" and f"the zero of joint_{joint + 1}" in finding.message
+    offset, _, std = finding.message.partition("lie ")[2].split()[:3]
+    assert abs(float(offset) - 0.08) < 4.0 * float(std) < 0.02
+    assert found(3) == []
+
+
+def test_no_arm_is_written_by_channels_that_are_not_what_they_are_taken_for(tmp_path: Path) -> None:
+    """`identify` of a joint that turns the other way than described leaves no robot.yaml, and says why."""
+    robot = arm()
+    save_robot(robot, tmp_path / "arm.yaml")
+    wrong = arranged(recorded(robot), "link", (0, 1, 2, 3), (1.0, 1.0, -1.0, 1.0), "all")
+    for name, recording in (("wrong", wrong), ("right", recorded(robot))):
+        bag = write_recording(tmp_path / name, recording)
+        told = CliRunner().invoke(
+            app, ["identify", str(bag), "--robot", str(tmp_path / "arm.yaml"), "--out", f"{bag}_o"]
+        )
+        assert told.exit_code == 0
+        assert (tmp_path / f"{name}_o" / "robot.yaml").exists() == (name == "right")
+        said = "no corrected file:" in told.output and "joint_3 turns the other way" in told.output
+        assert said == (name == "wrong")

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from elastic_arm.cli.options import ClockChoice, read_by_clock
 from elastic_arm.recording import Recording, Side, write_recording
 from elastic_arm.recording.inspection.check import check_bag
+from elastic_arm.recording.inspection.outliers import cleared
 from elastic_arm.recording.inspection.report import Finding
 from elastic_arm.recording.inspection.stuck_channels import channel_findings, frozen
 from tests.helpers.random_arms import random_arm
@@ -234,3 +235,14 @@ def test_rounded_noise_is_not_held() -> None:
         whole = recording(noise=0.0, step=0.0)
         effort = np.rint(whole.motor.effort + noise * rng.standard_normal(whole.motor.effort.shape))
         assert found(replace(whole, motor=replace(whole.motor, effort=effort)), "held") == []
+
+
+def test_measured_values_between_zeros_are_no_outliers() -> None:
+    """A velocity that is zero in two of three samples is named as that, and nothing of it is left out."""
+    t = np.arange(3000) / 250.0
+    q, dq = np.sin(2.0 * t)[:, None], 2.0 * np.cos(2.0 * t)[:, None]
+    dq[np.arange(len(t)) % 3 != 0] = 0.0
+    given = Recording(("j",), motor=Side(np.rint(1e9 * t).astype(np.int64), q, dq, 3.0 * q))
+    whole, found = cleared(given)
+    assert whole.motor is not None and len(whole.motor) == len(t) and not found
+    assert [f.code for f in channel_findings(whole) if "velocity" in f.message] == ["zeros_between"]

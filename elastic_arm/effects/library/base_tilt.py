@@ -24,7 +24,11 @@ EFFECT = Effect(
     plain="stands on a base that leans by {x} about x and {y} about y",
     signature="A link residual that depends on the pose alone, on all joints at once, even on a vertical first axis.",
     law=law,
-    parameters=(signed("x", "rad", 0.1, "a", default=0.0), signed("y", "rad", 0.1, "b", default=0.0)),
+    # Beyond, the arm is mounted otherwise, which is looked for first.
+    parameters=(
+        signed("x", "rad", 0.35, "a", default=0.0, draw=(1e-3, 0.1)),
+        signed("y", "rad", 0.35, "b", default=0.0, draw=(1e-3, 0.1)),
+    ),
     magnitude=("x", "y"),
     scope=Scope.ARM,
     sides=("link",),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import product
 
 import numpy as np
 
@@ -23,7 +24,7 @@ from elastic_arm.identification.consistency.estimation import correlation_of_err
 from elastic_arm.identification.consistency.identified_robot import odd_masses
 from elastic_arm.identification.law_columns import law_columns, on_recorded_side, with_stated
 from elastic_arm.identification.least_squares import Prior
-from elastic_arm.identification.misfit import poor_fits
+from elastic_arm.identification.misfit import poor_fits, resonance
 from elastic_arm.identification.regularisation import (
     DOUBT,
     chosen_width,
@@ -46,6 +47,7 @@ from elastic_arm.robot import Robot, require_robot
 # Relative error of the description: where an arm is taken for rigid it is never believed to be off by more. What
 # repeats in all parts of a recording shows no need of a prior, and still predicts another motion badly.
 LOOSE = 3.0
+FRICTION = ("coulomb_friction", "viscous_friction")
 MOTOR_INERTIA = "the description states no motor inertia: it was identified too (armature; a URDF cannot hold it)"
 BARE = "without a torque, and so without an equation: what it alone would show is not determined"
 UNSEEN = "left out, as it acts at a joint without a torque"
@@ -221,6 +223,20 @@ def _held_out_motions(
         derived = stage(equations, stuck=stuck).aligned(equations, trial.derived[0])
         motions[source] = list(derived.motions)
     return HeldOut(equations, motions)
+
+
+def resonances(robot: Robot, model: str, recordings: Sequence[Sequence[Motion]]) -> dict[str, float]:
+    """Return the frequency, Hz, at which rigid joints answer their torque most, of those with such a peak."""
+    plain, found = robot.with_(effects=()), dict[str, float]()
+    for motions in recordings:
+        longest = max(motions, key=len)
+        identifier = identifier_of(plain, model, parse_laws(FRICTION, plain), averaged=False)
+        identifier.add_motion(longest)
+        Psi = identifier.fit().Psi
+        for side, j in product(identifier.equations.sides, range(robot.n)):
+            if (peak := resonance(identifier.equations, longest, Psi, side, j)) is not None:
+                found[robot.joint_names[j]] = peak
+    return found
 
 
 def identifier_of(

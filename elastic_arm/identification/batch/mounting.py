@@ -96,7 +96,7 @@ def other_mounting(robot: Robot, model: str, motions: Sequence[Motion]) -> Mount
 
     Torques are linear in gravity, whatever its direction: three columns, beside dry friction and a zero of each joint.
     The joints that carry most decide. Only where another direction explains them far better, by more than chance, and
-    better than channels of the wrong sign would, the arm is called mounted otherwise.
+    better than channels of the wrong sign or springs would, the arm is called mounted otherwise.
     """
     described, turning = np.asarray(robot.gravity, dtype=float), [not joint.prismatic for joint in robot.joints]
     size = float(np.linalg.norm(described))
@@ -107,12 +107,13 @@ def other_mounting(robot: Robot, model: str, motions: Sequence[Motion]) -> Mount
     found = _torques(robot, model, longest)
     if found is None:
         return None
-    measured, moved, pull, joints = (each[:, turning] for each in found)
+    measured, moved, pull, joints, springs = (each[:, turning] for each in found)
     coefficients, left = _least_squares(np.concatenate([pull, joints], axis=2), measured - moved)
     # Each joint has its own friction and zero: what they leave of it does not depend on the others.
     stands, reversed_ = (_left_by_joint(joints, sign * measured - moved - pull @ described) for sign in (1.0, -1.0))
+    sprung = _left_by_joint(np.concatenate([joints, springs], axis=2), measured - moved - pull @ described)
     before = float(stands.sum())
-    if float(np.minimum(stands, reversed_).sum()) < left:
+    if float(np.min([stands, reversed_, sprung], axis=0).sum()) < left:
         return None
     shown = coefficients[:3]
     length = float(np.linalg.norm(shown))
@@ -127,8 +128,8 @@ def other_mounting(robot: Robot, model: str, motions: Sequence[Motion]) -> Mount
     return Mounting(float(x), float(y), shown, described)
 
 
-def _torques(robot: Robot, model: str, motion: Motion) -> tuple[Array, Array, Array, Array] | None:
-    """Return torques (N, n), those of the motion, what gravity pulls (N, n, 3), and friction and zero (N, n, 2 n).
+def _torques(robot: Robot, model: str, motion: Motion) -> tuple[Array, ...] | None:
+    """Return torques (N, n), those of the motion, what gravity pulls, friction and zero, and springs (N, n, k).
 
     None where the motion holds no torques or angles of all joints.
     """
@@ -143,7 +144,8 @@ def _torques(robot: Robot, model: str, motion: Motion) -> tuple[Array, Array, Ar
     x, dx, ddx = (np.hstack([side[k] for side in sides])[every] for k in range(3))
     moved, pull = ArmEquations(robot, model).moved_and_pulled(x, dx, ddx, motors=motion.tau_m is not None)
     friction = np.sign(dx[:, -n:])[:, :, None] * np.eye(n)
-    return torque[every], moved, pull, np.concatenate([friction, np.broadcast_to(np.eye(n), friction.shape)], axis=2)
+    joints = np.concatenate([friction, np.broadcast_to(np.eye(n), friction.shape)], axis=2)
+    return torque[every], moved, pull, joints, x[:, :n, None] * np.eye(n)
 
 
 def _side(*channels: Array | None) -> list[Array] | None:

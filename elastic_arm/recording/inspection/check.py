@@ -10,7 +10,7 @@ import numpy as np
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording.foreign.channels import ChannelMap
 from elastic_arm.recording.inspection.commands import followed
-from elastic_arm.recording.inspection.described_gravity import contradicted_gravity
+from elastic_arm.recording.inspection.described_gravity import contradicted_gravity, misread_channels
 from elastic_arm.recording.inspection.magnitudes import beyond_limits
 from elastic_arm.recording.inspection.outliers import cleared, without_zeros
 from elastic_arm.recording.inspection.plausibility import implausible
@@ -61,6 +61,19 @@ def doubts(recording: Recording, robot: Robot) -> list[str]:
     """Return in words what cannot be right of a recording to be fitted; fits look for the mounting themselves."""
     found = _seen(cleared(recording)[0], recording, robot)
     return [finding.message for finding in found if finding.severity == "warning" and finding.code != "mounting"]
+
+
+def misread(recordings: Sequence[Recording], robot: Robot, *, explained: bool = False) -> str | None:
+    """Return which channels are not what they are taken for, in words; no arm is to be written by them.
+
+    explained: whether effects stand for missing gravity and for encoders that disagree, as those of a diagnosis do.
+    """
+    for recording in recordings:
+        whole = cleared(recording)[0]
+        words = [] if explained else [finding.message for finding in disagreeing(whole)]
+        if first := next(filter(None, [*words, misread_channels(whole, robot, weight=not explained)]), None):
+            return f"{recording.source}: {first}"
+    return None
 
 
 def _seen(whole: Recording, recording: Recording, robot: Robot | None) -> list[Finding]:

@@ -5,9 +5,9 @@ of the gravity torque as described. What is left of the two should rise together
 torques have the wrong sign, or the arm is mounted otherwise. Where it rises far more or less, a unit is not what it is
 taken for; where it hardly rises at all, gravity has been taken out of the torque before it was recorded.
 
-Joints that turn the other way, torques of the wrong sign, and channels of two joints that were exchanged are tried:
-masses and inertias are left free, tau = Y(q, dq, ddq) pi, so that the geometry alone decides, however wrong the
-described masses are.
+Joints that turn the other way or have their zero elsewhere, torques of the wrong sign, and channels of two joints that
+were exchanged are tried: masses and inertias are left free, tau = Y(q, dq, ddq) pi, so that the geometry alone decides,
+however wrong the described masses are.
 
 Slow samples resemble each other: N of them are worth as few independent ones as the two series' autocorrelations say
 (M. S. Bartlett, Journal of the Royal Statistical Society 98 (1935) 536).
@@ -25,6 +25,7 @@ from scipy.stats import t as student
 
 from elastic_arm.dynamics import build_model
 from elastic_arm.effects.equations import ArmEquations
+from elastic_arm.formatting import rounded
 from elastic_arm.recording.inspection.plausibility import is_motion
 from elastic_arm.recording.inspection.report import FEWEST, Finding, warning
 from elastic_arm.recording.recording import Recording
@@ -46,9 +47,14 @@ LEFT = 0.3  # of the squares that the described direction leaves
 OVERHEAD = 0.75 * np.pi  # rad: nearer to upside down, which all signs together are, too, than to any side
 RANK = 1e-9  # of the largest singular value; numerical
 SIDES = {"tau_J": "link", "tau_m": "motor"}
+TURN = 0.05  # rad, over which squares are a parabola of a joint's zero; numerical
 # Another arrangement is named where it is e^10 times as likely, and of the torques that it changes leaves a tenth, and
 # a third of what was left as given: poor motions fit many.
 CERTAIN, EXPLAINED, BETTER = 10.0, 0.1, 1.0 / 3.0
+
+
+_Change = Callable[[Array], Array]
+_Regressor = Callable[[Array, Array, Array], Array]
 
 
 class _SideMotion(NamedTuple):
@@ -87,13 +93,29 @@ class GravityFit(NamedTuple):
 def contradicted_gravity(recording: Recording, robot: Robot) -> list[Finding]:
     """Return which torques are at odds with the description, of a recording without damaged samples.
 
-    They belong to another joint or way to turn, "exchanged", "mirrored"; run against gravity, "gravity_sign"; show
-    another direction, "mounting"; are far larger or smaller, "gravity_size"; or hold no gravity, "gravity_missing".
+    They belong to another joint, way to turn or zero, "exchanged", "mirrored", "joint_zero"; run against gravity,
+    "gravity_sign"; show another direction, "mounting"; are far larger or smaller, "gravity_size"; or hold no gravity,
+    "gravity_missing".
     """
     found = []
     for side, motion, fit in _fits(recording, robot):
-        found += _size(fit, side) or _arranged(motion, side, robot) or _judged(fit, side, robot)
+        found += _size(fit, side) or _geometry(motion, side, robot) or _judged(fit, side, robot)
     return found
+
+
+def misread_channels(recording: Recording, robot: Robot, *, weight: bool) -> str | None:
+    """Return which channels are not what they are taken for, by unit, sign or joint; None where all are.
+
+    weight: whether torques without gravity are among them.
+    """
+    for side, motion, fit in _fits(recording, robot):
+        for one in _size(fit, side) or _geometry(motion, side, robot):
+            if one.code != "joint_zero":
+                return one.message
+        missing = (one for one in _judged(fit, side, robot) if weight and one.code == "gravity_missing")
+        if (found := next(missing, None)) is not None:
+            return found.message
+    return None
 
 
 def _fits(recording: Recording, robot: Robot) -> Iterator[tuple[str, _SideMotion, GravityFit]]:
@@ -157,7 +179,7 @@ def _fit_gravity(motion: _SideMotion, robot: Robot, *, motors: bool) -> GravityF
 
 
 def _own(motion: _SideMotion, j: int, *more: Array) -> Array:
-    """Return an orthonormal basis (N, r) of a joint's zero, friction and motor inertia, and of further columns."""
+    """Return an orthonormal basis (N, r) of a joint's zero, friction, motor inertia, and of further columns."""
     friction = np.tanh(motion.dq[:, j] / 0.01)  # 0.01 rad/s within which friction turns over; convention
     columns = [np.ones(len(friction)), friction, motion.dq[:, j], motion.ddq[:, j], *more]
     scaled = np.column_stack([column / max(float(np.linalg.norm(column)), 1e-300) for column in columns])
@@ -171,12 +193,10 @@ def _independent(one: Array, other: Array) -> float:
     return len(one) / max(1.0, 1.0 + 2.0 * float(alike[0] @ alike[1]))
 
 
-def _arranged(motion: _SideMotion, side: str, robot: Robot) -> list[Finding]:
-    """Return which joints turn the other way, or have their channels exchanged, as the geometry shows it."""
-    steps: list[Finding] = []
-    found: list[Finding] = []
+def _geometry(motion: _SideMotion, side: str, robot: Robot) -> list[Finding]:
+    """Return what the geometry alone shows: channels that were confused, or the zero of a joint."""
     if len(motion.measured) < 2:
-        return found
+        return []
     every = max(1, len(motion.q) // 500)  # so many samples are tried with every other arrangement
     motion = _SideMotion(*(rate[::every] for rate in motion[:4]), motion.measured)  # type: ignore[call-arg, arg-type]
     # A few thousand samples: compiling would take longer than all that is computed.
@@ -188,6 +208,50 @@ def _arranged(motion: _SideMotion, side: str, robot: Robot) -> list[Finding]:
         Y = model.regressor(q, dq, ddq)
         return np.asarray(Y[:, :n] + (Y[:, n:] if robot.elastic and side == "motor" else 0.0))
 
+    return _arranged(motion, side, robot, regressor) or _zero(motion, side, robot, regressor)
+
+
+def _zero(motion: _SideMotion, side: str, robot: Robot, regressor: _Regressor) -> list[Finding]:
+    """Return the joint whose zero is not where the description has it; a turned last link is another mass."""
+    left, power, free = _squares(motion, regressor(*motion[:3]))
+    best = (0.0, 0.0, 0.0, 0, left)
+    for j in np.flatnonzero([not joint.prismatic for joint in robot.joints]).tolist():
+
+        def squares_at(offset: float, j: int = j) -> Array:
+            return _squares(motion, regressor(motion.q - offset * np.eye(robot.n)[j], *motion[1:3]))[0]
+
+        # Squares are a parabola of a small angle.
+        back, ahead = squares_at(-TURN), squares_at(TURN)
+        slope, bend = (ahead - back) / (2.0 * TURN), (ahead - 2.0 * left + back) / TURN**2
+        weight = free / left
+        if (curvature := float(weight @ bend)) <= 0.0:
+            continue
+        offset = float(np.clip(-(weight @ slope) / curvature, -4.0 * TURN, 4.0 * TURN))
+        squares = squares_at(offset)
+        odds = 0.5 * float(free @ np.log(squares / left))
+        best = min(best, (odds, offset, (0.5 * float((free / squares) @ bend)) ** -0.5, j, squares))
+    odds, offset, std, j, squares = best
+    changed = np.abs(np.log(squares / left)) > 0.1
+    if -odds < CERTAIN or not changed.any():
+        return []
+    before, after = (float(np.exp(np.mean(np.log(each / power)[changed]))) for each in (left, squares))
+    if after > BETTER * before or after > EXPLAINED:
+        return []
+    size = " ± ".join(rounded(offset, std))
+    message = f"{side} side: the zero of {robot.joint_names[j]} seems to lie {size} rad from the described one"
+    return [warning("joint_zero", f"{message}: {_left_words(after, before)}", "measure it, or state it (joint_zero)")]
+
+
+def _left_words(after: float, before: float) -> str:
+    shown, given = (f"{100 * each:.2g} %" for each in (after, before))
+    return f"so {shown} of the torques' squares are left, as given {given}"
+
+
+def _arranged(motion: _SideMotion, side: str, robot: Robot, regressor: _Regressor) -> list[Finding]:
+    """Return which joints turn the other way, or have their channels exchanged."""
+    steps: list[Finding] = []
+    found: list[Finding] = []
+    n = robot.n
     for _ in range(n):
         left, power, free = _squares(motion, regressor(*motion[:3]))
         tried = []
@@ -206,8 +270,7 @@ def _arranged(motion: _SideMotion, side: str, robot: Robot) -> list[Finding]:
             break
         share = np.log(left / power)[changed]
         before, after = float(np.mean(share)), float(np.mean(share + change[changed]))
-        shown, given = (f"{100 * np.exp(each):.2g} %" for each in (after, before))
-        message = f"{side} side: {words}: so {shown} of the torques' squares are left, as given {given}"
+        message = f"{side} side: {words}: {_left_words(np.exp(after), np.exp(before))}"
         remedy = "check names, order and signs of the columns in the map, of angle and torque"
         steps.append(warning(code, message, remedy))
         if after - before < np.log(BETTER) and after < np.log(EXPLAINED):
@@ -218,7 +281,6 @@ def _arranged(motion: _SideMotion, side: str, robot: Robot) -> list[Finding]:
     return found
 
 
-_Change = Callable[[Array], Array]
 _Way = tuple[str, str, _Change]
 
 

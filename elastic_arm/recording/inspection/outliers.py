@@ -20,6 +20,7 @@ from elastic_arm.codegen.parallel import share_out
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording.inspection.quality import moment
 from elastic_arm.recording.inspection.report import Finding, warning
+from elastic_arm.recording.inspection.stuck_channels import HELD, filled_in
 from elastic_arm.recording.inspection.two_encoders import with_one_zero
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import Array, Side, joints_with, listed
@@ -262,15 +263,17 @@ def find_outliers(recording: Recording) -> list[Outliers]:
 def _of_channel(joints: Sequence[str], name: str, side: Side, channel: str) -> Iterator[Outliers]:
     """Yield what is far off the range of nearly all samples, and of the other joints what is off its neighbours."""
     values = side.channels()[channel]
-    there = np.flatnonzero(joints_with(values))
-    if not len(there):
+    # What is far from zeros that were filled in is what was measured.
+    moving = np.ones(len(values), np.bool_)
+    there = [j for j in np.flatnonzero(joints_with(values)).tolist() if filled_in(values[:, j], moving) <= HELD]
+    if not there:
         return
     low, high = _central(values[:, there], channel)
     interval = np.diff(side.stamp_ns) * 1e-9
     step = float(np.median(interval))
     usual = interval < 1.5 * step
     regular = usual[:-3] & usual[1:-2] & usual[2:-1] & usual[3:]
-    for j, least, most in zip(there.tolist(), low.tolist(), high.tolist(), strict=True):
+    for j, least, most in zip(there, low.tolist(), high.tolist(), strict=True):
         column = np.ascontiguousarray(values[:, j])
         rows = _far(column, least, most, channel)
         why = f"where nearly all others lie between {least:.3g} and {most:.3g}"

@@ -17,7 +17,7 @@ NO_MOTION = "Record an excitation: `elastic-arm excite` makes one"
 _ENOUGH = 50_000  # samples of a channel that show how it is updated; bounds the time
 _NOTHING = {"effort": 1e-9}  # Nm within which a torque does not change: no sensor resolves it
 _CLEAR = 4.0  # times the channel's resolution: a change that no rounding makes
-_HELD = 0.002  # share of repeated samples; a lost cycle in 500 is ordinary
+HELD = 0.002  # share of repeated samples; a lost cycle in 500 is ordinary
 _LEVELS = 3  # next to the extreme, that it is compared with
 # Times the samples at any of these: a sine without noise is at its peak 2.4 times as often as a step below.
 _PILED = 5.0
@@ -84,8 +84,8 @@ def _of_channel(
                 said["stuck"].append(f"{joint} at {float(column[0]) + 0.0:.3g}")
             continue
         turning = np.ones(len(side), np.bool_) if position is None else _changing(position[:, j])
-        zeros = _filled_in(column[middle], turning[middle])
-        if zeros > _HELD:
+        zeros = filled_in(column[middle], turning[middle])
+        if zeros > HELD:
             said["zeros"].append(f"{joint} in {100 * zeros:.2g} % of the samples")
         else:
             shares[j], periods[j] = _held(column[middle], turning[middle])
@@ -98,7 +98,7 @@ def _of_channel(
         for kind, (code, words, remedy) in _SAID.items()
         if said[kind]
     ]
-    held = shares > _HELD
+    held = shares > HELD
     if held.any():
         names, rate = listed(recording.joints, held), 1e9 / float(np.median(np.diff(side.stamp_ns)))
         every = periods[held]
@@ -136,11 +136,12 @@ def _held(column: Array, moving: NDArray[np.bool_]) -> tuple[float, float]:
     return repeats / float(runs[between].sum()), float(np.median(runs[between]))
 
 
-def _filled_in(column: Array, moving: NDArray[np.bool_]) -> float:
+def filled_in(column: Array, moving: NDArray[np.bool_]) -> float:
     """Return the share of zeros between values of one sign that are further from zero than from each other."""
     others = np.flatnonzero(column)
     if len(others) in (0, len(column)):
         return 0.0
+    column = column / float(np.abs(column).max())  # products of the largest numbers overflow
     before, after = column[others[:-1]], column[others[1:]]
     apart = np.abs(after - before)
     least = _CLEAR * apart[apart > 0.0].min(initial=np.inf)
