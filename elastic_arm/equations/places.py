@@ -45,8 +45,8 @@ def recorded_features(found: Iterable[Feature], motion: Motion) -> list[Feature]
         recorded = motion.recorded if feature.joint is None else motion.recorded_at(joints.index(feature.joint))
         if _is_repeated(feature, recorded):
             continue
-        if "r" in recorded and feature.choices and isinstance(feature.effect, SensorEffect):
-            recorded = recorded - {"tau_m"}  # a torque that was made of commands has a scale and a zero, but no sensor
+        if "r" in recorded and isinstance(feature.effect, SensorEffect):
+            recorded = recorded - {"tau_m"}  # a torque that was made of commands has no sensor
         shown = {
             name: tuple(channel for channel in chosen if SENSED.get(channel) in recorded)
             for name, chosen in feature.choices.items()

@@ -17,14 +17,14 @@ from scipy.interpolate import CubicSpline
 
 from elastic_arm.arrays import Array
 from elastic_arm.errors import DiagnosisError
-from elastic_arm.estimation.motion import Motion, with_filtered_deflection
+from elastic_arm.estimation.motion import Motion, rates_of, with_filtered_deflection
 from elastic_arm.estimation.noise import HIGHEST_CUTOFF, ORDER, encoder_steps, estimate_noise
 from elastic_arm.estimation.resampling import Clock, Grid, extended
 from elastic_arm.estimation.smoother import Smoother
 from elastic_arm.recording import Recording
 from elastic_arm.recording.inspection.torque_spectrum import TorqueSpectrum, torque_spectra
 from elastic_arm.recording.sides import Lacking
-from elastic_arm.robot import JointController
+from elastic_arm.robot import JointController, Robot
 from elastic_arm.robot.parts import CONTROLLED
 
 # What each channel that may be late consists of.
@@ -94,12 +94,19 @@ class Observation:
         """Seconds of usable motion."""
         return sum(len(piece) for piece in self.pieces) / self.rate
 
-    def corrected(self, lags: Mapping[str, Array], gains: Mapping[str, Array]) -> Observation:
+    def corrected(
+        self, lags: Mapping[str, Array], gains: Mapping[str, Array], robot: Robot | None = None
+    ) -> Observation:
         """Return it with late channels moved back to the time at which they were true, and torques without gain.
 
         lags: channel ("link_encoder", "joint_torque", "motor_torque", "command") -> (n,) s; gains: "tau_J", "tau_m" ->
-        (n,), recorded / true. Commands are moved to when the drives had them.
+        (n,), recorded / true. Commands are moved to when the drives had them. Torques that were made of them are those
+        of the robot's controllers, within the limits that they were made with.
         """
+        now = {
+            i: replace(own if robot is None else robot.joints[i].controller or own, torque=own.torque)
+            for i, own in self.made_by.items()
+        }
 
         def moved(motion: Motion) -> Motion:
             changed: dict[str, Any] = {"before": None if motion.before is None else moved(motion.before)}
@@ -114,12 +121,11 @@ class Observation:
                             ],
                             axis=1,
                         )
-            for i, controller in self.made_by.items():
-                if motion.r is not None and np.any(lags.get("command", 0.0)):
-                    r = changed["r"][:, i] - motion.r[:, i]
-                    rate = controller.follows_rate * np.gradient(r, motion.t)
-                    torque = changed.setdefault("tau_m", np.array(changed.get("tau_m", motion.tau_m)))
-                    torque[:, i] += controller.gains[0] * r + controller.gains[1] * rate
+            if motion.r is not None and motion.tau_m is not None:
+                later = replace(motion, r=changed.get("r", motion.r))
+                changed["tau_m"] = np.array(changed.get("tau_m", motion.tau_m))
+                for i, controller in self.made_by.items():
+                    changed["tau_m"][:, i] += _followed(now[i], later, i) - _followed(controller, motion, i)
             for name, gain in gains.items():
                 torque = changed.get(name, getattr(motion, name))
                 changed[name] = None if torque is None else torque / gain
@@ -127,7 +133,8 @@ class Observation:
 
         noise = {name: std / gain for name, gain in gains.items() if (std := getattr(self.noise, name)) is not None}
         pieces, quiet = (tuple(map(moved, motions)) for motions in (self.pieces, self.quiet))
-        return replace(self, pieces=pieces, quiet=quiet, noise=replace(self.noise, **noise), gains=gains)
+        noises = replace(self.noise, **noise)
+        return replace(self, pieces=pieces, quiet=quiet, noise=noises, gains=gains, made_by=now)
 
     def _splines_of(self, motion: Motion, name: str) -> list[CubicSpline]:
         """Return a spline through each joint's samples of a channel; a calibration moves the same ones many times."""
@@ -170,11 +177,20 @@ class Observation:
     def impedance(self, f: Array, n: int) -> NDArray[np.complex128]:
         """Return kp + s kd (F, n) of the controllers that made motor torques, by the angle that they are made of."""
         found = np.zeros((len(f), n), np.complex128)
-        gains = self.gains.get("tau_m", np.ones(n))
         for i, controller in self.made_by.items():
             kp, kd, _ = controller.gains
-            found[:, i] = (kp + 2j * np.pi * f * kd) / gains[i]
+            found[:, i] = kp + 2j * np.pi * f * kd
         return found
+
+    def made(self, motion: Motion) -> dict[str, Array]:
+        """Return "kp" and "kd" of the controllers that made motor torques, and what else they make, "fed", (N, n)."""
+        if motion.r is None or motion.tau_m is None:
+            return {}
+        kp, kd, fed = np.zeros((3, *motion.r.shape))
+        for i, controller in self.made_by.items():
+            kp[:, i], kd[:, i], _ = controller.gains
+            fed[:, i] = motion.tau_m[:, i] - _followed(replace(controller, torque=None), motion, i)
+        return {"kp": kp, "kd": kd, "fed": fed}
 
     def torque_variances(self, n: int) -> dict[str, Array]:
         """Return the variances (n,) of a sample's white noise of tau_J and tau_m, Nm²."""
@@ -216,6 +232,15 @@ class Observation:
     def _quiet_cutoff(self) -> float:
         """Hz up to which the quiet motion reaches."""
         return min(self.cutoff, self.smoother.cutoff / (2 * np.pi))
+
+
+def _followed(controller: JointController, motion: Motion, i: int) -> Array:
+    """Return the torque (N,) Nm that the controller of joint i makes of errors of angle and rate, within its limit."""
+    angle, rate = (motion.q, motion.dq) if motion.theta is None else (motion.theta, motion.dtheta)
+    assert motion.r is not None and angle is not None and rate is not None
+    (kp, kd, _), r, limit = controller.gains, motion.r[:, i], np.inf if controller.torque is None else controller.torque
+    of_rate = controller.follows_rate * rates_of(motion.t, r) - rate[:, i]
+    return np.asarray(np.clip(kp * (r - angle[:, i]) + kd * of_rate, -limit, limit))
 
 
 def observe(recording: Recording, band: float | None = None) -> Observation:

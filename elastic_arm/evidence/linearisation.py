@@ -72,7 +72,7 @@ class Linearisation:
     def observed(self) -> Observations:
         """The recordings, late channels moved back, torques without their gains."""
         scale = gains(self.problem.numbers, self.values, self.problem.robot.joint_names)
-        return tuple(o.corrected(self.late, scale) for o in self.problem.observed[self.which])
+        return tuple(o.corrected(self.late, scale, self.model.robot) for o in self.problem.observed[self.which])
 
     @cached_property
     def data(self) -> WhitenedData:
@@ -122,7 +122,7 @@ class Linearisation:
         """What effects that act, but need not be there, add to the columns of some numbers."""
         found = []
         for e, effect in ((e, effect) for e, effect in enumerate(self.acting) if not effect.known):
-            numbers, plain = shared_columns(self.data, self.problem.numbers, self._features, e)
+            numbers, plain = shared_columns(self.data, self.problem.numbers, self._features, e, self.values)
             if numbers:
                 X = self.data.whiten(plain)
                 found.append(Term(effect.feature.key, "share", X, np.zeros(len(numbers)), what=numbers))

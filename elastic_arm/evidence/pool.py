@@ -13,7 +13,7 @@ from elastic_arm.codegen.parallel import share_out
 from elastic_arm.effects.model import Scope
 from elastic_arm.effects.parameters import Parameter
 from elastic_arm.equations.formless import GeneralLaw, general_laws
-from elastic_arm.equations.numbers import Number
+from elastic_arm.equations.numbers import RATIO, SCALE, Number
 from elastic_arm.equations.places import scaling
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.evidence.linearisation import Linearisation
@@ -147,7 +147,12 @@ def number_terms(parameters: Sequence[Number], N: Array, far: Set[str]) -> list[
         if parameter.cause is None or parameter.cause.effect.id not in far:
             continue
         key = parameter.cause.key
-        found.append(_number(parameter, N, key, unit[:, [k]]))
+        moves = unit[:, [k]].copy()
+        if parameter.what == SCALE:  # a gain of angles that is off leaves that of speeds where it is
+            for i, other in enumerate(parameters):
+                if (other.what, other.joint) == (RATIO, parameter.joint):
+                    moves[i] = -parameter.prior_std / other.prior_std
+        found.append(_number(parameter, N, key, moves))
         if parameter.is_of_link:
             own = [i for i, p in enumerate(parameters) if p.is_of_link and p.joint == parameter.joint]
             found.append(_number(parameter, N, key, unit[:, own]))

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -283,6 +283,11 @@ class JointController:
     def gains(self) -> tuple[float, float, float]:
         """Gains of the error of the angle, of its rate, and of its integral: an integral of speeds is an angle."""
         return (self.ki, self.kd, 0.0) if self.mode == "velocity" else (self.kp, self.kd, self.ki)
+
+    def scaled(self, kp: float = 1.0, kd: float = 1.0) -> JointController:
+        """Return it with other gains of the error of the angle and of its rate, as ratios to its own."""
+        own = "ki" if self.mode == "velocity" else "kp"
+        return replace(self, **{own: kp * getattr(self, own), "kd": kd * self.kd})
 
     @property
     def follows_rate(self) -> float:

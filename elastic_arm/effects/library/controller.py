@@ -28,65 +28,50 @@ from elastic_arm.errors import EffectError
 from elastic_arm.robot import JointController
 
 
-def _made(law: Callable[[SymbolicMotion, int, JointController, Numbers], Any]) -> Law:
-    """Return the law of what the stated controller makes more than the true one, where its torque is not at its limit.
+def _made(law: Callable[[SymbolicMotion, int, JointController, Numbers], Any], *, limited: bool = True) -> Law:
+    """Return the law of what the stated controller makes more than the true one.
 
-    It is written in the stated controller and parameters.
+    It is written in the stated controller and parameters; limited: null where the torque is at its limit.
     """
 
     def motor(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
         joint = motion.robot.joints[i]
         if joint.controller is None:
             raise no_controller(joint.name)
-        if motion.made is None:
+        if motion.r is None:
             raise EffectError("no commands are known", "Leave out effects of the controller where torques are given.")
         more = law(motion, i, joint.controller, p)
         limits = [one for one in (joint.controller.torque, joint.limits.torque) if one is not None]
-        free = ca.fabs(motion.tau_m[i]) < motion.made[i] * min(limits, default=np.inf)
-        return motion.at(i, motor=ca.if_else(free, more, 0.0) if limits else more)
+        free = ca.fabs(motion.tau_m[i]) < min(limits, default=np.inf)
+        return motion.at(i, motor=ca.if_else(free, more, 0.0) if limits and limited else more)
 
     return motor
 
 
 def _of_rate(motion: SymbolicMotion, i: int, controller: JointController) -> Any:
     """Return what a controller makes of the error of the rate; that of commands may count as zero."""
-    assert motion.dr is not None and motion.made is not None
-    return motion.made[i] * controller.kd * (controller.follows_rate * motion.dr[i] - motion.dtheta[i])
+    assert motion.dr is not None and motion.kd is not None
+    return motion.kd[i] * (controller.follows_rate * motion.dr[i] - motion.dtheta[i]) if controller.kd else 0.0
 
 
 def _of_position(motion: SymbolicMotion, i: int, controller: JointController) -> Any:
-    """Return the rest of the torque.
+    """Return what is left of the torque for the error of the angle.
 
     Not of the angles themselves: their noise is in the torque, too, and gains of zero would explain all of it.
     """
-    return motion.tau_m[i] - _of_rate(motion, i, controller) if controller.gains[0] else 0.0
+    assert motion.fed is not None
+    return motion.tau_m[i] - motion.fed[i] - _of_rate(motion, i, controller) if controller.gains[0] else 0.0
 
 
 def _of_delay(motion: SymbolicMotion, i: int, controller: JointController) -> Any:
     """Return the rate of what a controller makes of the command."""
-    assert motion.dr is not None and motion.made is not None
-    return motion.made[i] * controller.gains[0] * motion.dr[i]
-
-
-def _scaled(name: str) -> Callable[[JointController, Numbers], JointController]:
-    """Return the change of a gain; of a controller of speeds, kp is the gain of the integral."""
-
-    def change(controller: JointController, p: Numbers) -> JointController:
-        own = "ki" if name == "kp" and controller.mode == "velocity" else name
-        return replace(controller, **{own: p["gain"] * getattr(controller, own)})
-
-    return change
+    assert motion.dr is not None and motion.kp is not None
+    return motion.kp[i] * motion.dr[i] if controller.gains[0] else 0.0
 
 
 def _late(controller: JointController, p: Numbers) -> JointController:
     return replace(controller, delay=max(0.0, controller.delay + p["delay"]))
 
-
-SCALE = Confusion(
-    "motor_torque_gain",
-    "the other gain hardly makes a torque, so that both scale all of it",
-    "faster motion: kp and kd then make torques of their own",
-)
 
 EFFECTS = (
     ControllerEffect(
@@ -95,22 +80,19 @@ EFFECTS = (
         description="The controller's gain of the error of position is not what the description states.",
         signature="The motor residual follows the error of position: command less angle, in motion and at rest.",
         plain="is controlled with {gain} times the stated kp",
-        law=_made(lambda motion, i, stated, p: (1.0 / p["gain"] - 1.0) * _of_position(motion, i, stated)),
-        parameters=(
-            ratio(
-                "gain",
-                0.3,
-                3.0,
-                "true / stated kp",
-                above=0.0,
-                draw=(1.6, 2.5),
-                from_coefficient=lambda c: 1.0 / (1.0 - c),
-            ),
-        ),
+        law=_made(lambda motion, i, stated, p: (1.0 - p["gain"]) * _of_position(motion, i, stated)),
+        parameters=(ratio("gain", 0.3, 3.0, "true / stated kp", above=0.0, draw=(1.6, 2.5)),),
         sides=("motor",),
         regime="load",
-        change=_scaled("kp"),
-        confusions=(SCALE,),
+        number="torque_scale",
+        change=lambda controller, p: controller.scaled(kp=p["gain"]),
+        confusions=(
+            Confusion(
+                "velocity_gain",
+                "one gain hardly makes a torque: that of the other, with all torques scaled, is nearly the same",
+                "faster motion: kp and kd then make torques of their own; a known weight, which anchors their scale",
+            ),
+        ),
     ),
     ControllerEffect(
         "velocity_gain",
@@ -124,9 +106,14 @@ EFFECTS = (
         sides=("motor",),
         regime="high_speed",
         needs_motion=True,
-        change=_scaled("kd"),
+        number="kd",
+        change=lambda controller, p: controller.scaled(kd=p["gain"]),
         confusions=(
-            SCALE,
+            Confusion(
+                "position_gain",
+                "one gain hardly makes a torque: that of the other, with all torques scaled, is nearly the same",
+                "faster motion: kp and kd then make torques of their own; a known weight, which anchors their scale",
+            ),
             Confusion(
                 "viscous_friction",
                 "the controller damps the motor's own speed: viscous friction then is the same torque",
