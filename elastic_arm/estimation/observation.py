@@ -78,8 +78,10 @@ class Observation:
     gains: Mapping[str, Array] = field(default_factory=dict)  # "tau_J", "tau_m" -> (n,), by which torques were divided
     # (n,) rad/s within which dry friction turns over; as sharply as the velocity's noise lets it be seen when None
     turning: Array | None = None
-    # index of a joint -> controller that made its motor torque, which has the noise of its encoder
+    # index of a joint -> controller that made its motor torque, which has the noise of its encoder: as described, and
+    # at present
     made_by: Mapping[int, JointController] = field(default_factory=dict)
+    driven_by: Mapping[int, JointController] = field(default_factory=dict)
     _splines: dict[tuple[int, str], list[CubicSpline]] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )
@@ -133,8 +135,10 @@ class Observation:
 
         noise = {name: std / gain for name, gain in gains.items() if (std := getattr(self.noise, name)) is not None}
         pieces, quiet = (tuple(map(moved, motions)) for motions in (self.pieces, self.quiet))
-        noises = replace(self.noise, **noise)
-        return replace(self, pieces=pieces, quiet=quiet, noise=noises, gains=gains, made_by=now)
+        found = replace(self, pieces=pieces, quiet=quiet, gains=gains, driven_by=now)
+        if (made := noise.get("tau_m", self.noise.tau_m)) is not None:
+            noise["tau_m"] = made * found.scale(len(made))
+        return replace(found, noise=replace(self.noise, **noise))
 
     def _splines_of(self, motion: Motion, name: str) -> list[CubicSpline]:
         """Return a spline through each joint's samples of a channel; a calibration moves the same ones many times."""
@@ -175,11 +179,23 @@ class Observation:
         return self.gain(f)[:, None] ** 2 * (np.zeros(n) if std is None else std**2)
 
     def impedance(self, f: Array, n: int) -> NDArray[np.complex128]:
-        """Return kp + s kd (F, n) of the controllers that made motor torques, by the angle that they are made of."""
+        """Return kp + s kd (F, n) of the controllers that made motor torques, by the angle that they are made of.
+
+        The gains are those at present, but kd in its described ratio to kp: what a joint's friction makes of the noise
+        of its angle is no part of the noise either, and kd would explain what friction does.
+        """
         found = np.zeros((len(f), n), np.complex128)
         for i, controller in self.made_by.items():
             kp, kd, _ = controller.gains
             found[:, i] = kp + 2j * np.pi * f * kd
+        return found * self.scale(n)
+
+    def scale(self, n: int) -> Array:
+        """Return the present gains (n,) of controllers over the described ones, of the error of the angle if any."""
+        found = np.ones(n)
+        for i, controller in self.made_by.items():
+            now, stated = (next((gain for gain in one.gains if gain), 1.0) for one in (self.driven_by[i], controller))
+            found[i] = now / stated
         return found
 
     def made(self, motion: Motion) -> dict[str, Array]:
@@ -187,7 +203,7 @@ class Observation:
         if motion.r is None or motion.tau_m is None:
             return {}
         kp, kd, fed = np.zeros((3, *motion.r.shape))
-        for i, controller in self.made_by.items():
+        for i, controller in self.driven_by.items():
             kp[:, i], kd[:, i], _ = controller.gains
             fed[:, i] = motion.tau_m[:, i] - _followed(replace(controller, torque=None), motion, i)
         return {"kp": kp, "kd": kd, "fed": fed}
@@ -311,6 +327,7 @@ def observe(recording: Recording, band: float | None = None) -> Observation:
         steps,
         torque_band=torque_band,
         made_by=made_by,
+        driven_by=made_by,
     )
     return replace(found, quiet=tuple(found.with_filtered_deflection(piece) for piece in quiet))
 

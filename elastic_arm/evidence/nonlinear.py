@@ -132,8 +132,9 @@ def refined(
     start = replace(term, feature=feature)
     if feature is term.feature and len(theta) == 1 and term.grid > 0.0:
         theta, size = _scanned(linear, model, term, others, first)
-    best = tangent_term(linear, start, theta, size)
-    fit = model.fit([*others, best], first)
+    starts = [tangent_term(linear, start, at, size) for at in (theta, *_around(term))]
+    fits = [model.fit([*others, one], first) for one in starts]
+    best, fit = max(zip(starts, fits, strict=True), key=lambda one: one[1].score)
     for _ in range(STEPS):
         step = _step(best, fit)
         if step is None:
@@ -157,6 +158,21 @@ def refined(
         if gained < SETTLED:
             break
     return best, fit
+
+
+def _around(term: Term) -> list[tuple[float, ...]]:
+    """Return other starts of several numbers whose first values are those of a relaxed law: a position, axis by axis.
+
+    Where a size is small beside the ordinary numbers, its relaxed position is anywhere.
+    """
+    if not np.isnan(term.theta).any():
+        return []
+    ranges = [(p.low, p.high) for p in components(term.feature)]
+    middle = [(low + high) / 2.0 for low, high in ranges]
+    ends = [
+        (j, v) for j, (low, high) in enumerate(ranges) for v in (0.75 * low + 0.25 * high, 0.25 * low + 0.75 * high)
+    ]
+    return [(*middle[:j], v, *middle[j + 1 :]) for j, v in ends]
 
 
 def _scanned(

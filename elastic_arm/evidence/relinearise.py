@@ -259,7 +259,7 @@ def _known_terms(linear: Linearisation) -> tuple[list[Term], list[Term]]:
             always.append(Term(feature.key, "effect", X, std, feature=feature, theta=theta))
             continue
         mean = _coefficients(feature, instance.parameters)
-        width = STATED * np.maximum(np.abs(mean), 1e-3 * std)
+        width = STATED * np.where(mean == 0.0, 1e-3 * std, np.abs(mean))
         always.append(Term(feature.key, "effect", X, width, mean=mean, feature=feature, theta=theta, trusted=True))
         # Less than no friction would be a gain.
         bounded = all(p.least == 0.0 for p in feature.linear)
