@@ -11,14 +11,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.optimize import minimize_scalar
+from scipy.optimize import minimize, minimize_scalar
 
 from elastic_arm.arrays import Array
 from elastic_arm.effects.parameters import Parameter
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.model import Fit, LinearModel
-from elastic_arm.evidence.pool import linear_prior
+from elastic_arm.evidence.pool import linear_prior, monomials, quadratic_points
 from elastic_arm.evidence.priors import SCALES
 from elastic_arm.evidence.term import Term
 
@@ -26,6 +26,7 @@ STEP = 1e-3  # of derivatives, in the coordinates of the numbers over their rang
 STEPS = 6  # of Gauss and Newton
 LONGEST = 0.25  # of a range, of one step
 SCANNED, EVALUATIONS = 25, 12  # values of one number over its range, and between two of them; numerical
+PLACES = 60  # values of several numbers that are tried; numerical
 SETTLED = 0.1  # of its standard deviation: a step that is none; numerical
 
 
@@ -132,9 +133,10 @@ def refined(
     start = replace(term, feature=feature)
     if feature is term.feature and len(theta) == 1 and term.grid > 0.0:
         theta, size = _scanned(linear, model, term, others, first)
-    starts = [tangent_term(linear, start, at, size) for at in (theta, *_around(term))]
-    fits = [model.fit([*others, one], first) for one in starts]
-    best, fit = max(zip(starts, fits, strict=True), key=lambda one: one[1].score)
+    if np.isnan(term.theta).any():
+        theta, size = _placed(linear, model, start, others, first, theta)
+    best = tangent_term(linear, start, theta, size)
+    fit = model.fit([*others, best], first)
     for _ in range(STEPS):
         step = _step(best, fit)
         if step is None:
@@ -160,19 +162,43 @@ def refined(
     return best, fit
 
 
-def _around(term: Term) -> list[tuple[float, ...]]:
-    """Return other starts of several numbers whose first values are those of a relaxed law: a position, axis by axis.
+def _placed(
+    linear: Linearisation, model: LinearModel, term: Term, others: Sequence[Term], near: Fit, relaxed: tuple[float, ...]
+) -> tuple[tuple[float, ...], float]:
+    """Return several nonlinear numbers and the size that are most probable, from those of a relaxed law and elsewhere.
 
-    Where a size is small beside the ordinary numbers, its relaxed position is anywhere.
+    Of a size that is small beside the ordinary numbers, the relaxed ones are anywhere; and derivatives that were taken
+    at a small size promise what the law at its full size does not hold. The law is of second degree in the numbers.
     """
-    if not np.isnan(term.theta).any():
-        return []
-    ranges = [(p.low, p.high) for p in components(term.feature)]
-    middle = [(low + high) / 2.0 for low, high in ranges]
-    ends = [
-        (j, v) for j, (low, high) in enumerate(ranges) for v in (0.75 * low + 0.25 * high, 0.25 * low + 0.75 * high)
-    ]
-    return [(*middle[:j], v, *middle[j + 1 :]) for j, v in ends]
+    ranges = np.array([(p.low, p.high) for p in components(term.feature)])
+    points = quadratic_points(len(ranges))
+    values = np.hstack([linear.columns(term.feature, tuple(point)) for point in points])
+    values = values @ np.linalg.inv(monomials(points).T)
+    tried: list[tuple[float, tuple[float, ...], float]] = []
+
+    def cost(at: Array) -> float:
+        tried.append(_tried(model, term, others, near, tuple(at.tolist()), values @ monomials(at[None]).T))
+        return -tried[-1][0]
+
+    middle, widths = ranges.mean(axis=1), np.diff(ranges, axis=1)[:, 0]
+    elsewhere = middle + 0.25 * np.vstack([np.diag(widths), -np.diag(widths)])
+    for start in (np.array(relaxed), min(elsewhere, key=cost)):
+        inwards = np.diag(np.where(start > middle, -0.1, 0.1) * widths)
+        options = {"initial_simplex": start + np.vstack([np.zeros_like(start), inwards]), "maxfev": PLACES}
+        minimize(cost, start, method="Nelder-Mead", bounds=ranges, options=options)
+    return max(tried)[1:]
+
+
+def _tried(
+    model: LinearModel, term: Term, others: Sequence[Term], near: Fit, theta: tuple[float, ...], X: Array
+) -> tuple[float, tuple[float, ...], float]:
+    """Return the score of a law of one column X (rows, 1) at values of its nonlinear numbers; these, and its size."""
+    prior = {name: getattr(term, name)[:1] for name in ("std", "mean", "low", "high")}
+    one = replace(term, columns=X, theta=theta, ident=(*term.ident, theta), **prior)
+    fit = model.fit([*others, one], near)
+    size = float(fit.beta(one)[0])
+    # A mean beyond its bounds has derivatives of the other sign.
+    return fit.score if one.low[0] <= size <= one.high[0] else -np.inf, theta, size
 
 
 def _scanned(
@@ -185,20 +211,18 @@ def _scanned(
     feature, (p,) = term.feature, components(term.feature)
     low, high = axis(p, linear.most(feature, p))
     reach = (high - low) / (SCANNED - 1)
-    tried: list[tuple[float, float, float]] = []
+    tried: list[tuple[float, tuple[float, ...], float]] = []
 
     def cost(at: float) -> float:
-        value = float(np.exp(at)) if p.logarithmic else at
-        one = replace(term, columns=linear.columns(feature, (value,)), theta=(value,), ident=(*term.ident, value))
-        fit = model.fit([*others, one], near)
-        tried.append((fit.score, value, float(fit.beta(one)[0])))
-        return -fit.score
+        theta = (float(np.exp(at)) if p.logarithmic else at,)
+        tried.append(_tried(model, term, others, near, theta, linear.columns(feature, theta)))
+        return -tried[-1][0]
 
     at = min(np.linspace(low, high, SCANNED), key=cost)
     bounds = max(at - reach, low), min(at + reach, high)
     minimize_scalar(cost, bounds=bounds, method="bounded", options={"maxiter": EVALUATIONS})
-    _, value, size = max(tried)
-    return (value,), 1.0 if feature.fixed else size
+    _, theta, size = max(tried)
+    return theta, 1.0 if feature.fixed else size
 
 
 def _step(term: Term, fit: Fit) -> Array | None:
