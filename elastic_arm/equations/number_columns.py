@@ -280,7 +280,7 @@ def _wound(model: Model, part: Part, acting: Sequence[ActingEffect]) -> Array:
     for effect in acting:
         joint, _, spring, _ = effect.torques(part.signals)
         # What play takes off the deflection, the stiffness would multiply as well.
-        play = any(parameter.exceeded_by for parameter in effect.feature.effect.parameters)
+        play = any(parameter.bounded_by == "deflection" for parameter in effect.feature.effect.parameters)
         load = load + (joint if play else spring)
     return load
 

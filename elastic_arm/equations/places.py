@@ -73,19 +73,26 @@ def feature_of(instance: EffectInstance, equations: ArmEquations) -> Feature:
     return kind(effect, instance.joint, chosen, equations)
 
 
-def largest_value(feature: Feature, parameter: Parameter, sets: Sequence[WhitenedData]) -> float:
-    """Return the largest value of a searched parameter that recordings allow; infinite where they say nothing of it.
+def allowed_values(feature: Feature, parameter: Parameter, data: WhitenedData) -> Parameter:
+    """Return a searched parameter with the range that recordings allow.
 
-    Beyond it a law is another one: a drive whose play is wider than it is ever wound transmits no torque.
+    Beyond it a law is another one: a drive whose play is wider than it is ever wound transmits no torque, and one that
+    gives less torque than the motion takes on average would not move so.
 
     feature, parameter: the effect at its place, and which of its numbers.
     """
-    if not parameter.exceeded_by or feature.joint is None:
-        return np.inf
+    if not parameter.bounded_by or feature.joint is None:
+        return parameter
     joint = feature.equations.robot.joint_names.index(feature.joint)
-    # As the load winds it: what encoders read has their noise.
-    wound = np.concatenate([part.signals.values["wound"][:, joint] for data in sets for part in data.parts])
-    return WOUND * float(np.median(np.abs(wound)))
+    if parameter.bounded_by == "torque":
+        torques = [(part.signals.model_torques["tau_m"], part.stretch.quiet.tau_m) for part in data.parts]
+        needed, made = (np.concatenate(one)[:, joint] for one in zip(*torques, strict=True))
+        low, high = float(np.sqrt(np.mean(needed**2))), float(np.abs(made).max())
+    else:  # As the load winds it: what encoders read has their noise.
+        wound = np.concatenate([part.signals.values["wound"][:, joint] for part in data.parts])
+        low, high = parameter.low, WOUND * float(np.median(np.abs(wound)))
+    low = max(low, parameter.low)
+    return replace(parameter, low=low, high=max(min(high, parameter.high), low + 1e-6 * (parameter.high - low)))
 
 
 def scaling(feature: Feature, acting: Sequence[ActingEffect]) -> Feature:

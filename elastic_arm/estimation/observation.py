@@ -255,8 +255,9 @@ def _followed(controller: JointController, motion: Motion, i: int) -> Array:
     angle, rate = (motion.q, motion.dq) if motion.theta is None else (motion.theta, motion.dtheta)
     assert motion.r is not None and angle is not None and rate is not None
     (kp, kd, _), r, limit = controller.gains, motion.r[:, i], np.inf if controller.torque is None else controller.torque
-    of_rate = controller.follows_rate * rates_of(motion.t, r) - rate[:, i]
-    return np.asarray(np.clip(kp * (r - angle[:, i]) + kd * of_rate, -limit, limit))
+    of_rate, error = controller.follows_rate * rates_of(motion.t, r) - rate[:, i], r - angle[:, i]
+    felt = error - np.clip(error, -controller.dead_band, controller.dead_band)
+    return np.asarray(np.clip(kp * felt + kd * of_rate, -limit, limit))
 
 
 def observe(recording: Recording, band: float | None = None) -> Observation:

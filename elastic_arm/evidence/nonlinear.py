@@ -26,6 +26,7 @@ STEP = 1e-3  # of derivatives, in the coordinates of the numbers over their rang
 STEPS = 6  # of Gauss and Newton
 LONGEST = 0.25  # of a range, of one step
 SCANNED, EVALUATIONS = 25, 12  # values of one number over its range, and between two of them; numerical
+NEVER = -1e30  # score of what is out of bounds; numerical
 PLACES = 60  # values of several numbers that are tried; numerical
 SETTLED = 0.1  # of its standard deviation: a step that is none; numerical
 
@@ -44,15 +45,14 @@ def is_open(term: Term) -> bool:
     return whole or (feature.count == 1 and any(not p.integer for p in components(feature)))
 
 
-def axis(p: Parameter, high: float = np.inf) -> tuple[float, float]:
+def axis(p: Parameter) -> tuple[float, float]:
     """Return the coordinates of a parameter's range: logarithms where values are spread so."""
-    high = max(min(p.high, high), p.low)
-    return (float(np.log(p.low)), float(np.log(high))) if p.logarithmic else (p.low, high)
+    return (float(np.log(p.low)), float(np.log(p.high))) if p.logarithmic else (p.low, p.high)
 
 
-def moved(p: Parameter, value: float, step: float, high: float = np.inf) -> float:
-    """Return a value after a step in its coordinate, within its range and below what recordings allow."""
-    return float(np.clip(value * np.exp(step) if p.logarithmic else value + step, p.low, max(min(p.high, high), p.low)))
+def moved(p: Parameter, value: float, step: float) -> float:
+    """Return a value after a step in its coordinate, within its range."""
+    return float(np.clip(value * np.exp(step) if p.logarithmic else value + step, p.low, p.high))
 
 
 def tangent_term(linear: Linearisation, term: Term, theta: Sequence[float], size: float) -> Term:
@@ -62,13 +62,12 @@ def tangent_term(linear: Linearisation, term: Term, theta: Sequence[float], size
     """
     feature = term.feature
     assert feature is not None
-    all_, found, mean, std, bounds, numbers = components(feature), [], [], [], [], []
+    all_, found, mean, std, bounds, numbers = linear.allowed(feature), [], [], [], [], []
     X = linear.columns(feature, theta)
     for j, p in enumerate(all_):
         if p.integer:
             continue
-        low, high = axis(p, linear.most(feature, p))
-        high = max(high, low + 1e-6)
+        low, high = axis(p)
         h = STEP * (high - low) if not p.logarithmic else STEP
         ends = [linear.columns(feature, [*theta[:j], moved(p, theta[j], s * h), *theta[j + 1 :]]) for s in (1.0, -1.0)]
         found.append(size * (ends[0] - ends[1]).sum(axis=1) / (2.0 * h))
@@ -143,10 +142,7 @@ def refined(
             break
         better = None
         for share in (1.0, 0.3):
-            there = [
-                moved(p, v, share * s, linear.most(feature, p))
-                for p, v, s in zip(components(feature), best.theta, step, strict=True)
-            ]
+            there = [moved(p, v, share * s) for p, v, s in zip(linear.allowed(feature), best.theta, step, strict=True)]
             size = best.size if feature.fixed else float(fit.beta(best)[0])
             one = tangent_term(linear, start, there, size)
             now = model.fit([*others, one], fit)
@@ -198,7 +194,7 @@ def _tried(
     fit = model.fit([*others, one], near)
     size = float(fit.beta(one)[0])
     # A mean beyond its bounds has derivatives of the other sign.
-    return fit.score if one.low[0] <= size <= one.high[0] else -np.inf, theta, size
+    return fit.score if one.low[0] <= size <= one.high[0] else NEVER, theta, size
 
 
 def _scanned(
@@ -208,8 +204,8 @@ def _scanned(
 
     Far from its optimum a law leaves so much that its slow part counts as noise, and derivatives see its edges alone.
     """
-    feature, (p,) = term.feature, components(term.feature)
-    low, high = axis(p, linear.most(feature, p))
+    feature, (p,) = term.feature, linear.allowed(term.feature)
+    low, high = axis(p)
     reach = (high - low) / (SCANNED - 1)
     tried: list[tuple[float, tuple[float, ...], float]] = []
 

@@ -110,14 +110,13 @@ def _relaxed(columns: Columns, feature: Feature, largest: float) -> Term:
 
 def starting_points(feature: Feature, linear: Linearisation) -> list[tuple[float, ...]]:
     """Return values of the nonlinear numbers from which a search may start."""
-    components = [p for p in feature.searched for _ in range(p.size)]
+    components = linear.allowed(feature)
     if not components:
         return [()]
     if (middle := _middle(feature)) is not None:
         return [middle]
     count = GRID if len(components) == 1 else COARSE
-    most = [linear.most(feature, p) for p in components]
-    return list(product(*(_spread(p, m, count) for p, m in zip(components, most, strict=True))))
+    return list(product(*(_spread(p, count) for p in components)))
 
 
 def _middle(feature: Feature) -> tuple[float, ...] | None:
@@ -127,8 +126,8 @@ def _middle(feature: Feature) -> tuple[float, ...] | None:
     return tuple((p.low + p.high) / 2 for p in components) if several else None
 
 
-def _spread(parameter: Parameter, most: float, count: int) -> list[float]:
-    low, high = parameter.low, max(min(parameter.high, most), parameter.low)
+def _spread(parameter: Parameter, count: int) -> list[float]:
+    low, high = parameter.low, parameter.high
     if parameter.integer:
         first = int(np.ceil(low))
         return [float(k) for k in range(first, min(first + ORDERS - 1, int(high)) + 1)]

@@ -1,7 +1,8 @@
 """The torque that a described controller makes of recorded commands and states, where no torque was recorded,
 
-    tau_m = limit(kp (r(t - d) - q) + kd (dr(t - d) - dq) + ki int(r - q) + feed-forward).
+    tau_m = limit(kp (r(t - d) - q) + kd (dr(t - d) - dq) + ki int(r - q) + feed-forward),
 
+a dead band taken off the error r - q where kp has one.
 Angles between samples are those of cubic splines. A held command is the mean, over the last interval of commands, of
 the motion that commands are samples of: within the band, that is what holding does.
 """
@@ -123,7 +124,9 @@ def _torque(controller: JointController, command: _Command, t: Array, angle: Arr
     q, step = CubicSpline(t, angle), float(np.median(np.diff(t)))
     at = t[:, None] + step * ((np.arange(FINER) + 0.5) / FINER - 0.5)
     r, dr = command(at)
-    torque = kp * (r - q(at)) + kd * (controller.follows_rate * dr - q(at, 1)) + forward[:, None]
+    error = r - q(at)
+    felt = error - np.clip(error, -controller.dead_band, controller.dead_band)
+    torque = kp * felt + kd * (controller.follows_rate * dr - q(at, 1)) + forward[:, None]
     if ki:
         torque += ki * CubicSpline(t, command(t)[0] - angle).antiderivative()(at)
     return np.asarray(np.clip(torque, -limit, limit).mean(axis=1))

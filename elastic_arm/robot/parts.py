@@ -259,6 +259,7 @@ class JointController:
     torque: float | None = None  # limit, Nm, beside that of the joint; None where there is none
     feedforward: str = "none"  # ``"none"``, ``"gravity"``, or ``"model"``: all torque of the nominal rigid arm
     between: str = "held"  # two commands: the last one is ``"held"``, or the motion is ``"interpolated"``
+    dead_band: float = 0.0  # rad; of the error of the angle, kp makes a torque of what exceeds it
 
     def __post_init__(self) -> None:
         choices = {
@@ -269,7 +270,7 @@ class JointController:
         for what, known in choices.items():
             given = getattr(self, what)
             require(given in known, f"{what} of the controller is {given!r}", f"Choose one of {', '.join(known)}")
-        for what in ("kp", "kd", "ki", "delay"):
+        for what in ("kp", "kd", "ki", "delay", "dead_band"):
             check_number(getattr(self, what), what)
         if self.torque is not None:
             check_number(self.torque, "torque", positive=True)

@@ -21,8 +21,10 @@ from elastic_arm.effects.law import (
     Parameter,
     Scope,
     SymbolicMotion,
+    amount,
     no_controller,
     ratio,
+    searched,
 )
 from elastic_arm.errors import EffectError
 from elastic_arm.robot import JointController
@@ -67,6 +69,39 @@ def _of_delay(motion: SymbolicMotion, i: int, controller: JointController) -> An
     """Return the rate of what a controller makes of the command."""
     assert motion.dr is not None and motion.kp is not None
     return motion.kp[i] * motion.dr[i] if controller.gains[0] else 0.0
+
+
+def _error(motion: SymbolicMotion, i: int) -> Any:
+    assert motion.r is not None
+    return motion.r[i] - motion.theta[i]
+
+
+def _within(value: Any, most: Any) -> Any:
+    return ca.fmax(-most, ca.fmin(most, value))
+
+
+def _beyond(motion: SymbolicMotion, i: int, controller: JointController, p: Numbers) -> Any:
+    """Return what is beyond the true limit of the torque that the controller makes within its stated one.
+
+    It is made of angles: beyond its limit a torque is far above the noise that they make.
+    """
+    assert motion.kp is not None and motion.fed is not None
+    made = motion.fed[i] + motion.kp[i] * _error(motion, i) + _of_rate(motion, i, controller)
+    return made - _within(made, p["torque"])
+
+
+def _not_felt(motion: SymbolicMotion, i: int, controller: JointController, p: Numbers) -> Any:
+    assert motion.kp is not None
+    return motion.kp[i] * _within(_error(motion, i), p["half_width"]) if controller.kp else 0.0
+
+
+def _integral(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
+    """Less by ki times the integral of the error, rad s, which begins at zero."""
+    controller = motion.robot.joints[i].controller
+    if controller is None or motion.r is None:
+        return _made(lambda *_: 0.0)(motion, i, p)  # which says what is missing
+    rate = _error(motion, i) if controller.kp else 0.0  # of a controller of speeds, it is stated
+    return motion.at(i, motor=-p["ki"] * p["integral"], rates={"integral": ca.SX(rate)})
 
 
 def _late(controller: JointController, p: Numbers) -> JointController:
@@ -144,6 +179,60 @@ EFFECTS = (
                 "faster motion, or resting commands while something else moves the arm",
             ),
             Confusion("viscous_friction", "the arm follows its commands closely", "motion of several speeds"),
+        ),
+    ),
+    ControllerEffect(
+        "torque_saturation",
+        formula="tau_m true = limit(tau_m made, torque)",
+        description="The drive gives less torque than stated: limits of current, a low supply, overload protection.",
+        plain="gives {torque} at most",
+        signature="The motor residual is what the controller would make beyond a torque, and null below.",
+        law=_made(_beyond, limited=False),
+        parameters=(searched("torque", "Nm", 0.02, 500.0, "the most that it gives", bounded_by="torque"),),
+        sides=("motor",),
+        regime="load",
+        change=lambda controller, p: replace(controller, torque=p["torque"]),
+        confusions=(
+            Confusion(
+                "position_gain",
+                "the torque is at its limit for the most part",
+                "slower or lighter motion, in which the drive stays below its limit",
+            ),
+        ),
+    ),
+    ControllerEffect(
+        "dead_band",
+        formula="kp of r - theta less what is within +-half_width of it",
+        description="Small errors of position make no torque, as servos have it against hunting.",
+        plain="makes no torque of errors of position within {half_width}",
+        signature="The motor residual is kp times the error within the band, and constant beyond.",
+        law=_made(_not_felt),
+        parameters=(searched("half_width", "rad", 5e-4, 0.1, "on either side of the command"),),
+        sides=("motor",),
+        regime="load",
+        change=lambda controller, p: replace(controller, dead_band=p["half_width"]),
+        confusions=(
+            Confusion(
+                "coulomb_friction",
+                "the error of position has the sign of the speed for the most part",
+                "loads that change while the joint turns one way",
+            ),
+        ),
+    ),
+    ControllerEffect(
+        "integral_gain",
+        formula="tau_m true = made + ki int(r - theta)",
+        description="The controller has an integral that the description does not state.",
+        plain="integrates its error of position with {ki}",
+        signature="The motor residual follows the integral of command less angle, slowest where it is largest.",
+        law=_integral,
+        parameters=(amount("ki", "Nm/(rad s)", 0.5, 200.0, "beside the stated one"),),
+        sides=("motor",),
+        regime="load",
+        states=("integral",),
+        change=lambda controller, p: replace(controller, ki=controller.ki + max(0.0, p["ki"])),
+        confusions=(
+            Confusion("position_gain", "the motion is of one frequency", "motion of several speeds, and rest"),
         ),
     ),
 )
