@@ -76,8 +76,9 @@ def feature_of(instance: EffectInstance, equations: ArmEquations) -> Feature:
 def allowed_values(feature: Feature, parameter: Parameter, data: WhitenedData) -> Parameter:
     """Return a searched parameter with the range that recordings allow.
 
-    Beyond it a law is another one: a drive whose play is wider than it is ever wound transmits no torque, and one that
-    gives less torque than the motion takes on average would not move so.
+    Beyond it a law is another one: a drive whose play is wider than it is ever wound transmits no torque, a controller
+    of a dead band that holds most errors does not follow, and a drive that gives less torque than the motion takes on
+    average would not move so.
 
     feature, parameter: the effect at its place, and which of its numbers.
     """
@@ -88,6 +89,9 @@ def allowed_values(feature: Feature, parameter: Parameter, data: WhitenedData) -
         torques = [(part.signals.model_torques["tau_m"], part.stretch.quiet.tau_m) for part in data.parts]
         needed, made = (np.concatenate(one)[:, joint] for one in zip(*torques, strict=True))
         low, high = float(np.sqrt(np.mean(needed**2))), float(np.abs(made).max())
+    elif parameter.bounded_by == "error":
+        errors = [part.signals.values["r"] - part.stretch.quiet.theta for part in data.parts]
+        low, high = parameter.low, float(np.median(np.abs(np.concatenate(errors)[:, joint])))
     else:  # As the load winds it: what encoders read has their noise.
         wound = np.concatenate([part.signals.values["wound"][:, joint] for part in data.parts])
         low, high = parameter.low, WOUND * float(np.median(np.abs(wound)))

@@ -49,9 +49,12 @@ def explain(problem: Problem, *, refit: bool) -> Explanation:
     """
     described = Linearisation(problem, np.zeros(len(problem.numbers)), _stated(problem))
     # Where the description is exact, all that is left is an effect. Where it is off everywhere, there is less to
-    # mistake for one where its numbers lie alone.
-    thetas: Thetas = {}
-    starts = [_started(described, trust, refit, thetas) for trust in STARTS if not (refit and trust == STARTS[0])]
+    # mistake for one where its numbers lie alone; but beside a large effect they lie far off there.
+    trust, built = STARTS[refit], STARTS[1]
+    starts = [
+        _explained(described, None, trust, refit, thetas, moves=ADDED),
+        _explained(_settled(described, None, built), None, built, refit, thetas, moves=ADDED),
+    ]
     first = max(starts, key=lambda found: found.best.score)
     found = _descended(first.linear, first.best, refit, thetas)
     tried: set[frozenset[Key]] = set()
@@ -63,11 +66,6 @@ def explain(problem: Problem, *, refit: bool) -> Explanation:
         tried.add(other.keys)
         found = _better(found, _descended(found.linear, other, refit, thetas, found.best))
     return replace(found, log=(*(line for one in starts for line in one.log), *found.log))
-
-
-def _started(described: Linearisation, trust: str, refit: bool, thetas: Thetas) -> Explanation:
-    """Return the most probable set at first, from the numbers alone."""
-    return _explained(_settled(described, None, trust), None, trust, refit, thetas, moves=ADDED)
 
 
 def _stated(problem: Problem) -> tuple[ActingEffect, ...]:

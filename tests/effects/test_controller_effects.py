@@ -56,8 +56,8 @@ def law(robot: Robot, text: str) -> dict[str, float]:
         # Of the angles, 0.2 kp - 0.7 kd = 4.6 Nm are made.
         ("torque_saturation:joint_2:torque=3.0", {}, 1.6),
         ("torque_saturation:joint_2:torque=5.0", {}, 0.0),
-        ("dead_band:joint_2:half_width=0.05", {}, 0.05 * KP),
-        ("dead_band:joint_2:half_width=0.25", {}, 0.2 * KP),
+        ("position_dead_band:joint_2:half_width=0.05", {}, 0.05 * KP),
+        ("position_dead_band:joint_2:half_width=0.25", {}, 0.2 * KP),
         ("integral_gain:joint_2:ki=7.0", {}, -0.2 * 7.0),
     ],
 )
@@ -82,7 +82,7 @@ def test_at_the_neutral_value_nothing_is_added(effect: str) -> None:
         ("velocity_gain:joint_2:gain=0.5", {"kd": 0.5 * KD}),
         ("command_delay:joint_2:delay=0.02", {"delay": 0.02}),
         ("torque_saturation:joint_2:torque=3.0", {"torque": 3.0}),
-        ("dead_band:joint_2:half_width=0.05", {"dead_band": 0.05}),
+        ("position_dead_band:joint_2:half_width=0.05", {"dead_band": 0.05}),
         ("integral_gain:joint_2:ki=7.0", {"ki": 7.0}),
     ],
 )

@@ -142,7 +142,7 @@ FIELD = Level(
 )
 _SERVOS = (
     "coulomb_friction", "viscous_friction", "payload", "position_gain", "velocity_gain", "command_delay",
-    "torque_saturation", "dead_band", "integral_gain", "rotor_inertia_mismatch", "joint_spring",
+    "torque_saturation", "position_dead_band", "integral_gain", "rotor_inertia_mismatch", "joint_spring",
 )  # fmt: skip
 SERVO = Level(
     "servo", _SERVOS, rates=(30.0, 50.0, 100.0), foreign=("dress_pack",), seconds=(20.0, 12.0), asked={"refit": True},

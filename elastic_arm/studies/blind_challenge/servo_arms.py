@@ -25,7 +25,7 @@ from elastic_arm.studies.blind_challenge.levels import Level
 STEP = 1e-3  # s, the most that MuJoCo steps
 AXES = ("0 0 1", "0 1 0", "0 1 0", "1 0 0", "0 1 0")
 MOTION_HZ = np.array([0.1, 0.23, 0.41, 0.67, 0.97, 1.2])
-LIMIT = 10.0  # Nm, that no motion reaches
+LIMIT = 30.0  # Nm, that no motion reaches
 
 
 @dataclass(frozen=True)
@@ -38,14 +38,16 @@ class ServoJoint:
     moments: tuple[float, ...]
     numbers: dict[str, Any] = field(default_factory=dict)  # attributes of the joint
     servo: dict[str, float] = field(default_factory=dict)  # of its actuator
-    beside: dict[str, float] = field(default_factory=dict)  # of its controller, which no actuator of MuJoCo has
+    beside: dict[str, Any] = field(default_factory=dict)  # of its controller, which no actuator of MuJoCo has
     limit: float = LIMIT
     payload: float = 0.0
 
     def scaled(self, name: str, ratio: float) -> ServoJoint:
         """Return it with an attribute of joint or actuator times a ratio."""
-        changed = {k: ratio * v if k == name else v for k, v in {**self.numbers, **self.servo}.items()}
-        return replace(self, **{own: {k: changed[k] for k in getattr(self, own)} for own in ("numbers", "servo")})
+        numbers, servo = (
+            {k: ratio * v if k == name else v for k, v in own.items()} for own in (self.numbers, self.servo)
+        )
+        return replace(self, numbers=numbers, servo=servo)
 
 
 def described(rng: np.random.Generator) -> list[ServoJoint]:
@@ -106,7 +108,7 @@ def with_effect(
     elif effect == "torque_saturation":
         parameters = {"torque": float((0.55 + 0.25 * u) * peaks[k])}
         changed = replace(own, limit=parameters["torque"])
-    elif effect == "dead_band":
+    elif effect == "position_dead_band":
         parameters = {"half_width": 0.01 + 0.02 * u}
         changed = replace(own, beside={"dead_band": parameters["half_width"]})
     elif effect == "integral_gain":
@@ -183,7 +185,9 @@ def record_servos(folder: Path, request: Request, level: Level) -> dict[str, Any
     robot.parent.mkdir(parents=True, exist_ok=True)
     plain = record_commands(opened(true, robot, step), told[0], rate=rate)
     assert plain.link is not None and plain.link.position is not None
-    peaks = np.abs(told[0] - plain.link.position).max(axis=0) * [one.servo["kp"] for one in true]
+    q = plain.link.position
+    kp, kv = (np.array([one.servo[name] for one in true]) for name in ("kp", "kv"))
+    peaks = np.abs(kp * (told[0] - q) - kv * np.gradient(q, 1.0 / rate, axis=0)).max(axis=0)
     for effect in request.effects:
         true, fault = with_effect(true, effect, peaks, rng)
         faults.append(fault)
