@@ -50,6 +50,7 @@ def explain(problem: Problem, *, refit: bool) -> Explanation:
     described = Linearisation(problem, np.zeros(len(problem.numbers)), _stated(problem))
     # Where the description is exact, all that is left is an effect. Where it is off everywhere, there is less to
     # mistake for one where its numbers lie alone; but beside a large effect they lie far off there.
+    thetas: Thetas = {}
     trust, built = STARTS[refit], STARTS[1]
     starts = [
         _explained(described, None, trust, refit, thetas, moves=ADDED),
