@@ -26,6 +26,7 @@ STEP = 1e-3  # of derivatives, in the coordinates of the numbers over their rang
 STEPS = 6  # of Gauss and Newton
 LONGEST = 0.25  # of a range, of one step
 SCANNED, EVALUATIONS = 25, 12  # values of one number over its range, and between two of them; numerical
+TINY = 1e-12  # numerical
 NEVER = -1e30  # score of what is out of bounds; numerical
 PLACES = 60  # values of several numbers that are tried; numerical
 SETTLED = 0.1  # of its standard deviation: a step that is none; numerical
@@ -110,7 +111,7 @@ def start_of(term: Term, fit: Fit) -> tuple[Feature, tuple[float, ...], float]:
     assert feature is not None
     beta = fit.beta(term)
     if np.isnan(term.theta).any():  # linear in size and size times numbers
-        size = float(beta[0]) if beta[0] else 1e-12
+        size = float(beta[0]) if beta[0] else TINY
         theta = [float(np.clip(b / size, p.low, p.high)) for b, p in zip(beta[1:], components(feature), strict=True)]
         return feature, tuple(theta), size
     if feature.effect.regressor is not None and feature.linear:
@@ -133,7 +134,9 @@ def refined(
     if feature is term.feature and len(theta) == 1 and term.grid > 0.0:
         theta, size = _scanned(linear, model, term, others, first)
     if np.isnan(term.theta).any():
+        start = start.scaled(1.0)  # the scale of a relaxed law is that of its first order
         theta, size = _placed(linear, model, start, others, first, theta)
+        start = start.scaled(float(min(SCALES, key=lambda s: abs(np.log(max(size, TINY) / (s * start.std[0]))))))
     best = tangent_term(linear, start, theta, size)
     fit = model.fit([*others, best], first)
     for _ in range(STEPS):
@@ -156,6 +159,12 @@ def refined(
         if gained < SETTLED:
             break
     return best, fit
+
+
+def placed_anew(linear: Linearisation, model: LinearModel, term: Term, others: Sequence[Term]) -> Term:
+    """Return the term of a law of second degree in several numbers where these are most probable beside others."""
+    near = model.fit(others)
+    return tangent_term(linear, term, *_placed(linear, model, term, others, near, term.theta))
 
 
 def _placed(

@@ -18,7 +18,7 @@ from elastic_arm.evidence.changes import CHANGE, change_of
 from elastic_arm.evidence.grams import Bands
 from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.model import KINDS, Fit, LinearModel, Screen
-from elastic_arm.evidence.nonlinear import components, moved, tangent_term
+from elastic_arm.evidence.nonlinear import components, moved, placed_anew, tangent_term
 from elastic_arm.evidence.pool import effect_terms, law_terms, linear_prior, number_terms
 from elastic_arm.evidence.priors import ELSEWHERE, NEAR, ROUNDS, STATED, TRUST, WORTH
 from elastic_arm.evidence.problem import Problem
@@ -316,6 +316,10 @@ def _again(fit: Fit, linear: Linearisation) -> list[Term]:
             found.append(replace(t, columns=stated[t.key].columns))
         else:
             found.append(_effect_again(t, fit, linear))
+    for k, t in enumerate(found):
+        if t.tangents and t.feature.quadratic and t.feature.count == 1:
+            model = linear_model(linear, fit.model.name)
+            found[k] = placed_anew(linear, model, t, [*found[:k], *found[k + 1 :]])
     linear.cache["again"] = fit, found
     return found
 
