@@ -45,7 +45,6 @@ def test_the_commands_of_the_page_lead_to_the_friction(tmp_path: Path) -> None:
     """Every command ends without an error; the friction that the URDF lacks is found, and then nothing is left."""
     page = (ROOT / "docs" / "first_arm.md").read_text()
     header = re.search(r"```\n(time.*)\n", page)
-    assert header is not None
     (tmp_path / "arm.urdf").write_text(URDF)
     for run in (1, 2):
         np.savetxt(tmp_path / f"run_{run}.csv", table(run), "%.7g", ",", header=header[1], comments="")

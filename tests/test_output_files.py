@@ -8,9 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from elastic_arm.app import app
 from elastic_arm.errors import ElasticArmError, OutputError, RobotError
 from elastic_arm.output_files import write_result
 from elastic_arm.robot import load_robot
@@ -97,11 +95,3 @@ def test_errors_of_other_kinds_are_raised_as_asked(tmp_path: Path) -> None:
     with pytest.raises(RobotError, match="Give a folder") as told:
         write_result(tmp_path / "file" / "a", json.dumps({}), RobotError, "Give a folder")
     assert isinstance(told.value, ElasticArmError)
-
-
-def test_a_diagnosis_is_overwritten_on_request_alone(tmp_path: Path) -> None:
-    """As the results of `identify` are: refused before the work."""
-    write_result(tmp_path / "report.html", "earlier")
-    done = CliRunner().invoke(app, ["diagnose", str(ROOT / "bags" / "excitation"), "--out", str(tmp_path)])
-    assert done.exit_code == 2 and "overwrite them with --force" in " ".join(done.output.split())
-    assert (tmp_path / "report.html").read_text() == "earlier"

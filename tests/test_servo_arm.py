@@ -37,7 +37,6 @@ def test_the_commands_of_the_page_lead_to_the_corrected_arm(tmp_path: Path) -> N
     assert causes["coulomb_friction", "elbow"]["torque"]["value"] == pytest.approx(0.2, rel=0.1)
     corrected = read_mjcf(tmp_path / "diagnosis" / "arm_corrected.xml")
     pan = corrected.joints[0].controller
-    assert pan is not None
     assert (pan.kp, pan.delay) == (pytest.approx(18.6, rel=0.02), pytest.approx(0.02, abs=5e-4))
     replays = json.loads((tmp_path / "replay" / "replay.json").read_text())["replays"]
     before, after = (sum(one["closed_loop_position"].values()) for one in replays)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import shutil
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -18,34 +17,34 @@ from rich.rule import Rule
 from rich.table import Table
 from scipy.stats import chi2
 
-from elastic_arm.cli.console import out, progress_bar, reports_errors
+from elastic_arm.cli.console import err, out, progress_bar, reports_errors
 from elastic_arm.cli.describe import base_of
+from elastic_arm.cli.diagnose import print_diagnosis, write_diagnosis
 from elastic_arm.cli.processes import Nodes
-from elastic_arm.cli.withheld import diagnose_withheld
+from elastic_arm.diagnosis import Question, diagnose, follow_up
+from elastic_arm.diagnosis.words import instance_text
 from elastic_arm.dynamics import build_model
+from elastic_arm.effects import EFFECTS, EffectInstance
 from elastic_arm.errors import GraphError, OutputError, require_ros
-from elastic_arm.excitation import ExcitationResult, FourierTrajectory, MotionLimits, Shape, Workspace, optimise
+from elastic_arm.excitation import (
+    ExcitationResult,
+    FourierTrajectory,
+    MotionLimits,
+    Shape,
+    Workspace,
+    optimise,
+    random_trajectories,
+)
 from elastic_arm.identification import Identification, chi_square, compare, identify, std_ratio
-from elastic_arm.recording import Recording, read_recording
+from elastic_arm.recording import read_recording, write_recording
 from elastic_arm.robot import Robot, load_robot, save_robot, varied
+from elastic_arm.simulation import SimulationSettings, simulate
 
 EVALUATIONS = 600
 SHAPE = Shape(harmonics=5, period=8.0, periods=2)
 HEADING = 80  # columns
 # How long nodes may take to find each other, and the first kernels to compile, seconds.
 START = 120.0
-
-
-@dataclass(frozen=True)
-class EstimateHistory:
-    """Estimates of the identifier while the arm moved: one entry an estimate."""
-
-    lines: tuple[dict[str, Any], ...]
-
-    @property
-    def last(self) -> dict[str, Any]:
-        """The estimate when everything had stopped."""
-        return self.lines[-1]
 
 
 @reports_errors
@@ -69,17 +68,16 @@ def demo(
     _heading("1  a motion that excites the parameters")
     search = _excite(nominal, folder / "trajectory.yaml", seed)
     _heading("2  the live graph: simulator, trajectory generator, identifier, recorder")
-    course = _live(folder, search.trajectory, seed, speed)
+    online = _live(folder, search.trajectory, seed, speed)
     _heading("3  the same arm, identified from the bag")
-    recording = read_recording(folder / "bag")
-    offline = identify(recording, nominal)
+    offline = identify(read_recording(folder / "bag"), nominal)
     out.print(f"{offline.samples} samples, derivatives by {', '.join(offline.derivatives)}")
     _heading("4  estimates and the truth")
     truth = _truth(offline, true_arm)
-    _compare(offline, course, truth)
-    report = _report(folder / "report.html", search, course, offline, truth, recording)
+    _compare(offline, online, truth)
+    report = _report(folder / "report.html", search, offline)
     _heading("5  another arm has an effect that the diagnosis is not told")
-    diagnose_withheld(folder / "withheld", nominal, search.trajectory, np.random.default_rng(seed))
+    _diagnose_withheld(folder / "withheld", nominal, search.trajectory, np.random.default_rng(seed))
     out.print(f"\nbag:     {escape(str(folder / 'bag'))}   (ros2 bag info, Foxglove, PlotJuggler)")
     out.print(f"report:  {escape(str(report))}")
 
@@ -123,8 +121,8 @@ def _excite(nominal: Robot, file: Path, seed: int) -> ExcitationResult:
     return result
 
 
-def _live(folder: Path, motion: FourierTrajectory, seed: int, speed: float) -> EstimateHistory:
-    """Run the graph until the trajectory has been streamed; return the estimates of the identifier."""
+def _live(folder: Path, motion: FourierTrajectory, seed: int, speed: float) -> dict[str, Any]:
+    """Run the graph until the trajectory has been streamed; return the last estimate of the identifier."""
     domain = int(os.environ.get("ROS_DOMAIN_ID", 1 + os.getpid() % 100))
     lines: list[dict[str, Any]] = []
     with Nodes(folder / "nodes", domain) as nodes, Live(console=out, refresh_per_second=4) as live:
@@ -150,7 +148,7 @@ def _live(folder: Path, motion: FourierTrajectory, seed: int, speed: float) -> E
         out.print()  # the last line of a live display has no end in a pipe
     if not lines:
         raise GraphError("the identifier made no estimate", f"Its output is in {nodes.log('identifier')}.")
-    return EstimateHistory(tuple(lines))
+    return lines[-1]
 
 
 def _progress(lines: list[dict[str, Any]], duration: float) -> Table:
@@ -176,8 +174,8 @@ def _truth(identified: Identification, true_arm: Robot) -> np.ndarray:
     return np.array([parameter.true for parameter in compare(identified, true_arm)])
 
 
-def _compare(offline: Identification, course: EstimateHistory, truth: np.ndarray) -> None:
-    online = dict(zip(course.last["name"], zip(course.last["value"], course.last["std"], strict=True), strict=True))
+def _compare(offline: Identification, live: dict[str, Any], truth: np.ndarray) -> None:
+    online = dict(zip(live["name"], zip(live["value"], live["std"], strict=True), strict=True))
     values, stds = (np.array([online[e.name][k] for e in offline.estimates], dtype=float) for k in (0, 1))
     on, off = (values - truth) / stds, (offline.Psi_base - truth) / offline.std
     headings = ("nominal", "true", "online", "error", "offline", "error")
@@ -207,15 +205,40 @@ def _compare(offline: Identification, course: EstimateHistory, truth: np.ndarray
     out.print(escape(std_ratio(stds, offline).summary()))
 
 
-def _report(
-    path: Path,
-    search: ExcitationResult,
-    course: EstimateHistory,
-    offline: Identification,
-    truth: np.ndarray,
-    recording: Recording,
-) -> Path:
+def _report(path: Path, search: ExcitationResult, offline: Identification) -> Path:
+    """Write the report of the identification, with the search for the motion."""
     # Matplotlib is slow to import, and only this needs it.
-    from elastic_arm.report import demo as drawing
+    from elastic_arm.report.excitation import condition_against_random, search_course
+    from elastic_arm.report.html import Figure, Section, write_report
+    from elastic_arm.report.identification import sections
 
-    return drawing.write(path, search, course.lines, offline, truth, recording.samples())
+    drawn = [
+        Figure(search_course(search), "Course of the pattern search."),
+        Figure(condition_against_random(search), "Random motions and the optimised one."),
+    ]
+    parts = [*sections(offline), Section("Excitation", drawn)]
+    return write_report(path, "The live arm", parts, subtitle=f"{offline.robot}, {offline.model}")
+
+
+def _diagnose_withheld(folder: Path, nominal: Robot, motion: FourierTrajectory, rng: np.random.Generator) -> None:
+    """Record an arm with a drawn effect on two motions, diagnose the bags, and print what was drawn afterwards."""
+    drawn = _draw(nominal, rng)
+    other = random_trajectories(build_model(nominal), MotionLimits.of(nominal), 1, rng=rng)[0]
+    with err.status("recording the arm on two motions"):
+        for name, trajectory in (("identify", motion), ("validate", other)):
+            write_recording(folder / name, simulate(nominal, trajectory, SimulationSettings(effects=[drawn]), rng=rng))
+    with err.status("diagnosing"):
+        fitted, judged = (read_recording(folder / name) for name in ("identify", "validate"))
+        found = follow_up(diagnose([fitted], Question(nominal), [judged]), rng=rng)
+        write_diagnosis(found, nominal, folder)
+    print_diagnosis(found, folder)
+    words = f"{drawn.effect.id} on {drawn.joint}, {instance_text(drawn, nominal.units)}"
+    out.print(f"what had been drawn: {escape(words)}")
+
+
+def _draw(robot: Robot, rng: np.random.Generator) -> EffectInstance:
+    """Draw one of the effects whose file names clear examples, its joint, and its numbers from these."""
+    drawn = {e.id: e for e in EFFECTS.values() if e.parameters and e.parameter(e.magnitude[0]).example}
+    effect = drawn[str(rng.choice(sorted(drawn)))]
+    sizes = {p.name: float(rng.uniform(*p.example)) for p in effect.parameters if p.example}
+    return EffectInstance(effect, str(rng.choice(robot.joint_names)), sizes)

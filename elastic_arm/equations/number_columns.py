@@ -210,8 +210,9 @@ def _drive_entries(
     """Columns (N, 3 n, k): stiffness by predicted torque, damping by that of the spring, presliding by speed."""
     n, elastic, motion, signals = model.n, model.robot.elastic, part.stretch.quiet, part.signals
     K = drive_constants(model)[0] if elastic else np.ones(n)
-    load = _wound(model, part, acting) if elastic else np.zeros((len(motion), n))
-    rates = load
+    load = rates = _wound(model, part, acting) if elastic else np.zeros((len(motion), n))
+    # The noise of accelerations, which is in the residuals, too, is no part of the load that winds the drives.
+    clear = load + signals.model_torques["clear"] - signals.values["tau_J"] if sensed else load
     if elastic and not sensed and any(p.what == "damping" for p in parameters):
         # Without a joint torque sensor the deflection stands for the torque: its noise is in residual and column.
         rates = np.stack([_quiet(rate, part.noise, j) for j, rate in enumerate(rates_of(motion.t, load).T)], axis=1)
@@ -230,7 +231,7 @@ def _drive_entries(
             w = (motion.dtheta if of_motor else motion.dq)[:, j]
             found.append((2 * n + j if of_motor else j, k, _turnover(w, motion.t, parameter.speeds)))
         elif parameter.what == "stiffness" and gear is not None:
-            found.append((n + j, k, load[:, j] * (gear.stiffness / K[j])))
+            found.append((n + j, k, clear[:, j] * (gear.stiffness / K[j])))
         elif parameter.what == "damping" and gear is not None:
             found.append((n + j, k, gear.damping / K[j] * rates[:, j]))
         elif parameter.what in GAINS:

@@ -107,8 +107,9 @@ class CircularGains(NamedTuple):
     """Spectra of responses of one row to another, up to the edge of a band."""
 
     harmonics: Harmonics  # of what they leave
-    by_frequency: NDArray[np.complexfloating]  # (H, R, R), lower triangular: no row acts on those before it
+    by_frequency: NDArray[np.complexfloating]  # (H, R, R)
     by_row: NDArray[np.complexfloating]  # the same, (R, R, H)
+    first: NDArray[np.intp]  # (R,) the first row in which each shows
 
 
 def filtered_circularly(values: Array, gains: CircularGains) -> Array:
@@ -122,13 +123,13 @@ def filtered_circularly(values: Array, gains: CircularGains) -> Array:
     out = np.zeros((values.shape[2], values.shape[1], harmonics.size))
     # Most columns show in few of the rows.
     for acting, columns in _alike(np.asarray(values.any(axis=0))):
-        own, first = values[:, acting][:, :, columns], acting[0]
+        own, first = values[:, acting][:, :, columns], int(gains.first[acting].min())
         spectrum = rfft(np.ascontiguousarray(own.T))[:, :, : harmonics.size // 2]
         if len(acting) > FEW:
             products = gains.by_frequency[:, first:, acting] @ np.ascontiguousarray(spectrum.transpose(2, 1, 0))
             total = np.ascontiguousarray(products.transpose(2, 1, 0))
         else:
-            total = gains.by_row[first:, first] * spectrum[:, :1]
+            total = gains.by_row[first:, acting[0]] * spectrum[:, :1]
             for k, row in enumerate(acting[1:], 1):
                 total += gains.by_row[first:, row] * spectrum[:, k : k + 1]
         out[columns, first:] = harmonics.coordinates(total)
@@ -138,12 +139,13 @@ def filtered_circularly(values: Array, gains: CircularGains) -> Array:
 def circular_gains(gains: NDArray[np.complexfloating], samples: int, edge: int) -> CircularGains:
     """Return gains as :func:`filtered_circularly` takes them.
 
-    gains: (H, R, R) at the first frequencies of `numpy.fft.rfft` of these samples, lower triangular, beyond which
-    there is nothing.
+    gains: (H, R, R) at the first frequencies of `numpy.fft.rfft` of these samples, beyond which there is nothing.
     """
     harmonics = Harmonics.of(samples, len(gains), edge)
     scaled = gains * harmonics.scale[:, None, None]
-    return CircularGains(harmonics, scaled, np.ascontiguousarray(scaled.transpose(1, 2, 0)))
+    return CircularGains(
+        harmonics, scaled, np.ascontiguousarray(scaled.transpose(1, 2, 0)), scaled.any(axis=0).argmax(axis=0)
+    )
 
 
 def _alike(acting: NDArray[np.bool_]) -> Iterator[tuple[NDArray[np.intp], NDArray[np.intp] | slice]]:

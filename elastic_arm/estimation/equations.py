@@ -201,6 +201,23 @@ class EquationSet:
             transform[row, joint :: self.n] = equation.combination
         return transform
 
+    @cached_property
+    def apart(self) -> Array:
+        """Combinations (R, R) of the rows of which at most one of each joint holds its torque sensor.
+
+        The last row that holds tau_J alone stays, and is taken off the others. How badly the noise of that sensor is
+        known then spoils one row, not what the rows have in common.
+        """
+        found = np.eye(self.rows)
+        held = np.array([equation.combination for equation, _ in self.entries]) @ _TORQUE_COEFFICIENTS
+        for joint in range(self.n):
+            own = [row for row, (_, at) in enumerate(self.entries) if at == joint and held[row, 0]]
+            alone = [row for row in own if not held[row, 1]]
+            for row in own if alone else ():
+                if row != alone[-1]:
+                    found[row, alone[-1]] = -held[row, 0] / held[alone[-1], 0]
+        return found
+
     def combine(self, columns: Array) -> Array:
         """Carry columns (N, 3 n, k) of the full rows over to the usable ones, (N, R, k)."""
         if np.array_equal(self.transform, np.eye(3 * self.n)):

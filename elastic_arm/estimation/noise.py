@@ -11,7 +11,9 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 from math import factorial
+from typing import NamedTuple
 
 import numpy as np
 import scipy  # its parts are loaded when they are used
@@ -59,6 +61,7 @@ class SideNoise:
     # What else stands in the two is motion that the model of it cannot follow, no noise.
     white_position: Array
     white_velocity: Array | None
+    slow: tuple[Array, Array]  # (n,) each: of noise of the position, over its std's, that is white, and that is slow
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,14 +118,44 @@ def estimate_noise(position: Array, velocity: Array | None, rate: float) -> Side
     position, velocity = position[wide], None if velocity is None else velocity[wide]
     spectrum = _spectrum(position, rate)
     band, white = spectrum.band(std), np.minimum(std, spectrum.white_std())
-    velocity_std = white_velocity = None
+    own, velocity_std, white_velocity = spectrum, None, None
     if ratio is not None and velocity is not None:
         velocity_std, spectrum = std * ratio * rate, _spectrum(velocity, rate)
         band = max(band, spectrum.band(velocity_std))
         white_velocity = np.minimum(velocity_std, spectrum.white_std())
     slowest = max(2 * np.pi * LOWEST_CUTOFF_HZ, _quiet(position, std, rate))
     cutoff = min(max(2 * np.pi * CUTOFF_OVER_BAND * band, slowest), _crossing(cutoff, ratio) * rate)
-    return SideNoise(cutoff, std, velocity_std, white, white_velocity)
+    slow = own.slow(std, cutoff / (2 * np.pi))
+    return SideNoise(cutoff, std, velocity_std, white, white_velocity, slow)
+
+
+class Telegraph(NamedTuple):
+    """Noise of encoders that round an angle that nearly stands: the reading goes to and fro between two steps.
+
+    While an angle moves, rounding makes white noise, of power a. Where it stands, the noise is as strong, and slow: its
+    spectrum is c / (f² + f0²), the integral of which is the white noise's times the share of the time that it stands.
+    """
+
+    # a, c, f0: (n,) over white noise of the encoder's standard deviation; Hz², Hz
+    a: Array
+    c: Array
+    f0: Array
+
+    @staticmethod
+    def of(position: Array, step: Array, side: SideNoise, rate: float) -> Telegraph:
+        """Return the noise of encoders; white where they are finer than their noise, or never stand.
+
+        position: (N, n) rad on a regular grid; step: (n,) rad, 0 where they are finer than their noise.
+        """
+        # What stands moves by less than two steps in a period of the motion's highest frequency.
+        later = max(1, round(2 * np.pi * rate / side.cutoff))
+        stands = np.mean(np.abs(position[later:] - position[:-later]) < 1.5 * step, axis=0)
+        a, c = np.where((step > 0.0) & (stands > 0.0), side.slow, [[1.0], [0.0]])
+        return Telegraph(a, c, np.pi * c / (rate * np.maximum(a * stands, 1.0 / len(position))))
+
+    def power(self, f: Array) -> Array:
+        """Return the power (F, n) of the noise at f (F,) Hz over that of its white part."""
+        return self.a + self.c / (f[:, None] ** 2 + self.f0**2 + np.finfo(float).tiny)
 
 
 def _quiet(position: Array, std: Array, rate: float) -> float:
@@ -155,6 +188,25 @@ class _Spectrum:
         threshold = scipy.stats.chi2.ppf(1.0 - 1e-3 / self.power.size, freedom) / freedom
         out = np.any(self.power > threshold * 2.0 * std**2 / self.rate, axis=1)
         return float(self.frequency[np.max(np.flatnonzero(out), initial=0)])
+
+    def slow(self, std: Array, above: float) -> tuple[Array, Array]:
+        """Return the powers a, c (n,) of noise with the spectrum a + c / f², over white noise of `std` (n,).
+
+        Of medians over third octaves from where the motion ends: structures ring at some frequencies, and rounding of a
+        steady motion has lines.
+        """
+        edges = np.geomspace(above, WHITE[0] * self.rate, max(2, round(3 * np.log2(WHITE[0] * self.rate / above)) + 1))
+        power, f = self.power * self.rate / (2.0 * std**2), self.frequency
+        inside = [(f >= low) & (f < high) for low, high in pairwise(edges)]
+        inside = [own for own in inside if own.any()]
+        if above > edges[-1] or len(inside) < 2:
+            return np.ones(len(std)), np.zeros(len(std))
+        medians = np.array([np.median(power[own], axis=0) for own in inside])
+        squares = np.array([np.median(f[own]) for own in inside]) ** 2
+        shapes = np.stack([np.ones(len(squares)), squares.min() / squares], axis=1)
+        found = [scipy.optimize.nnls(shapes / own[:, None], np.ones(len(own)))[0] for own in medians.T]
+        white, slow = np.transpose(found)
+        return white, slow * squares.min()
 
     def white_std(self) -> Array:
         """Return the std (n,) of white noise that is as strong as the highest frequencies are."""

@@ -18,7 +18,7 @@ from scipy.interpolate import CubicSpline
 from elastic_arm.arrays import Array
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.motion import Motion, rates_of, with_filtered_deflection
-from elastic_arm.estimation.noise import HIGHEST_CUTOFF, ORDER, encoder_steps, estimate_noise
+from elastic_arm.estimation.noise import HIGHEST_CUTOFF, ORDER, Telegraph, encoder_steps, estimate_noise
 from elastic_arm.estimation.resampling import Clock, Grid, extended
 from elastic_arm.estimation.smoother import Smoother
 from elastic_arm.recording import Recording
@@ -73,6 +73,8 @@ class Observation:
     notes: tuple[str, ...] = ()
     # "link", "motor" -> (n,) rad, steps of the encoders; zero where they are finer than their noise
     steps: Mapping[str, Array] = field(default_factory=lambda: {"link": np.zeros(1), "motor": np.zeros(1)})
+    # "link", "motor" -> noise of coarse encoders that stand; none where empty
+    telegraphs: Mapping[str, Telegraph] = field(default_factory=dict)
     # Hz, from which on torques were low-passed before they were recorded; infinite where none was
     torque_band: float = np.inf
     gains: Mapping[str, Array] = field(default_factory=dict)  # "tau_J", "tau_m" -> (n,), by which torques were divided
@@ -157,6 +159,8 @@ class Observation:
             return np.zeros((len(f), len(crossover)))
         gain = self.gain(f)[:, None] ** 2
         w = 2 * np.pi * f[:, None]
+        if side in self.telegraphs:
+            position = position * np.sqrt(self.telegraphs[side].power(f))
         if velocity is None:
             return gain * position**2
         # Position weighs w_x² / (w_x² + w²), the integral of the velocity the rest.
@@ -314,6 +318,11 @@ def observe(recording: Recording, band: float | None = None) -> Observation:
     span = (0.0, float(samples.t[-1]))
     pieces, quiet = (tuple(replace(piece, span=span) for piece in some) for some in (pieces, quiet))
     steps = {"link": encoder_steps(samples.q, noise.q), "motor": encoder_steps(samples.theta, noise.theta)}
+    telegraphs = {
+        name: Telegraph.of(position, steps[name], side, clock.rate)
+        for name, side, position in (("link", link, longest.q), ("motor", motor, longest.theta))
+        if side is not None and position is not None
+    }
     torque_band = max(NARROWEST_BAND, min((one.band for one in spectra.values()), default=np.inf))
     cutoff, source = designed.cutoff / (2 * np.pi), recording.source
     found = Observation(
@@ -326,6 +335,7 @@ def observe(recording: Recording, band: float | None = None) -> Observation:
         source,
         notes,
         steps,
+        telegraphs,
         torque_band=torque_band,
         made_by=made_by,
         driven_by=made_by,

@@ -7,7 +7,7 @@ their sum of squares is a negative log-likelihood, and its excess over the numbe
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
@@ -47,10 +47,11 @@ class NoiseModel:
     f: Array  # (F,) Hz, equally spaced from 0 to half the kept rate
     covariance: NDArray[np.complex128]  # (F, R, R) complex, Nm²; white noise of 1 Nm a sample is the identity
     rate: float  # samples per second of the recording
+    apart: (
+        Array  # (R, R) combinations of the rows that are made independent, in their order (:attr:`.EquationSet.apart`)
+    )
     # (F, n) of the load that the model predicts for the quiet motion, Nm², in units as `covariance`
     load: Array | None = None
-    # (R,) by how many times more each row scatters than this noise, beside the others; None where all do alike
-    scales: Array | None = None
     _whiteners: dict[bytes, NDArray[np.complex128]] = field(default_factory=dict, init=False, repr=False, compare=False)
     _gains: dict[int, CircularGains] = field(default_factory=dict, init=False, repr=False, compare=False)
 
@@ -64,10 +65,8 @@ class NoiseModel:
         key = f.tobytes()
         if key not in self._whiteners:
             covariance = self.covariance[np.clip(np.rint(f / (self.f[1] - self.f[0])).astype(int), 0, len(self.f) - 1)]
-            factor = np.linalg.cholesky(covariance)
-            if self.scales is not None:
-                factor *= self.scales
-            self._whiteners[key] = np.asarray(np.linalg.inv(factor), dtype=np.complex128)
+            factor = np.linalg.cholesky(self.apart @ covariance @ self.apart.T)
+            self._whiteners[key] = np.asarray(np.tril(np.linalg.inv(factor)) @ self.apart, dtype=np.complex128)
         return self._whiteners[key]
 
     def whitening_gains(self, count: int, band: Band) -> CircularGains:
@@ -121,7 +120,7 @@ def noise_models(
     for floor in floors:
         own = covariance * (1.0 + floor**2 * np.eye(equations.rows))
         own += np.diag(np.tile(floor**2 * level + 1e-8, equations.rows // n))
-        found.append(NoiseModel(f, own, observation.rate, load))
+        found.append(NoiseModel(f, own, observation.rate, equations.apart, load))
     return found
 
 
@@ -168,8 +167,7 @@ class WhitenedData:
     layout, band: usable equations, and where they are looked at; predicted: whether the laws of effects take the
     torques that the model predicts instead of the measured ones; sticking_removed: whether what a joint's friction
     may be while it sticks is removed; acting: effects that are part of the predicted torques; near: the same
-    recordings beside other numbers of the arm; scales: (R,) by how many times more each whitened row scatters than
-    noise, beside the others; None where all do alike.
+    recordings beside other numbers of the arm.
     """
 
     def __init__(
@@ -183,10 +181,9 @@ class WhitenedData:
         sticking_removed: bool = False,
         acting: Sequence[ActingEffect] = (),
         near: WhitenedData | None = None,
-        scales: Array | None = None,
     ) -> None:
         self.layout, self.band, self.sticking_removed = layout, band, sticking_removed
-        self.predicted, self.acting, self.scales = predicted, tuple(acting), scales
+        self.predicted, self.acting = predicted, tuple(acting)
         self.parts: list[Part] = []
         self.pure: list[NoiseModel] = []
         self._free: list[FreeTorques] = []
@@ -194,7 +191,6 @@ class WhitenedData:
         moves, fastest = _moving(observations)
         for number, observation in enumerate(observations):
             noise, pure = noise_models(model, observation, layout, band, (FLOOR, 0.0))
-            noise = replace(noise, scales=scales)
             untold = _velocity_noise(observation, noise.f, model.n)
             standstill = _standstill(observation, untold)
             standing = np.where(moves, standing_speed(fastest, untold[1]), 0.0)

@@ -6,12 +6,22 @@ time should end the process as quietly as one later on.
 
 from __future__ import annotations
 
-import importlib
 import os
 import signal
 import sys
+from functools import partial
+from importlib import import_module
 
 from elastic_arm.errors import MissingExtraError, require_ros
+
+CLASSES = {
+    "simulator": "SimulatorNode",
+    "trajectory_generator": "TrajectoryGenerator",
+    "identifier": "IdentifierNode",
+    "gap_monitor": "GapMonitorNode",
+    "recorder": "Recorder",
+    "replayer": "Replayer",
+}
 
 
 def _start(node: str) -> None:
@@ -22,38 +32,13 @@ def _start(node: str) -> None:
         sys.exit(2)
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: os._exit(0))
-    importlib.import_module(f"elastic_arm.nodes.{node}").main()
+    module = import_module(f"elastic_arm.nodes.{node}")
+    sys.exit(module.run(getattr(module, CLASSES[node])))
 
 
-def simulator() -> None:
-    """Start the simulator."""
-    _start("simulator")
-
-
-def trajectory_generator() -> None:
-    """Start the trajectory generator."""
-    _start("trajectory_generator")
-
-
-def identifier() -> None:
-    """Start the identifier."""
-    _start("identifier")
-
-
-def gap_monitor() -> None:
-    """Start the gap monitor."""
-    _start("gap_monitor")
-
-
-def recorder() -> None:
-    """Start the recorder."""
-    _start("recorder")
-
-
-def replayer() -> None:
-    """Start the replayer."""
-    _start("replayer")
-
+simulator, trajectory_generator, identifier, gap_monitor, recorder, replayer = (
+    partial(_start, name) for name in CLASSES
+)
 
 if __name__ == "__main__":
     _start(sys.argv.pop(1))

@@ -247,10 +247,5 @@ class GapMonitorNode(ManagedNode):
         self._health.report(problems, "diagnosing", figures)
 
 
-def main() -> None:
-    """Entry point."""
-    sys.exit(run(GapMonitorNode))
-
-
 if __name__ == "__main__":
-    main()
+    sys.exit(run(GapMonitorNode))

@@ -202,11 +202,7 @@ class IdentifierNode(ManagedNode):
         """Write the estimate; return what was done, in words."""
         result = self._identifier.estimate(tuple(graph.resolved(self, topic) for topic in self._collector.inboxes))
         file = Path(self._folder) / "identification.json"
-        try:
-            file.parent.mkdir(parents=True, exist_ok=True)
-            result.to_json(file)
-        except OSError as error:
-            raise IdentificationError(f"{file} cannot be written: {error.strerror}", "Choose another folder.") from None
+        result.to_json(file)
         received = self._identifier.progress.received  # the smoother keeps some at both ends of every piece
         laws = [e for e in result.estimates if e.is_friction]
         sizes = [f"{e.short} {' ± '.join(rounded(e.value, e.std))} {e.unit}" for e in laws]
@@ -248,10 +244,5 @@ def finite(value: float) -> float | None:
     return value if np.isfinite(value) else None
 
 
-def main() -> None:
-    """Entry point."""
-    sys.exit(run(IdentifierNode))
-
-
 if __name__ == "__main__":
-    main()
+    sys.exit(run(IdentifierNode))

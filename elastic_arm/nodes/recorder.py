@@ -172,10 +172,5 @@ def matching(infos: list[TopicEndpointInfo]) -> QoSProfile:
     )
 
 
-def main() -> None:
-    """Entry point."""
-    sys.exit(run(Recorder))
-
-
 if __name__ == "__main__":
-    main()
+    sys.exit(run(Recorder))

@@ -232,10 +232,5 @@ class Replayer(ArmNode):
         self._health.report(problems, "playing", {"messages": self._sent, "rate": self._rate, "rounds": self._rounds})
 
 
-def main() -> None:
-    """Entry point."""
-    sys.exit(run(Replayer))
-
-
 if __name__ == "__main__":
-    main()
+    sys.exit(run(Replayer))

@@ -347,10 +347,5 @@ class SimulatorNode(ArmNode):
         self._health.report(problems, "pace held", figures)
 
 
-def main() -> None:
-    """Entry point."""
-    sys.exit(run(SimulatorNode))
-
-
 if __name__ == "__main__":
-    main()
+    sys.exit(run(SimulatorNode))

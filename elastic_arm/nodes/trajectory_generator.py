@@ -220,10 +220,5 @@ class TrajectoryGenerator(ArmNode):
         self._health.report(problems, "streaming", {"streamed, s": streamed, "in all, s": total})
 
 
-def main() -> None:
-    """Entry point."""
-    sys.exit(run(TrajectoryGenerator))
-
-
 if __name__ == "__main__":
-    main()
+    sys.exit(run(TrajectoryGenerator))

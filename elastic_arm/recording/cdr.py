@@ -110,6 +110,8 @@ def layout_of(data: memoryview, type_name: str, store: TypeFields) -> Layout:
     walker = _Walker(data, store, "<" if data[1] else ">")
     try:
         walker.message(type_name, "")
+    except RecursionError:
+        raise RecordingError(f"types of which {type_name} is made hold each other") from None
     except (struct.error, KeyError, UnicodeDecodeError) as error:
         raise RecordingError(f"a message does not fit its type {type_name} ({error})") from None
     if walker.at > len(data):

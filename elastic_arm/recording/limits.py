@@ -16,10 +16,7 @@ MEMORY_SHARE = 0.5
 
 # Of a message definition. The largest one of ROS (a planning scene of MoveIt) has 60 kB, 70 types and 400 fields.
 DEFINITION_BYTES = 1_000_000
-DEFINITION_TYPES = 1000
 DEFINITION_FIELDS = 2000
-TYPE_DEPTH = 32
-ARRAY_LENGTH = 2**31
 
 # Of the messages of one topic: fields met in walking one message, and layouts (lengths, names, orders of joints), whose
 # fields together are about so many.

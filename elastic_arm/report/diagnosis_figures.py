@@ -18,15 +18,7 @@ from elastic_arm.diagnosis.result import Cause, Diagnosis
 from elastic_arm.estimation.equations import SIDES
 from elastic_arm.excitation import FourierTrajectory
 from elastic_arm.report.html import Figure, Plot
-from elastic_arm.report.style import (
-    BLUE,
-    CYCLE,
-    GREY,
-    VERMILION,
-    label_joints,
-    new_figure,
-    style,
-)
+from elastic_arm.report.style import BLUE, CYCLE, GREY, VERMILION, new_figure, style
 
 # The same colours mean the same throughout.
 BEFORE, CAUSE, AFTER = GREY, VERMILION, BLUE
@@ -172,8 +164,8 @@ def horizons(prediction: Prediction, joints: Sequence[str], unit: str) -> MplFig
     drawn = [(before, BEFORE, 2.6, "before"), (after, AFTER, 1.0, "after")][: 1 if after == before else 2]
     with style():
         figure, axes = new_figure(1, len(joints), size=(max(4.5, min(3.2 * len(joints), 12.0)), 2.9), sharey=True)
-        label_joints(axes[0], joints)
         for ax, joint in zip(axes[0], joints, strict=True):
+            ax.set_title(joint, loc="left")
             for side, dash in (("motor", "-"), ("link", "--")):
                 for size, colour, width, word in drawn:
                     if (joint, side) in size:

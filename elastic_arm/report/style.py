@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import Any
 
 import matplotlib as mpl
@@ -14,16 +14,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 # Okabe & Ito's palette: distinguishable for colour-blind readers too.
-BLUE, ORANGE, GREEN, VERMILION, PURPLE, SKY, YELLOW, GREY = (
-    "#0072B2",
-    "#E69F00",
-    "#009E73",
-    "#D55E00",
-    "#CC79A7",
-    "#56B4E9",
-    "#F0E442",
-    "#6E7781",
-)
+BLUE, ORANGE, GREEN, VERMILION = "#0072B2", "#E69F00", "#009E73", "#D55E00"
+PURPLE, SKY, GREY = "#CC79A7", "#56B4E9", "#6E7781"
 CYCLE = (BLUE, VERMILION, GREEN, ORANGE, PURPLE, SKY, GREY)
 
 _RC: Any = {
@@ -92,9 +84,3 @@ def envelope_indices(y: np.ndarray, points: int) -> np.ndarray:
     start = np.arange(bins) * width
     picks = np.concatenate([start + folded.argmin(1), start + folded.argmax(1), [0, len(y) - 1]])
     return np.unique(np.minimum(picks, len(y) - 1))
-
-
-def label_joints(axes: Sequence[Axes], names: Sequence[str]) -> None:
-    """Title each axis with its joint's name."""
-    for ax, name in zip(axes, names, strict=True):
-        ax.set_title(name, loc="left")

@@ -41,15 +41,7 @@ from elastic_arm.robot.urdf_tree import Chain
 
 NOMINAL_ARM = Path(__file__).parent / "data" / "arm.yaml"
 
-_TRANSMISSION_FIELDS = (
-    "rotor",
-    "wave_generator",
-    "spline",
-    "stiffness",
-    "damping",
-    "belt_ratio",
-    "harmonic_drive_ratio",
-)
+_TRANSMISSION_FIELDS = tuple(name for name in TransmissionEntry.model_fields if name != "bearing")
 REMEDY = "Give an arm file, which starts with name, gravity, base and joints, or a URDF."
 # What may stand before the first element of XML.
 _BEFORE = ((b"<!--", b"-->"), (b"<?", b"?>"), (b"<!DOCTYPE", b">"))
@@ -238,22 +230,15 @@ def _transmission(entry: TransmissionEntry) -> Transmission | None:
             f"{', '.join(missing)}: missing field (there is {given[0]})",
             "Describe the whole transmission, or leave all of it out",
         )
-    components: dict[str, Component] = {}
-    for name in ("rotor", "wave_generator", "spline"):
-        with located(f"{name}."):
-            components[name] = _component(getattr(entry, name))
-    bearing = None
+    parts: dict[str, Any] = {name: getattr(entry, name) for name in _TRANSMISSION_FIELDS}
+    for name, part in parts.items():
+        if isinstance(part, ComponentEntry):
+            with located(f"{name}."):
+                parts[name] = _component(part)
     if entry.bearing is not None:
         with located("bearing."):
-            bearing = Bearing(entry.bearing.stiffness, entry.bearing.damping)
-    numbers: dict[str, float] = {name: getattr(entry, name) for name in _TRANSMISSION_FIELDS[3:]}
-    return Transmission(
-        rotor=components["rotor"],
-        wave_generator=components["wave_generator"],
-        spline=components["spline"],
-        bearing=bearing,
-        **numbers,
-    )
+            parts["bearing"] = Bearing(entry.bearing.stiffness, entry.bearing.damping)
+    return Transmission(**parts)
 
 
 def _component(entry: ComponentEntry) -> Component:

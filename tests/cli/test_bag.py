@@ -8,13 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from typer.testing import CliRunner, Result
 
-from elastic_arm.cli.bag import bag_app
 from elastic_arm.recording import read_recording, write_recording
 from elastic_arm.recording.foreign.array_files import load_arrays
 from elastic_arm.recording.foreign.guess import guess_mapping
 from tests.helpers.bags import assert_equal, two_sided
+from tests.helpers.command_line import run
 
 
 @pytest.fixture
@@ -22,18 +21,13 @@ def bag(tmp_path: Path) -> Path:
     return write_recording(tmp_path / "bag", two_sided(np.random.default_rng(0), 2000))
 
 
-def run(*arguments: object) -> Result:
-    """Run `elastic-arm bag …`."""
-    return CliRunner().invoke(bag_app, [str(argument) for argument in arguments])
-
-
 def test_info_shows_topics_rates_joints_and_channels(bag: Path) -> None:
     """A table for people, the same as JSON for scripts."""
-    shown = run("info", bag)
+    shown = run("bag", "info", bag)
     assert shown.exit_code == 0
     for word in ("/joint_states", "/motor_states", "1000", "joint_3", "motor.effort", "zstd"):
         assert word in shown.stdout
-    told = json.loads(run("info", bag, "--json").stdout)
+    told = json.loads(run("bag", "info", bag, "--json").stdout)
     assert told["messages"] == 4000
     assert told["duration"] == pytest.approx(1.999)
     assert told["joints"] == ["joint_1", "joint_2", "joint_3"]
@@ -42,7 +36,7 @@ def test_info_shows_topics_rates_joints_and_channels(bag: Path) -> None:
 
 def test_check_ends_with_0_for_a_sound_bag(bag: Path) -> None:
     """Nothing wrong: exit code 0."""
-    done = run("check", bag)
+    done = run("bag", "check", bag)
     assert (done.exit_code, "nothing wrong" in done.stdout) == (0, True)
 
 
@@ -51,8 +45,8 @@ def test_check_ends_with_1_for_a_torn_bag_and_repairs_it(bag: Path) -> None:
     (bag / "metadata.yaml").unlink()
     file = bag / "bag_0.mcap"
     file.write_bytes(file.read_bytes()[:-3000])
-    assert run("check", bag).exit_code == 1
-    done = run("check", bag, "--repair", "--json")
+    assert run("bag", "check", bag).exit_code == 1
+    done = run("bag", "check", bag, "--repair", "--json")
     told = json.loads(done.stdout)
     assert done.exit_code == 0
     assert not told["ok"]
@@ -63,7 +57,7 @@ def test_check_ends_with_1_for_a_torn_bag_and_repairs_it(bag: Path) -> None:
 
 def test_check_ends_with_2_for_what_is_no_bag(tmp_path: Path) -> None:
     """Not readable at all: exit code 2 and one line that says why."""
-    done = run("check", tmp_path / "nothing")
+    done = run("bag", "check", tmp_path / "nothing")
     assert done.exit_code == 2
     assert "does not exist" in done.stderr
 
@@ -73,7 +67,7 @@ def test_import_makes_a_bag(tmp_path: Path) -> None:
     np.savez(tmp_path / "run.npz", t=np.arange(100) * 0.01, q=np.random.default_rng(0).normal(size=(100, 1)))
     content = {"times": {"key": "t"}, "joints": ["joint_1"], "link": {"position": {"key": "q"}}}
     (tmp_path / "map.yaml").write_text(yaml.safe_dump(content))
-    arguments = ("import", tmp_path / "run.npz", "--map", tmp_path / "map.yaml", "--out", tmp_path / "bag")
+    arguments = ("bag", "import", tmp_path / "run.npz", "--map", tmp_path / "map.yaml", "--out", tmp_path / "bag")
     done = run(*arguments)
     assert done.exit_code == 0
     assert "link.position" in done.stdout
@@ -86,9 +80,9 @@ def test_import_makes_a_bag(tmp_path: Path) -> None:
 def test_shipped_bags_have_nothing_wrong(name: str) -> None:
     """The bags that come with the project pass the check, their streamed reference included."""
     bag = Path(__file__).parents[2] / "bags" / name
-    checked = json.loads(run("check", bag, "--json").stdout)
+    checked = json.loads(run("bag", "check", bag, "--json").stdout)
     assert checked["findings"] == []
-    assert "/reference" in run("info", bag).stdout
+    assert "/reference" in run("bag", "info", bag).stdout
 
 
 def test_a_dataset_becomes_a_bag_an_episode_and_a_bag_becomes_arrays_and_the_same_bag(
@@ -100,17 +94,17 @@ def test_a_dataset_becomes_a_bag_an_episode_and_a_bag_becomes_arrays_and_the_sam
     (tmp_path / "run.csv").write_text("run,t,q1,q2\n" + "\n".join(rows) + "\n")
     draft = guess_mapping(load_arrays(tmp_path / "run.csv"), ["a", "b"])
     (tmp_path / "map.yaml").write_text(draft.to_yaml())
-    done = run("import", tmp_path / "run.csv", "--map", tmp_path / "map.yaml", "--out", tmp_path / "bags")
+    done = run("bag", "import", tmp_path / "run.csv", "--map", tmp_path / "map.yaml", "--out", tmp_path / "bags")
     assert done.exit_code == 0 and done.stdout.count("1 of 100 rows have holes on the link side") == 2
     assert [len(read_recording(tmp_path / "bags" / f"run_{k}").link or ()) for k in (0, 1)] == [99, 99]
-    done = run("export", bag, "--out", tmp_path / "out" / "a.parquet")
+    done = run("bag", "export", bag, "--out", tmp_path / "out" / "a.parquet")
     assert done.exit_code == 0 and "2000 samples of the motor side" in done.stdout
     command = done.stdout.partition("elastic-arm bag ")[2].partition(" makes")[0].split()
-    assert run(*command[:-1], tmp_path / "again").exit_code == 0
+    assert run("bag", *command[:-1], tmp_path / "again").exit_code == 0
     assert_equal(read_recording(tmp_path / "again"), read_recording(bag))
-    again = run("export", bag, "--out", tmp_path / "out" / "a.parquet")
+    again = run("bag", "export", bag, "--out", tmp_path / "out" / "a.parquet")
     assert again.exit_code == 2 and "overwrite them with --force" in again.output
-    assert run("export", bag, "--out", tmp_path / "out" / "a.parquet", "--force").exit_code == 0
+    assert run("bag", "export", bag, "--out", tmp_path / "out" / "a.parquet", "--force").exit_code == 0
 
 
 @pytest.mark.parametrize(
@@ -127,5 +121,5 @@ def test_what_is_no_bag_names_the_command_that_makes_one(tmp_path: Path, name: s
     (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
     (tmp_path / name).write_text("t,q\n0,1\n")
     given = tmp_path / name.partition("/")[0]
-    done = run("check", given)
+    done = run("bag", "check", given)
     assert done.exit_code == 2 and command.format(given) in " ".join(done.output.split())

@@ -13,32 +13,16 @@ import numpy as np
 import pytest
 import yaml
 from rich.table import Table
-from typer.testing import CliRunner, Result
 
-from elastic_arm.app import SUBCOMMANDS, app, load
+from elastic_arm.app import SUBCOMMANDS, load
 from elastic_arm.cli.console import UNLIMITED, PipeConsole
 from elastic_arm.excitation import load_trajectory
 from elastic_arm.recording import write_recording
 from elastic_arm.robot import load_robot, to_urdf
 from elastic_arm.robot.loading import NOMINAL_ARM
 from tests.helpers.bags import two_sided
+from tests.helpers.command_line import refusal, run
 from tests.helpers.motions import trajectory
-
-
-def run(*arguments: object) -> Result:
-    """Run `elastic-arm …`."""
-    return CliRunner().invoke(app, [str(argument) for argument in arguments])
-
-
-def refusal(*arguments: object) -> str:
-    """Return the one line that a refused command writes."""
-    result = run(*arguments)
-    assert result.exit_code == 2, result.output
-    (line,) = result.stderr.strip().splitlines()
-    assert line.startswith("error: ")
-    assert line.endswith((".", "?"))
-    assert "Errno" not in line
-    return line
 
 
 @pytest.fixture
@@ -83,41 +67,31 @@ def test_describe_tells_joints_and_base_parameters() -> None:
 # --- nothing is overwritten unasked
 
 
-def test_a_file_is_overwritten_with_force_alone(tmp_path: Path) -> None:
-    """A second `describe --urdf` to one file is refused and changes nothing; with --force it writes."""
-    file = tmp_path / "arm.urdf"
-    file.write_text("mine")
-    assert "--force" in refusal("describe", "--urdf", file)
-    assert file.read_text() == "mine"
-    assert run("describe", "--urdf", file, "--force").exit_code == 0
-    assert file.read_text().startswith("<?xml")
+KEPT: dict[str, tuple[str, list[object], str]] = {  # what is there, and what the refusal to overwrite it names
+    "describe": ("arm.urdf", ["--urdf", "{}/arm.urdf"], "exists already"),
+    "excite": ("motion.yaml", ["--out", "{}/motion.yaml"], "exists already"),
+    "excite ": ("report.html", ["--out", "{}/t.yaml", "--report", "{}"], "--report"),
+    "identify": ("robot.yaml", ["bags/excitation", "--out", "{}"], "robot.yaml"),
+    "diagnose": ("report.html", ["bags/excitation", "--out", "{}"], "report.html"),
+    "paper": ("claims.csv", ["--out", "{}"], "claims.csv"),
+}
 
 
-def test_an_earlier_trajectory_is_kept(motion: Path) -> None:
-    """`excite` refuses before its search to write over a trajectory, and says how to do it all the same."""
-    before = motion.read_bytes()
-    said = refusal("excite", "--out", motion)
-    assert "exists already" in said
-    assert "--force" in said
-    assert motion.read_bytes() == before
+@pytest.mark.parametrize("command", KEPT)
+def test_nothing_is_overwritten_unasked(tmp_path: Path, command: str) -> None:
+    """Before the work a command refuses to write over a file, in a folder or by its name, and leaves it as it is."""
+    name, arguments, words = KEPT[command]
+    (tmp_path / name).write_text("mine")
+    said = refusal(command.strip(), *(str(word).format(tmp_path) for word in arguments))
+    assert words in said and "--force" in said
+    assert [path.read_text() for path in tmp_path.iterdir()] == ["mine"]
 
 
-def test_an_earlier_report_of_an_excitation_is_kept(tmp_path: Path) -> None:
-    """`excite --report` refuses a folder with a report in it."""
-    (tmp_path / "report.html").write_text("mine")
-    assert "--report" in refusal("excite", "--out", tmp_path / "t.yaml", "--report", tmp_path)
-
-
-@pytest.mark.parametrize(("command", "result"), [("identify", "robot.yaml"), ("paper", "claims.csv")])
-def test_earlier_results_are_kept(tmp_path: Path, bag: Path, command: str, result: str) -> None:
-    """A folder that holds any of a command's results is refused before the work, and stays as it is."""
-    folder = tmp_path / "results"
-    folder.mkdir()
-    (folder / result).write_text("mine")
-    said = refusal(command, *([bag] if command == "identify" else []), "--out", folder)
-    assert result in said
-    assert "--force" in said
-    assert [path.name for path in folder.iterdir()] == [result]
+def test_a_file_is_overwritten_with_force(tmp_path: Path) -> None:
+    """`describe --urdf --force` writes where something stands."""
+    (tmp_path / "arm.urdf").write_text("mine")
+    assert run("describe", "--urdf", tmp_path / "arm.urdf", "--force").exit_code == 0
+    assert (tmp_path / "arm.urdf").read_text().startswith("<?xml")
 
 
 def test_no_recording_is_overwritten(tmp_path: Path, bag: Path, motion: Path) -> None:
@@ -206,13 +180,6 @@ def test_without_arguments_four_ways_in_are_shown() -> None:
         assert told.exit_code == 0
         assert all(word in told.stdout for word in words if word.startswith("--"))
     assert "Usage: " in run("bag").stdout
-
-
-def test_the_answer_no_keeps_its_exit_status(bag: Path) -> None:
-    """`bag check` of a torn bag ends with 1, of a sound one with 0, also as a command of the application."""
-    assert run("bag", "check", bag).exit_code == 0
-    (bag / "metadata.yaml").unlink()
-    assert run("bag", "check", bag).exit_code == 1
 
 
 @pytest.mark.parametrize("arguments", [["--duration", "1e9"], ["--rate", "1e9", "--duration", "1"]])
@@ -314,29 +281,25 @@ def test_summaries_are_the_first_sentences_of_the_subcommands() -> None:
         assert " ".join(first.split()) == subcommand.summary
 
 
-def test_help_imports_no_library_of_a_subcommand() -> None:
-    """The help of the application needs neither NumPy nor CasADi."""
+SPARED = {  # command -> what it shows, and what it does not import
+    "--help": ("Usage", ("numpy", "casadi", "scipy", "matplotlib", "cvxpy", "rosbags", "pydantic")),
+    "describe --base": (
+        "base parameters",
+        ("scipy.optimize", "scipy.linalg", "cvxpy", "rosbags", "mcap", "elastic_arm.effects"),
+    ),
+}
+
+
+@pytest.mark.parametrize("command", SPARED)
+def test_commands_import_no_library_that_they_do_not_need(command: str) -> None:
+    """The help needs neither NumPy nor CasADi, a description neither estimators nor readers of bags."""
+    shown, heavy = SPARED[command]
     lines = (
         "import sys",
         "from typer.testing import CliRunner",
         "from elastic_arm.app import app",
-        "CliRunner().invoke(app, ['--help'])",
-        "heavy = ('numpy', 'casadi', 'scipy', 'matplotlib', 'cvxpy', 'rosbags', 'pydantic')",
-        "sys.exit(' '.join(name for name in heavy if name in sys.modules) or None)",
-    )
-    done = subprocess.run([sys.executable, "-c", "\n".join(lines)], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-
-
-def test_a_description_is_shown_without_estimators_readers_and_effects() -> None:
-    """`describe` names base parameters, and imports neither what estimates them nor what reads bags."""
-    lines = (
-        "import sys",
-        "from typer.testing import CliRunner",
-        "from elastic_arm.app import app",
-        "assert 'base parameters' in CliRunner().invoke(app, ['describe', '--base']).output",
-        "heavy = ('scipy.optimize', 'scipy.linalg', 'cvxpy', 'rosbags', 'mcap', 'elastic_arm.effects')",
-        "sys.exit(' '.join(name for name in heavy if name in sys.modules) or None)",
+        f"assert {shown!r} in CliRunner().invoke(app, {command.split()!r}).output",
+        f"sys.exit(' '.join(name for name in {heavy!r} if name in sys.modules) or None)",
     )
     done = subprocess.run([sys.executable, "-c", "\n".join(lines)], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

@@ -6,9 +6,8 @@ import json
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
-from elastic_arm.app import app
+from tests.helpers import command_line
 from tests.helpers.linear_axis import COULOMB, MASS, OFFSET, VISCOUS, write_axis
 
 
@@ -23,7 +22,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def run(*words: object) -> str:
-    found = CliRunner().invoke(app, [str(word) for word in words])
+    found = command_line.run(*words)
     assert found.exit_code == 0, found.output
     return found.output
 

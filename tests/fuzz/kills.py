@@ -46,22 +46,6 @@ def lost_by_a_kill(graph: Graph, published: list[int], bag: Path, seconds: float
 
     The arm itself is behind the kill where the machine is busy, and leaves samples out where it is very busy: missing
     is what it has published and the bag does not hold.
-
-    Parameters
-    ----------
-    graph
-        With an arm that moves in real time.
-    published
-        Stamps of the arm's samples so far, ns.
-    bag
-        Folder to record to.
-    seconds
-        Between the first samples in the bag and the kill.
-
-    Raises
-    ------
-    RuntimeError
-        If samples are missing before the last one, or the bag cannot be checked.
     """
     recorder = graph.start("recorder", bag=bag)
     graph.until(lambda: holds_samples(bag), "samples of both sides are in the bag")

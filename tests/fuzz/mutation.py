@@ -19,15 +19,7 @@ Mutation = Callable[[bytearray, np.random.Generator, Sequence[bytes]], None]
 
 
 def mutant(seeds: Sequence[bytes], rng: np.random.Generator) -> bytes:
-    """Return one of the seeds with one to four mutations.
-
-    Parameters
-    ----------
-    seeds
-        Whole files of one kind.
-    rng
-        Draws seed, mutations and places.
-    """
+    """Return one of the seeds with one to four mutations."""
     content = bytearray(seeds[rng.integers(len(seeds))])
     text = b"\0" not in content[:2000]
     for _ in range(rng.integers(1, 5)):

@@ -44,24 +44,12 @@ URDF_OVERLAY = "urdf: arm.urdf\nlimits: {joint_1: {velocity: 2.0}}\n"
 
 @dataclass(frozen=True)
 class Target:
-    """Something that reads files.
+    """Something that reads files."""
 
-    Parameters
-    ----------
-    group
-        "bags" or "files".
-    suffix
-        Of the file that a mutant is written to.
-    seeds
-        Whole files.
-    work
-        Reads the file; may raise an ElasticArmError and nothing else.
-    """
-
-    group: str
-    suffix: str
-    seeds: Sequence[bytes]
-    work: Callable[[Path], object]
+    group: str  # "bags" or "files"
+    suffix: str  # of the file that a mutant is written to
+    seeds: Sequence[bytes]  # whole files
+    work: Callable[[Path], object]  # reads the file; may raise an ElasticArmError and nothing else
 
 
 def targets(folder: Path) -> dict[str, Target]:

@@ -5,11 +5,14 @@ from __future__ import annotations
 import shutil
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import yaml
 from rosbags.rosbag2 import StoragePlugin, Writer
 
 from elastic_arm.recording import Recording, Side, message_types
+from elastic_arm.recording.inspection.check import check_bag
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 JOINTS = ("joint_1", "joint_2", "joint_3")
@@ -103,3 +106,20 @@ def assert_equal(one: Recording, other: Recording) -> None:
         np.testing.assert_array_equal(values, right[name], err_msg=name)
     assert one.joints == other.joints
     assert one.robot_description == other.robot_description
+
+
+def both(stamp_ns: Iterable[int]) -> list[tuple[str, str, int, bytes]]:
+    """Messages of both sides in turn."""
+    pairs = zip(states("/joint_states", stamp_ns), states("/motor_states", stamp_ns), strict=True)
+    return [message for pair in pairs for message in pair]
+
+
+def codes(path: Path, **options: Any) -> set[str]:
+    """Codes of all that the check finds but notes."""
+    return {finding.code for finding in check_bag(path, **options).findings if finding.severity != "note"}
+
+
+def write_yaml(path: Path, content: object) -> Path:
+    """Write `content` as YAML."""
+    path.write_text(yaml.safe_dump(content, sort_keys=False))
+    return path

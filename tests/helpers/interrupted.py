@@ -23,7 +23,6 @@ def interrupted(script: Sequence[str], delay: float, patience: float) -> tuple[i
         start_new_session=True,
         preexec_fn=partial(signal.signal, signal.SIGINT, signal.default_int_handler),
     )
-    assert process.stdout is not None
     process.stdout.readline()
     time.sleep(delay)
     os.killpg(process.pid, signal.SIGINT)

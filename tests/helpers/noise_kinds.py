@@ -75,17 +75,7 @@ def coarse_torque(step: float) -> Noise:
 
 
 def encoder(std: float = 0.0, bits: tuple[float, float] | None = None, velocity: str = "measured") -> Noise:
-    """Return angles with white noise (rad), rounded to bits of a turn, and velocities measured, differences or none.
-
-    Parameters
-    ----------
-    std
-        rad.
-    bits
-        Of the link's and the motor's encoder, both at the output of the drive.
-    velocity
-        "measured", "differences" or "none".
-    """
+    """Return angles with white noise (rad), rounded to bits of a turn, and velocities measured, differences or none."""
 
     def noisy(channels: Channels, t: Array, rng: np.random.Generator) -> Channels:
         found = white(channels, t, rng)
@@ -158,21 +148,7 @@ KINDS: Mapping[str, Noise] = {
 
 
 def recording(kind: str, t: Array, channels: Channels, rng: np.random.Generator, source: str = "run") -> Recording:
-    """Return the recording of true channels with a kind of noise.
-
-    Parameters
-    ----------
-    kind
-        Of :data:`KINDS`.
-    t
-        (N,) s, at equal distances.
-    channels
-        q, dq, theta, dtheta, tau_J, tau_m, (N, n) each.
-    rng
-        Of the noise.
-    source
-        Name of the recording.
-    """
+    """Return the recording of true channels with a kind of noise."""
     read = KINDS[kind](dict(channels), t, rng)
     kept = rng.random(len(t)) > (0.003 if kind == "dropped" else 0.0)
     stamps = (np.round(t * 1e9).astype(np.int64) + 1_700_000_000_000_000_000)[kept]

@@ -32,7 +32,6 @@ def recordings(*faults: tuple[object, ...], seconds: tuple[float, ...] = (10.0, 
     for length in seconds:
         course = arm.run(random_motion(rng, arm.n, length))
         whole = measure(course, robot().joint_names, (), SensorModel(encoder_noise=1e-6), rng)
-        assert whole.link is not None
         link = {name: whole.link.channels()[name].copy() for name in ("position", "velocity")}
         for values in link.values():
             values[:, ENCODERS:] = np.nan

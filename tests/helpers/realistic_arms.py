@@ -49,10 +49,8 @@ def record(
     ratios = np.array([joint.transmission.r_tot for joint in robot.joints if joint.transmission])
     for k, duration in enumerate(seconds):
         exact = arm.record(random_motion(rng, robot.n, duration), sensors, rng)
-        assert exact.link is not None and exact.motor is not None
         sides = {}
         for name, side, step in (("link", exact.link, LINK_STEP), ("motor", exact.motor, MOTOR_STEP / ratios)):
-            assert side.position is not None
             sides[name] = replace(side, position=np.round(side.position / step) * step, velocity=None)
             if noise is not None and side.effort is not None:
                 rate = 1e9 / float(np.median(np.diff(side.stamp_ns)))

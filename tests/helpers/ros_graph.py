@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
 from domain_coordinator import domain_id
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
@@ -79,6 +80,17 @@ class Graph:
         messages: list[Any] = []
         self.peer.create_subscription(kind, topic, messages.append, graph.qos(topic))
         return messages
+
+    def status(self, node: str) -> dict[str, str]:
+        """Return what a node reports of itself on /diagnostics, kept up to date: figures, and its words as `said`."""
+        found: dict[str, str] = {}
+
+        def note(message: DiagnosticArray) -> None:
+            if node in message.status[0].name:
+                found.update({v.key: v.value for v in message.status[0].values}, said=message.status[0].message)
+
+        self.peer.create_subscription(DiagnosticArray, "/diagnostics", note, 100)
+        return found
 
     def until(self, condition: Callable[[], Any], what: str, patience: float = PATIENCE) -> None:
         """Spin until a condition holds; fail when patience runs out, showing what the nodes said."""

@@ -41,5 +41,4 @@ def recorded(arm: MjcfArm, rate: float, bits: int, *, seed: int = 0, seconds: fl
     told = _script()["commands"](seconds, seed, rate)
     given = np.vstack([told[:1].repeat(late, axis=0), told[: len(told) - late]])
     found = record_commands(arm, given, rate=rate, bits=bits)
-    assert found.reference is not None
     return replace(found, reference=replace(found.reference, position=told), source=f"run_{seed}")

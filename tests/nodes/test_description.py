@@ -94,7 +94,6 @@ def test_other_readers_take_it() -> None:
     names = urdf_joints(text)
     assert [name for name in names if name in ARM.joint_names] == list(ARM.joint_names)
     control = ET.fromstring(text).find("ros2_control")
-    assert control is not None
     assert [joint.get("name") for joint in control.findall("joint")] == list(ARM.joint_names)
 
 

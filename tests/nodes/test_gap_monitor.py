@@ -8,12 +8,10 @@ import os
 import signal
 import time
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray
 from elastic_arm_msgs.msg import GapDiagnosis, GapResidual
 from std_srvs.srv import SetBool, Trigger
 
@@ -24,7 +22,7 @@ from elastic_arm.excitation import FourierTrajectory
 from elastic_arm.nodes.support.gap_messages import diagnosis_message, in_words, residual_messages
 from elastic_arm.nodes.support.worker_process import Answer, WorkerProcess
 from tests.helpers.questions import halving
-from tests.helpers.ros_graph import Graph, ros_graph
+from tests.helpers.ros_graph import Graph
 
 TORQUE = 6.0
 
@@ -191,18 +189,11 @@ def test_residuals_between_diagnoses_are_plain_numbers() -> None:
 # The node
 
 
-@pytest.fixture
-def graph(tmp_path: Path) -> Iterator[Graph]:
-    """A graph of the test's own, with an arm that has more friction than its model and moves on and on."""
-    rng = np.random.default_rng(5)
-    a, b = (rng.normal(0.0, 0.3, (3, 5)) for _ in range(2))
-    joints = ("joint_1", "joint_2", "joint_3")
-    FourierTrajectory(2 * np.pi / 20.0, a, b, np.zeros(3), 20.0, 0.5, joints).save(tmp_path / "trajectory.yaml")
-    with ros_graph(tmp_path) as made:
-        yield made
-
-
 def start_arm(graph: Graph) -> None:
+    """Start an arm that has more friction than its model and moves on and on."""
+    a, b = np.random.default_rng(5).normal(0.0, 0.3, (2, 3, 5))
+    motion = FourierTrajectory(2 * np.pi / 20.0, a, b, np.zeros(3), 20.0, 0.5, ("joint_1", "joint_2", "joint_3"))
+    motion.save(graph.folder / "trajectory.yaml")
     graph.start(
         "simulator",
         effects=f"['coulomb_friction:joint_2:torque={TORQUE}']",
@@ -220,13 +211,7 @@ def test_the_friction_of_a_moving_arm_is_named(graph: Graph) -> None:
     """
     found = graph.listen(GapDiagnosis, "/gap")
     sizes = graph.listen(GapResidual, "/gap_monitor/residuals/joint_2/motor")
-    status: dict[str, str] = {}
-
-    def note(message: DiagnosticArray) -> None:
-        if "gap_monitor" in message.status[0].name:
-            status.update({v.key: v.value for v in message.status[0].values}, said=message.status[0].message)
-
-    graph.peer.create_subscription(DiagnosticArray, "/diagnostics", note, 100)
+    status = graph.status("gap_monitor")
     window = 8.0
     monitor = graph.start("gap_monitor", window=window, period=5.0, save_to=graph.folder / "diagnosis")
     assert not graph.call(Trigger, "/gap_monitor/save", Trigger.Request()).success
@@ -263,29 +248,9 @@ def test_the_friction_of_a_moving_arm_is_named(graph: Graph) -> None:
 def test_an_arm_at_rest_is_not_diagnosed(graph: Graph) -> None:
     """Without motion there is no verdict, and the reason stands on /diagnostics; Ctrl-C ends the node at any time."""
     found = graph.listen(GapDiagnosis, "/gap")
-    said: list[str] = []
-
-    def note(message: DiagnosticArray) -> None:
-        if "gap_monitor" in message.status[0].name:
-            said.append(message.status[0].message)
-
-    graph.peer.create_subscription(DiagnosticArray, "/diagnostics", note, 100)
+    status = graph.status("gap_monitor")
     monitor = graph.start("gap_monitor", window=8.0)
     graph.start("simulator", real_time_factor=0.8)
-    graph.until(lambda: any("no motion" in words for words in said), "the rest is reported")
+    graph.until(lambda: "no motion" in status.get("said", ""), "the rest is reported")
     assert not found
     assert monitor.stop(signal.SIGTERM) == 0, monitor.output
-
-
-@pytest.mark.graph
-def test_mistakes_are_answered_in_one_line(graph: Graph) -> None:
-    """The node ends with code 2 and a line that names what was wrong."""
-    mistakes = {
-        "/nowhere/arm.yaml": {"robot": "/nowhere/arm.yaml"},
-        "coulomb_friction": {"known": "['coulomb_frictoin']"},
-    }
-    nodes = {named: graph.start("gap_monitor", **parameters) for named, parameters in mistakes.items()}
-    for named, node in nodes.items():
-        assert node.wait() == 2, node.output
-        (line,) = node.output.splitlines()
-        assert line.startswith("error: ") and named in line

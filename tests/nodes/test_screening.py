@@ -7,14 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray
 
 from elastic_arm.estimation.resampling import part
 from elastic_arm.identification import Identification, identifier_of
 from elastic_arm.nodes.support.screening import StreamScreen
 from elastic_arm.recording import Samples, read_recording, write_recording
 from elastic_arm.robot import load_robot
-from tests.helpers.ros_graph import ros_graph
+from tests.helpers.ros_graph import Graph
 
 BATCH = 100
 
@@ -85,25 +84,17 @@ def test_an_estimate_survives_an_absurd_sample(samples: Samples) -> None:
 
 
 @pytest.mark.graph
-def test_the_identifier_reports_what_it_leaves_out(tmp_path: Path) -> None:
+def test_the_identifier_reports_what_it_leaves_out(tmp_path: Path, graph: Graph) -> None:
     """One sample of 1e6 Nm on the graph is counted on /diagnostics, and parameters are determined all the same."""
     recording = read_recording(Path(__file__).parents[2] / "bags" / "excitation")
-    assert recording.motor is not None and recording.motor.effort is not None
     effort = recording.motor.effort.copy()
     effort[4000, 1] = 1e6
     bag = write_recording(tmp_path / "spoiled", replace(recording, motor=replace(recording.motor, effort=effort)))
-    reports: list[str] = []
-
-    def note(message: DiagnosticArray) -> None:
-        if "identifier" in message.status[0].name:
-            reports.append(message.status[0].message)
-
-    with ros_graph(tmp_path) as graph:
-        graph.peer.create_subscription(DiagnosticArray, "/diagnostics", note, 100)
-        identifier = graph.start("identifier", save_to=tmp_path / "online", save_at_exit=True)
-        replayer = graph.start("replayer", bag=bag, topics="['/joint_states', '/motor_states']", rate=4.0)
-        graph.until(lambda: any("1 samples hold absurd numbers" in report for report in reports), "it is reported")
-        graph.until(lambda: replayer.process.poll() is not None, "the bag ends")
-        assert identifier.stop() == 0
+    status = graph.status("identifier")
+    identifier = graph.start("identifier", save_to=tmp_path / "online", save_at_exit=True)
+    replayer = graph.start("replayer", bag=bag, topics="['/joint_states', '/motor_states']", rate=4.0)
+    graph.until(lambda: "1 samples hold absurd numbers" in status.get("said", ""), "it is reported")
+    graph.until(lambda: replayer.process.poll() is not None, "the bag ends")
+    assert identifier.stop() == 0
     found = Identification.load(tmp_path / "online" / "identification.json")
     assert sum(estimate.verdict == "well" for estimate in found.estimates) > 10

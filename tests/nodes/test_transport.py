@@ -38,7 +38,6 @@ def shared_memory_of(node: NodeProcess) -> set[str]:
 def test_writers_send_heartbeats_often(profile: Path) -> None:
     """In the default profile of writers, which is the one that ROS's publishers begin with."""
     writer = ET.parse(profile).getroot().find("p:data_writer[@is_default_profile='true']", SPACE)
-    assert writer is not None
     seconds, nanoseconds = (
         writer.findtext(f"p:times/p:heartbeatPeriod/p:{unit}", namespaces=SPACE) for unit in ("sec", "nanosec")
     )

@@ -8,22 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.io
-import yaml
 
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording import Recording, read_recording
 from elastic_arm.recording.foreign.array_files import load_arrays
 from elastic_arm.recording.foreign.arrays import import_arrays
 from elastic_arm.recording.foreign.guess import guess_mapping
-from tests.helpers.bags import JOINT_STATE, JOINTS, joint_state, stamps, write_foreign
+from tests.helpers.bags import JOINT_STATE, JOINTS, joint_state, stamps, write_foreign, write_yaml
 
 KR300 = Path(__file__).parents[3] / "shared" / "data" / "kuka_kr300" / "run_A.mat"
-
-
-def write_yaml(path: Path, content: object) -> Path:
-    """Write `content` as YAML."""
-    path.write_text(yaml.safe_dump(content, sort_keys=False))
-    return path
 
 
 def motion(count: int = 60) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -155,7 +148,6 @@ def test_a_file_of_numbers_a_channel_is_mapped_by_its_name_alone(tmp_path: Path,
     link = {"position": {"key": "q", **rest}, "effort": {"key": "tau", **rest}}
     mapping = {"times": {"rate": 100}, "joints": ["a", "b", "c"], "link": link}
     taken = import_arrays(tmp_path / "run", write_yaml(tmp_path / "map.yaml", mapping)).link
-    assert taken is not None and taken.position is not None and taken.effort is not None
     np.testing.assert_array_equal(taken.position, q)
     np.testing.assert_array_equal(taken.effort, tau)
 
@@ -246,7 +238,6 @@ def test_decimal_commas_are_read_where_the_mapping_has_them(tmp_path: Path, mark
     text = mark.join([name, "q"]) + "\n" + "".join(f"{k}0,0{mark}{k},5\n" for k in range(5))
     times = {"times": {"key": name, "unit": "ms"}}
     side = log(tmp_path, text, ",", **times).link
-    assert side is not None and side.position is not None
     np.testing.assert_array_equal(side.position[:, 0], np.arange(5) + 0.5)
     np.testing.assert_array_equal(side.stamp_ns, np.arange(5) * 10_000_000)
 
@@ -255,7 +246,6 @@ def test_a_row_of_units_blank_cells_and_texts_are_read(tmp_path: Path) -> None:
     """Degrees by the row of units, rows with holes left out and counted, a text column refuses nothing."""
     rows = "".join(f"{k},{'' if k == 3 else k},{'ok' if k else ''},true\n" for k in range(8))
     run = log(tmp_path, "Time [ms],q,status,moving\nms,deg,-,-\n" + rows)
-    assert run.link is not None and run.link.position is not None
     np.testing.assert_allclose(run.link.position[:, 0], np.deg2rad([0, 1, 2, 4, 5, 6, 7]))
     np.testing.assert_array_equal(run.link.stamp_ns, np.array([0, 1, 2, 4, 5, 6, 7]) * 1_000_000)
     assert run.notes == ("1 of 8 rows have holes on the link side and were left out of it",)
@@ -273,7 +263,6 @@ def test_marks_at_the_end_of_lines_and_numbers_in_quotes_are_read(tmp_path: Path
 def test_every_third_row_is_taken(tmp_path: Path) -> None:
     """As of a log that repeats each sample."""
     run = log(tmp_path, "Time [ms],q\n" + "".join(f"{k},{k // 3}\n" for k in range(30)), every=3)
-    assert run.link is not None and run.link.position is not None
     np.testing.assert_array_equal(run.link.position[:, 0], np.arange(10))
     np.testing.assert_array_equal(run.link.stamp_ns, np.arange(10) * 3_000_000)
 
@@ -306,6 +295,5 @@ def test_units_in_names_are_those_of_the_channels(tmp_path: Path) -> None:
     motor = {"position": {"key": ["q[0]"]}, "effort": {"key": ["tau [mNm]"]}}
     mapping = {"times": {"rate": 100}, "joints": ["a"], "motor": motor}
     run = import_arrays(tmp_path / "run.npz", write_yaml(tmp_path / "map.yaml", mapping))
-    assert run.motor is not None and run.motor.effort is not None
     np.testing.assert_allclose(run.motor.effort[:, 0], np.arange(5.0) * 1e-3)
     np.testing.assert_array_equal(run.motor.position[:, 0], np.arange(5.0))

@@ -7,24 +7,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.io
-import yaml
 
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording import read_recording, write_recording
 from elastic_arm.recording.foreign.arrays import import_arrays
 from elastic_arm.recording.inspection.check import check_bag
-from tests.helpers.bags import assert_equal
+from tests.helpers.bags import assert_equal, write_yaml
 
 ROOT = Path(__file__).parents[2]
 
 
 KUKA = ROOT.parent / "shared" / "data" / "kuka_lwr4"
-
-
-def write_yaml(path: Path, content: object) -> Path:
-    """Write `content` as YAML."""
-    path.write_text(yaml.safe_dump(content, sort_keys=False))
-    return path
 
 
 MAPPING = {
@@ -94,7 +87,6 @@ def test_a_force_beside_currents_has_no_constant(tmp_path: Path) -> None:
     effort = {"key": "i", "unit": ["N", "A"], "torque_constant": [None, 0.2], "ratio": [None, 100]}
     content = {**MAPPING, "motor": {"effort": effort}}
     recording = import_arrays(tmp_path / "a.npz", write_yaml(tmp_path / "map.yaml", content))
-    assert recording.motor is not None
     np.testing.assert_allclose(recording.motor.effort, arrays["i"] * [1.0, 20.0])
 
 

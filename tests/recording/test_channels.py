@@ -13,15 +13,9 @@ from elastic_arm.recording import load_channels, message_types, read_recording, 
 from elastic_arm.recording.foreign.arrays import load_array_map
 from elastic_arm.recording.foreign.channels import ChannelScale
 from elastic_arm.recording.inspection.check import check_bag
-from tests.helpers.bags import JOINT_STATE, JOINTS, joint_state, stamps, states, write_foreign
+from tests.helpers.bags import JOINT_STATE, JOINTS, joint_state, stamps, states, write_foreign, write_yaml
 
 ROOT = Path(__file__).parents[2]
-
-
-def write_yaml(path: Path, content: object) -> Path:
-    """Write `content` as YAML."""
-    path.write_text(yaml.safe_dump(content, sort_keys=False))
-    return path
 
 
 def test_the_documented_maps_are_valid(tmp_path: Path) -> None:
@@ -121,11 +115,9 @@ def test_commands_of_any_topic_are_the_reference(tmp_path: Path) -> None:
     }  # fmt: skip
     bag = write_foreign(tmp_path / "bag", sorted(messages, key=lambda message: message[2]))
     recording = read_recording(bag, write_yaml(tmp_path / "map.yaml", {"joints": joints}))
-    assert recording.reference is not None
     np.testing.assert_allclose(recording.reference.position, np.deg2rad(np.outer(np.arange(30), [1, -1])))
     np.testing.assert_array_equal(recording.reference.stamp_ns, stamps(30))
     again = read_recording(write_recording(tmp_path / "own", recording)).reference
-    assert again is not None
     np.testing.assert_array_equal(again.position, recording.reference.position)
 
 

@@ -12,23 +12,19 @@ from elastic_arm.errors import RecordingError
 from elastic_arm.recording import Recording, read_recording, write_recording
 from elastic_arm.recording.inspection.check import check_bag
 from elastic_arm.recording.inspection.repair import repair_bag
-from tests.helpers.bags import JOINT_STATE, JOINTS, joint_state, side, stamps, states, two_sided, write_foreign
+from tests.helpers.bags import (
+    JOINT_STATE,
+    JOINTS,
+    both,
+    codes,
+    joint_state,
+    side,
+    stamps,
+    states,
+    two_sided,
+    write_foreign,
+)
 from tests.helpers.random_arms import random_arm
-
-
-@pytest.fixture
-def rng() -> np.random.Generator:
-    return np.random.default_rng(11)
-
-
-def both(stamp_ns: np.ndarray) -> list[tuple[str, str, int, bytes]]:
-    """Messages of both sides at the same stamps."""
-    return states("/joint_states", stamp_ns) + states("/motor_states", stamp_ns)
-
-
-def codes(path: Path, **options: object) -> set[str]:
-    """Codes of all findings but the notes."""
-    return {finding.code for finding in check_bag(path, **options).findings if finding.severity != "note"}
 
 
 def test_a_clean_bag_has_no_findings(tmp_path: Path, rng: np.random.Generator) -> None:
@@ -80,7 +76,6 @@ def test_times_in_another_unit_are_warned_of(tmp_path: Path, rng: np.random.Gene
 def test_a_channel_that_some_joints_have_is_noted(tmp_path: Path, rng: np.random.Generator) -> None:
     """Link encoders at two of three joints are in order, and named; a channel that no joint has is warned of."""
     whole = two_sided(rng, 500)
-    assert whole.link is not None and whole.link.position is not None and whole.link.velocity is not None
     whole.link.position[:, 2], whole.link.velocity[:, 2] = np.nan, np.nan
     report = check_bag(write_recording(tmp_path / "some", whole))
     assert report.ok
@@ -135,13 +130,20 @@ def test_wrong_type_is_named(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("content", "words"), [(b"", "is empty"), (b"no bag at all", "is no MCAP file"), (None, "does not exist")]
+    ("name", "content", "words"),
+    [
+        ("x.mcap", b"", "is empty"),
+        ("x.mcap", b"no bag at all", "is no MCAP file"),
+        ("x.mcap", None, "does not exist"),
+        ("x.db3", b"", "is empty"),
+        ("x.db3", b"no bag at all", "is no SQLite file"),
+        ("x.db3", b"SQLite format 3\0 and no more", "is damaged"),
+    ],
 )
-def test_what_is_no_bag_is_refused(tmp_path: Path, content: bytes | None, words: str) -> None:
-    """Empty, foreign and missing files are each called what they are."""
-    file = tmp_path / "x.mcap"
+def test_what_is_no_bag_is_refused(tmp_path: Path, name: str, content: bytes | None, words: str) -> None:
+    """Empty, foreign, broken and missing files are each called what they are."""
     if content is not None:
-        file.write_bytes(content)
+        (tmp_path / name).write_bytes(content)
     for use in (read_recording, check_bag, repair_bag):
         with pytest.raises(RecordingError, match=words):
-            use(file)
+            use(tmp_path / name)

@@ -29,7 +29,6 @@ def test_angles_go_by_the_matrix_and_torques_keep_their_power(tmp_path: Path) ->
     np.savez(tmp_path / "run.npz", angle=angle, speed=speed, torque=torque)
     (tmp_path / "map.yaml").write_text(yaml.safe_dump(mapping()))
     motor = import_arrays(tmp_path / "run.npz", tmp_path / "map.yaml").motor
-    assert motor is not None and motor.position is not None and motor.velocity is not None and motor.effort is not None
     np.testing.assert_allclose(motor.position[:, 2], -0.01 * angle[:, 0] + 0.5 * angle[:, 1] - angle[:, 2])
     np.testing.assert_array_equal(motor.position[:, 0], angle[:, 0])
     power = [np.sum(a * b, axis=1) for a, b in ((motor.velocity, motor.effort), (speed, torque))]

@@ -67,7 +67,6 @@ def test_the_episodes_of_a_lerobot_dataset_are_recordings(tmp_path: Path, versio
     runs = import_runs(root, tmp_path / "map.yaml")
     assert list(runs) == [f"episode_index_{k}" for k in range(EPISODES)]
     for k, run in enumerate(runs.values()):
-        assert run.link is not None and run.reference is not None
         np.testing.assert_allclose(run.link.position, np.deg2rad(motion(k)), rtol=0, atol=1e-6)
         np.testing.assert_allclose(run.reference.position, np.deg2rad(motion(k) + 1.0), rtol=0, atol=1e-6)
         np.testing.assert_allclose(run.link.stamp_ns, np.arange(LENGTH) / 30.0 * 1e9, rtol=0, atol=1000)
@@ -96,7 +95,6 @@ def test_hdf5_files_of_aloha_kind_are_recordings(tmp_path: Path) -> None:
     runs = import_runs(tmp_path, tmp_path / "map.yaml")
     assert list(runs) == ["file_index_0", "file_index_1"]
     for k, run in zip((2, 10), runs.values(), strict=True):
-        assert run.link is not None and run.motor is not None and run.reference is not None
         np.testing.assert_array_equal(run.link.position, np.radians(motion(k)))
         np.testing.assert_array_equal(run.motor.effort, 3.0 * motion(k))
         np.testing.assert_array_equal(run.reference.position, np.radians(motion(k)) + 0.1)
@@ -165,7 +163,6 @@ def recording() -> Recording:
     """Sides of different rates and stamps, commands, a URDF, torques from currents, and names that need quotes."""
     rng = np.random.default_rng(0)
     whole = two_sided(rng, 50)
-    assert whole.link is not None and whole.link.position is not None
     position = whole.link.position.copy()
     position[:, 1] = np.nan
     command = Side(stamps(20, 2_000_003), *rng.normal(size=(4, 20, 3)))

@@ -114,7 +114,6 @@ def test_check_and_the_commands_that_fit_say_so(tmp_path: Path) -> None:
 def test_torques_of_a_wrong_unit_are_named_with_their_factor(factor: float, words: str) -> None:
     """What follows gravity a thousand times too small is in another unit; 1.2 times is a matter of masses."""
     robot, recording = arm(), recorded(arm(), speed=0.3)
-    assert recording.link is not None and recording.link.effort is not None
     wrong = replace(recording, link=replace(recording.link, effort=factor * recording.link.effort))
     (finding,) = contradicted_gravity(wrong, robot)
     assert finding.code == "gravity_size" and words in finding.message
@@ -126,7 +125,6 @@ def test_angles_taken_for_degrees_show_in_gravity() -> None:
     robot = arm(4)
     recording = recorded(robot, speed=0.3)
     link = recording.link
-    assert link is not None and link.position is not None and link.velocity is not None
     small = replace(link, position=np.radians(link.position), velocity=np.radians(link.velocity))
     (finding,) = contradicted_gravity(replace(recording, link=small), robot)
     assert finding.code == "gravity_size" and "angles in radians taken for degrees" in finding.message

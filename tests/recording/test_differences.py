@@ -39,7 +39,6 @@ def test_a_channel_that_is_late_has_its_lag() -> None:
     real, simulated = recording(0.0, 12.0), recording(0.0, 12.0)
     assert real.motor is not None and simulated.motor is not None
     late = recording(0.0, 12.0, late=0.003).motor
-    assert late is not None
     real = replace(real, motor=replace(real.motor, effort=late.effort))
     tau = differences(real, simulated).channels[1]
     np.testing.assert_allclose(tau.lag, 0.003, rtol=0.02)

@@ -31,7 +31,6 @@ def test_a_draft_of_named_arrays_is_imported_as_it_is(tmp_path: Path) -> None:
     taken = import_arrays(tmp_path / "run.npz", tmp_path / "map.yaml")
     assert not draft.missing
     assert draft.times is not None and draft.times.unit == "ms"
-    assert taken.link is not None and taken.motor is not None
     np.testing.assert_allclose(taken.link.position, Q, atol=1e-12)
     np.testing.assert_allclose(taken.link.velocity, DQ, atol=1e-12)
     np.testing.assert_allclose(taken.motor.effort, TAU)
@@ -139,7 +138,6 @@ def test_joints_that_slide_have_lengths_and_forces(tmp_path: Path) -> None:
     np.savez(tmp_path / "run.npz", **arrays)  # type: ignore[arg-type]
     (tmp_path / "map.yaml").write_text(draft.to_yaml())
     taken = import_arrays(tmp_path / "run.npz", tmp_path / "map.yaml")
-    assert taken.link is not None and taken.motor is not None
     np.testing.assert_allclose(taken.link.position, Q * [0.3, 1.0, 1.0])
     np.testing.assert_allclose(taken.motor.effort, TAU)
 
@@ -179,7 +177,6 @@ def test_columns_without_a_sensor_are_left_out(tmp_path: Path) -> None:
     np.savez(tmp_path / "run.npz", **arrays)  # type: ignore[arg-type]
     (tmp_path / "map.yaml").write_text(draft.to_yaml())
     taken = import_arrays(tmp_path / "run.npz", tmp_path / "map.yaml")
-    assert taken.link is not None and taken.link.position is not None
     np.testing.assert_array_equal(np.isnan(taken.link.position).all(axis=0), [False, False, True])
     assert "column 2 is constant while its joint moves: no sensor there, and left out" in draft.to_yaml()
 
@@ -223,7 +220,6 @@ def test_an_array_of_a_joint_without_a_sensor_is_ignored(tmp_path: Path) -> None
     draft = guess_mapping(load_arrays(tmp_path / "run.npz"), JOINTS)
     (tmp_path / "map.yaml").write_text(draft.to_yaml())
     taken = import_arrays(tmp_path / "run.npz", tmp_path / "map.yaml")
-    assert taken.motor is not None and taken.motor.effort is not None
     np.testing.assert_allclose(taken.motor.effort[:, :2], TAU[:, :2])
     assert np.isnan(taken.motor.effort[:, 2]).all()
 
@@ -255,7 +251,6 @@ def test_names_with_brackets_and_units_give_a_mapping_that_is_read(tmp_path: Pat
     draft = guess_mapping(load_arrays(tmp_path / "run.csv", None), JOINTS)
     (tmp_path / "map.yaml").write_text(draft.to_yaml())
     taken = import_arrays(tmp_path / "run.csv", tmp_path / "map.yaml")
-    assert taken.link is not None
     np.testing.assert_allclose(taken.link.position, Q, rtol=0, atol=1e-9)
 
 
@@ -274,7 +269,6 @@ def test_folders_of_one_number_a_line(tmp_path: Path, layout: str) -> None:
     draft = guess_mapping(load_arrays(folder), JOINTS)
     (tmp_path / "map.yaml").write_text(draft.to_yaml())
     taken = import_arrays(folder, tmp_path / "map.yaml")
-    assert taken.link is not None and taken.motor is not None
     np.testing.assert_allclose(taken.link.position, Q)
     np.testing.assert_allclose(taken.motor.effort, TAU)
 

@@ -41,7 +41,6 @@ def recording(shift: float = 0.0) -> Recording:
 
 def made(arm: Robot, **numbers: object) -> tuple[np.ndarray, np.ndarray]:
     found = with_made_torque(recording(0.007), controlled(arm, **numbers))
-    assert found.motor is not None and found.motor.effort is not None
     assert list(found.made_by) == ["joint_2"]
     assert np.isnan(found.motor.effort[:, [0, 2]]).all()
     inner = slice(5, -5)  # splines need some samples
@@ -94,9 +93,7 @@ def test_gravity_is_fed_forward_of_the_command(arm: Robot) -> None:
     for name in arm.joint_names:
         both = both.with_joint(name, controller=JointController(feedforward="gravity", between="interpolated"))
     found = with_made_torque(recording(), both)
-    assert found.motor is not None and found.motor.effort is not None and found.reference is not None
     r = found.reference.position
-    assert r is not None
     weight = build_model(arm).inverse_dynamics(r, 0.0 * r, 0.0 * r)
     np.testing.assert_allclose(found.motor.effort, weight, rtol=0, atol=1e-9 * np.abs(weight).max())
 
@@ -104,7 +101,6 @@ def test_gravity_is_fed_forward_of_the_command(arm: Robot) -> None:
 def test_what_is_known_otherwise_is_left_as_it_is(arm: Robot) -> None:
     """A recorded torque is never replaced; without commands, or without a controller, nothing is made."""
     plain, robot = recording(), controlled(arm, kp=20.0)
-    assert plain.link is not None
     torqued = replace(plain, link=replace(plain.link, effort=np.ones((300, 3))))
     assert with_made_torque(torqued, robot) is torqued
     assert with_made_torque(plain, arm) is plain

@@ -60,7 +60,6 @@ def test_a_rail_in_millimetres_is_named() -> None:
     robot = arm()
     robot = replace(robot, joints=(replace(robot.joints[0], prismatic=True), *robot.joints[1:]))
     recording = recorded()
-    assert recording.link is not None and recording.link.position is not None
     given = replace(recording.link, position=recording.link.position * [1000.0, 1.0, 1.0])
     (finding,) = beyond_limits(replace(recording, link=given), robot)
     assert "to 1e+03 m, its limits are -2 to 2" in finding.message and "millimetres" in finding.message
@@ -69,7 +68,6 @@ def test_a_rail_in_millimetres_is_named() -> None:
 def test_a_bag_in_which_nothing_moves_says_so(tmp_path: Path) -> None:
     """Without a warning of the library beside."""
     still = recorded(size=0.0, zero=0.3)
-    assert still.link is not None
     bag = write_recording(tmp_path / "bag", replace(still, link=replace(still.link, effort=np.ones((len(T), 3)))))
     with warnings.catch_warnings():
         warnings.simplefilter("error", RuntimeWarning)
@@ -81,7 +79,6 @@ def test_a_recording_that_can_hardly_be_used_says_so() -> None:
     """Few samples, joints without positions; of a whole one nothing."""
     whole = recorded()
     assert hardly_usable(whole) == []
-    assert whole.link is not None and whole.link.position is not None
     (few,) = hardly_usable(replace(whole, link=whole.link.at(slice(5))))
     assert few.startswith("there are 5 samples only")
     (none,) = hardly_usable(replace(whole, link=replace(whole.link, position=None)))

@@ -31,8 +31,6 @@ def bag_of(folder: Path, **arms: int) -> Path:
 
 def angles(folder: Path, seed: int) -> np.ndarray:
     link = read_recording(folder / f"plain_{seed}").link
-    assert link is not None
-    assert link.position is not None
     return link.position
 
 
@@ -40,7 +38,6 @@ def test_the_only_arm_of_a_bag_is_found_in_its_namespace(tmp_path: Path) -> None
     """Topics below /left are read as those of the root are, URDF and all, and the source names the namespace."""
     bag = bag_of(tmp_path, left=1)
     recording = read_recording(bag)
-    assert recording.link is not None
     np.testing.assert_array_equal(recording.link.position, angles(tmp_path, 1))
     assert recording.motor is not None
     assert recording.source == f"{bag} (/left)"
@@ -54,7 +51,6 @@ def test_of_several_arms_one_is_chosen_by_its_namespace(tmp_path: Path, wanted: 
     with pytest.raises(RecordingError, match=r"holds 2 arms: /left, /right\. Choose one: --namespace"):
         read_recording(bag)
     recording = read_recording(bag, namespace=wanted)
-    assert recording.link is not None
     np.testing.assert_array_equal(recording.link.position, angles(tmp_path, 1))
     with pytest.raises(RecordingError, match=r"no arm in the namespace /middle\. There are: /left, /right"):
         read_recording(bag, namespace="middle")
@@ -65,5 +61,4 @@ def test_an_arm_without_a_namespace_comes_first(tmp_path: Path) -> None:
     bag = bag_of(tmp_path, **{"": 1, "right": 2})
     recordings = [read_recording(bag, namespace=name) for name in (None, "/", "right")]
     for recording, seed in zip(recordings, (1, 1, 2), strict=True):
-        assert recording.link is not None
         np.testing.assert_array_equal(recording.link.position, angles(tmp_path, seed))

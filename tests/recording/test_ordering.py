@@ -26,7 +26,6 @@ def recorded(folder: Path, stamp_ns: np.ndarray, names: Sequence[str] = JOINTS) 
 
 def rows(recording: Recording) -> np.ndarray:
     """The numbers of the messages that became samples."""
-    assert recording.motor is not None and recording.motor.position is not None
     return np.rint(recording.motor.position[:, 0]).astype(int)
 
 
@@ -114,7 +113,6 @@ def test_half_messages_of_one_arm_are_joined(tmp_path: Path, late_ns: int) -> No
         "joints:\n" + "".join(f"  {j}: {{motor: {{position: {{topic: /motor_states}}}}}}\n" for j in JOINTS)
     )
     mapped = read_recording(bag, file)
-    assert mapped.motor is not None and mapped.motor.position is not None
     np.testing.assert_allclose(mapped.motor.position, recording.motor.position, rtol=0, atol=1e-9)
 
 

@@ -186,7 +186,6 @@ def turning(noise: float = 2e-5, hold: int = 1) -> Recording:
 def moved(recording: Recording, change: Callable[[np.ndarray], np.ndarray], effort: bool = False) -> Recording:
     """The recording with other positions, and torques of them."""
     motor = recording.motor
-    assert motor is not None and motor.position is not None
     position = change(motor.position.copy())
     torque = 5.0 * np.sin(position) if effort else motor.effort
     return replace(recording, motor=replace(motor, position=position, effort=torque))
@@ -205,9 +204,7 @@ def test_angles_within_a_turn_are_unwound(turn: float, noise: float, hold: int) 
     """A joint's own turn, or that of its motor over the gear ratio; with noise at its end, and held values; said."""
     whole = turning(noise, hold)
     assert without_outliers(whole) is whole
-    assert whole.motor is not None and whole.motor.position is not None
     found = without_outliers(moved(whole, within(turn)))
-    assert found.motor is not None and found.motor.position is not None
     off = found.motor.position - whole.motor.position
     exact = 1e-9 if turn > 6.0 else 0.02
     np.testing.assert_allclose(off, np.broadcast_to(off[0], off.shape), rtol=0, atol=exact)
@@ -219,7 +216,6 @@ def test_an_encoder_whose_zero_is_set_runs_on(size: float) -> None:
     """Sample, joint and size are named, and the jump taken out: torques and speeds are as before."""
     whole = turning()
     found = without_outliers(moved(whole, lambda q: q + size * np.outer(T > 9.995, [1.0, 0.0])))
-    assert whole.motor is not None and found.motor is not None
     (note,) = found.notes
     assert "motor position of a jumps as no joint moves, by" in note and "after sample 999, 9.990000 s" in note
     assert float(note.split(", by ")[1].split()[0]) == pytest.approx(size, abs=5e-3)
@@ -231,7 +227,6 @@ def test_joined_recordings_are_parted() -> None:
     """Where angles and torques jump nothing is bridged: a hole is left, and the angles stay as they are."""
     joined = moved(turning(), lambda q: np.vstack([q[:1200], q[400:1200]]), effort=True)
     found = without_outliers(joined)
-    assert joined.motor is not None and found.motor is not None and found.motor.position is not None
     assert len(found.notes) == 2 and all("joined recordings? It is parted there" in note for note in found.notes)
     kept = np.isin(joined.motor.stamp_ns, found.motor.stamp_ns)
     assert 5 < np.count_nonzero(~kept) < 12 and not kept[1200:1206].any()
@@ -253,7 +248,6 @@ def test_what_forces_do_is_no_jump() -> None:
 def test_a_second_publisher_of_zeros_is_left_out(tmp_path: Path, same_stamp: bool) -> None:
     """Between the samples of the arm, or at their stamps: the arm's alone are left, and that is said."""
     whole = turning()
-    assert whole.motor is not None
     later = STAMPS + (0 if same_stamp else 2_000_000)
     values = {"position": whole.motor.position, "velocity": None, "effort": whole.motor.effort}
     messages = [
@@ -266,7 +260,6 @@ def test_a_second_publisher_of_zeros_is_left_out(tmp_path: Path, same_stamp: boo
     ]
     bag = write_foreign(tmp_path / "bag", messages)
     found = without_outliers(read_recording(bag))
-    assert found.motor is not None
     np.testing.assert_array_equal(found.motor.stamp_ns, STAMPS)
     np.testing.assert_array_equal(found.motor.position, whole.motor.position)
     assert not check_bag(bag).ok

@@ -42,7 +42,6 @@ def test_a_bag_keeps_which_joints_have_a_channel(partial: Recording, tmp_path: P
     """What is written comes back, with a note on the joint without the channel; no outlier is found in it."""
     write_recording(tmp_path / "bag", partial)
     found = read_recording(tmp_path / "bag")
-    assert found.link is not None and partial.link is not None
     np.testing.assert_array_equal(found.link.position, partial.link.position)
     assert any("position is not there for b" in note for note in found.notes)
     assert not find_outliers(found)
@@ -50,7 +49,6 @@ def test_a_bag_keeps_which_joints_have_a_channel(partial: Recording, tmp_path: P
 
 def test_sides_stamped_apart_are_joined(partial: Recording, angles: np.ndarray) -> None:
     """Link angles of some joints are interpolated to the stamps of the motors."""
-    assert partial.link is not None
     shifted = Recording(JOINTS, Side(STAMPS + 1_000_000, partial.link.position), partial.motor)
     samples = shifted.samples()
     assert samples.q is not None and samples.theta is not None and samples.lacking == {("q", 1)}
@@ -69,7 +67,6 @@ def test_a_mapping_of_arrays_names_the_joints_of_a_channel(tmp_path: Path, angle
     }
     (tmp_path / "map.yaml").write_text(yaml.safe_dump(rules))
     found = import_arrays(tmp_path / "run.npz", tmp_path / "map.yaml")
-    assert found.link is not None and found.link.position is not None
     assert np.isnan(found.link.position[:, 1]).all()
     np.testing.assert_allclose(found.link.position[:, [0, 2]], angles[:, [0, 2]] * [1.0, -1.0])
     rules["link"]["position"]["joints"] = ["a", "d"]  # type: ignore[index]
@@ -91,7 +88,6 @@ def test_a_channel_map_may_leave_a_channel_out_at_some_joints(partial: Recording
 
 def test_a_single_number_that_is_none_is_still_refused(partial: Recording, tmp_path: Path) -> None:
     """NaN in some samples is a damaged channel, not one that a joint lacks."""
-    assert partial.link is not None and partial.link.position is not None
     partial.link.position[7, 0] = np.nan
     write_recording(tmp_path / "bag", partial)
     with pytest.raises(RecordingError, match="position of a is nan"):

@@ -111,7 +111,6 @@ def test_a_motor_torque_of_the_wrong_sign_is_found() -> None:
 def test_a_motor_torque_of_the_wrong_sign_is_found_beside_the_encoders_of_the_links() -> None:
     """An arm with one encoder a joint has its angles on the link's side, with stamps of their own."""
     recording = arm()
-    assert recording.motor is not None and recording.motor.effort is not None
     torque = recording.motor.effort + 30.0 * np.sign(recording.motor.velocity)
     alone = Side(recording.motor.stamp_ns[:-7] + 300_000, effort=torque[:-7])
     assert not backward(replace(recording, motor=alone))
@@ -192,7 +191,6 @@ def test_torques_that_were_low_passed_are_named_by_themselves() -> None:
 def test_velocities_beside_stamps_of_a_wrong_unit_are_compared() -> None:
     """Milliseconds taken for seconds make the motion a thousand times slower than its velocities: no standstill."""
     recording = arm()
-    assert recording.link is not None
     slow = replace(recording.link, stamp_ns=1000 * (recording.link.stamp_ns - 10**18))
     (finding,) = implausible(Recording(JOINTS, link=slow))
     assert finding.code == "velocity" and "1000 times the derivative of the position" in finding.message

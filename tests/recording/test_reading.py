@@ -16,11 +16,6 @@ from elastic_arm.recording.inspection.info import bag_info
 from tests.helpers.bags import JOINT_STATE, JOINTS, assert_equal, joint_state, side, stamps, states, write_foreign
 
 
-@pytest.fixture
-def rng() -> np.random.Generator:
-    return np.random.default_rng(7)
-
-
 def _packed(writer: Writer) -> None:
     writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
 

@@ -10,11 +10,6 @@ from elastic_arm.recording import Recording, Side
 from tests.helpers.bags import stamps, two_sided
 
 
-@pytest.fixture
-def rng() -> np.random.Generator:
-    return np.random.default_rng(2)
-
-
 def test_parts_and_joints_can_be_taken(rng: np.random.Generator) -> None:
     """`between` cuts by time from the start, `select` orders the columns, both on all sides."""
     recording = two_sided(rng, 1000)

@@ -16,6 +16,8 @@ from tests.helpers.bags import (
     JOINT_STATE,
     JOINTS,
     assert_equal,
+    both,
+    codes,
     joint_state,
     side,
     stamps,
@@ -23,21 +25,6 @@ from tests.helpers.bags import (
     two_sided,
     write_foreign,
 )
-
-
-@pytest.fixture
-def rng() -> np.random.Generator:
-    return np.random.default_rng(11)
-
-
-def both(stamp_ns: np.ndarray) -> list[tuple[str, str, int, bytes]]:
-    """Messages of both sides at the same stamps."""
-    return states("/joint_states", stamp_ns) + states("/motor_states", stamp_ns)
-
-
-def codes(path: Path, **options: object) -> set[str]:
-    """Codes of all findings but the notes."""
-    return {finding.code for finding in check_bag(path, **options).findings if finding.severity != "note"}
 
 
 def with_nan(tmp_path: Path) -> Path:

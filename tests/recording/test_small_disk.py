@@ -26,11 +26,6 @@ def disk(tmp_path: Path) -> Iterator[Path]:
         yield folder
 
 
-@pytest.fixture
-def rng() -> np.random.Generator:
-    return np.random.default_rng(3)
-
-
 @pytest.mark.parametrize("compression", ["none", "lz4", "zstd"])
 def test_a_full_disk_loses_nothing_that_was_written(disk: Path, compression: str) -> None:
     """Where the disk takes no more the error says so, and what was written before it is read again, in order."""
@@ -41,7 +36,6 @@ def test_a_full_disk_loses_nothing_that_was_written(disk: Path, compression: str
             writer.write(topic, data, log_ns)
     count = int(str(caught.value).split("The ")[1].split()[0])
     kept = read_recording(disk / "bag").motor
-    assert kept is not None
     np.testing.assert_array_equal(kept.stamp_ns, stamps(20_000)[: len(kept)])
     # A chunk that was cut in half may give some messages more than those promised.
     assert count <= len(kept) <= count + 100

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +21,7 @@ from tests.helpers.bags import (
     JOINT_STATE,
     JOINTS,
     assert_equal,
+    both,
     joint_state,
     stamps,
     states,
@@ -30,12 +30,6 @@ from tests.helpers.bags import (
 )
 
 SHARED = Path(__file__).parents[3] / "shared" / "data" / "ur10"
-
-
-def both(stamp_ns: Iterable[int]) -> list[tuple[str, str, int, bytes]]:
-    """Messages of both sides in turn."""
-    pairs = zip(states("/joint_states", stamp_ns), states("/motor_states", stamp_ns), strict=True)
-    return [message for pair in pairs for message in pair]
 
 
 def older(file: Path) -> None:
@@ -153,18 +147,6 @@ def test_a_torn_file_is_read_up_to_the_tear(tmp_path: Path) -> None:
     kept = read_recording(repair_bag(folder).path)
     assert 0.1 < len(kept.link) / 9_000 < 1
     np.testing.assert_array_equal(kept.link.stamp_ns, stamps(9_000)[: len(kept.link)])
-
-
-@pytest.mark.parametrize(
-    ("content", "words"),
-    [(b"", "is empty"), (b"no bag at all", "is no SQLite file"), (b"SQLite format 3\0 and no more", "is damaged")],
-)
-def test_what_is_no_bag_is_refused(tmp_path: Path, content: bytes, words: str) -> None:
-    """Empty, foreign and broken files are each called what they are."""
-    (tmp_path / "x.db3").write_bytes(content)
-    for use in (read_recording, check_bag, repair_bag):
-        with pytest.raises(RecordingError, match=words):
-            use(tmp_path / "x.db3")
 
 
 def test_a_database_that_is_no_bag_is_refused(tmp_path: Path) -> None:

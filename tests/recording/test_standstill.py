@@ -30,7 +30,6 @@ def test_standstill_is_left_out_but_for_some_seconds_around_motion() -> None:
     """What is kept is the motion and 3 s on either side of the rest; a note says how much that leaves out."""
     whole = arm()
     found = without_standstill(whole)
-    assert found.motor is not None
     t = found.motor.stamp_ns * 1e-9
     hole = int(np.argmax(np.diff(t)))
     assert 5.0 + KEPT <= t[hole] + 0.01 < 6.1 + KEPT and 63.9 - KEPT < t[hole + 1] <= 65.0 - KEPT
@@ -41,7 +40,6 @@ def test_standstill_is_left_out_but_for_some_seconds_around_motion() -> None:
 def test_an_absurd_sample_is_no_motion() -> None:
     """A spike in the middle of the rest does not keep the seconds around it."""
     whole = arm()
-    assert whole.motor is not None and whole.motor.position is not None
     whole.motor.position[round(35.0 * RATE)] = 1e6
     found = without_standstill(whole)
     assert len(found.motor or ()) == len(without_standstill(arm()).motor or ())
@@ -52,7 +50,6 @@ def test_short_rests_and_arms_that_never_move_keep_all() -> None:
     short = arm(rest=4.0)
     assert without_standstill(short) is short
     whole = arm()
-    assert whole.motor is not None and whole.motor.position is not None
     still = Recording(("b",), motor=Side(whole.motor.stamp_ns, position=whole.motor.position[:, 1:]))
     assert without_standstill(still) is still
 
@@ -75,7 +72,6 @@ def test_the_parts_of_a_bag_are_the_recording(tmp_path: Path) -> None:
     parts = list(read_parts(bag, most=10_000))
     whole, joined = read_recording(bag), Recording.joined([part for part, _ in parts])
     assert len(parts) > 2 and parts[-1][1] == 1.0
-    assert whole.link is not None and joined.link is not None
     for name, values in whole.link.channels().items():
         np.testing.assert_array_equal(joined.link.channels()[name], values)
     np.testing.assert_array_equal(joined.link.stamp_ns, whole.link.stamp_ns)

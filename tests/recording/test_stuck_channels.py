@@ -65,7 +65,6 @@ def test_a_torque_at_the_end_of_its_range_is_named_with_its_share(noise: float, 
 def test_channels_that_hold_every_value_are_not_at_the_end_of_their_range(times: int) -> None:
     """A torque that is updated every few samples has its peak as often as any other value."""
     slow = recording(step=0.0)
-    assert slow.motor is not None and slow.motor.effort is not None
     effort = slow.motor.effort[times * (np.arange(COUNT) // times)]
     assert found(replace(slow, motor=replace(slow.motor, effort=effort)), "clipped") == []
 
@@ -73,10 +72,8 @@ def test_channels_that_hold_every_value_are_not_at_the_end_of_their_range(times:
 def test_an_arm_at_rest_neither_freezes_nor_saturates() -> None:
     """Without noise all its channels repeat there, and its torque may be the largest of all."""
     resting = recording(noise=0.0, step=0.0)
-    assert resting.link is not None and resting.link.velocity is not None
     turning = int(np.argmin(np.abs(resting.link.velocity).max(axis=1)[:600]))
     still = held(resting, slice(2000, 3000), turning)
-    assert still.link is not None and still.link.velocity is not None and still.motor is not None
     velocity, effort = still.link.velocity.copy(), np.array(still.motor.effort)
     velocity[2000:3000], effort[2000:3000] = 0.0, 80.0
     still = replace(still, link=replace(still.link, velocity=velocity), motor=replace(still.motor, effort=effort))
@@ -105,7 +102,6 @@ def test_freezes_are_found_with_their_times() -> None:
     whole, icy = recording(), recording()
     for stretch in rows:
         icy = held(icy, stretch)
-    assert icy.link is not None and icy.motor is not None
     for frosty in (icy, replace(icy, link=replace(icy.link, velocity=None))):
         (finding,) = frozen(frosty)
         assert (finding.code, finding.time) == ("frozen", pytest.approx(5.0))
@@ -117,7 +113,6 @@ def test_freezes_are_found_with_their_times() -> None:
         whole = held(whole, slice(row, row + 2))
     assert frozen(whole) == []
     slow = np.repeat(np.arange(0, COUNT, 10), 10)
-    assert whole.link is not None and whole.motor is not None
     assert frozen(replace(whole, link=_taken(whole.link, slow), motor=_taken(whole.motor, slow))) == []
 
 
@@ -153,7 +148,6 @@ STUCK = {
 def with_motor_encoders() -> Recording:
     """A recording whose drives have encoders, too."""
     made = recording()
-    assert made.link is not None and made.motor is not None
     return replace(made, motor=replace(made.motor, position=made.link.position, velocity=made.link.velocity))
 
 
@@ -181,7 +175,6 @@ def test_joints_at_rest_hold_their_numbers() -> None:
         position, velocity = (values.copy() for values in (side.position, side.velocity))
         position[:, 1], velocity[:, 1] = 0.3, 5e-3
         whole = replace(whole, **{name: replace(side, position=position, velocity=velocity)})
-    assert whole.motor is not None and whole.motor.effort is not None
     torque = whole.motor.effort.copy()
     torque[:, 1] = 2.0
     assert found(replace(whole, motor=replace(whole.motor, effort=torque)), "stuck") == []
@@ -190,7 +183,6 @@ def test_joints_at_rest_hold_their_numbers() -> None:
 def test_impulses_are_no_saturation() -> None:
     """A torque that saturates leads to the end of its range; single samples do not."""
     made = recording()
-    assert made.motor is not None and made.motor.effort is not None
     torque = made.motor.effort.copy()
     torque[::100, 1] = 1e5
     assert found(replace(made, motor=replace(made.motor, effort=torque)), "clipped") == []
@@ -220,7 +212,6 @@ def test_a_channel_of_any_kind_that_is_held_is_named_with_its_period(
 def test_a_cycle_missed_now_and_then_is_named_with_its_share() -> None:
     """One torque in fifty repeats the one before."""
     whole = recording(step=0.0)
-    assert whole.motor is not None and whole.motor.effort is not None
     effort = whole.motor.effort.copy()
     effort[50::50] = effort[49:-1:50]
     (finding,) = found(replace(whole, motor=replace(whole.motor, effort=effort)), "held")
@@ -231,7 +222,6 @@ def test_zeros_between_the_values_of_a_channel_are_named() -> None:
     """A velocity that is zero two samples of three is no velocity that is held; one that passes zero has none."""
     whole = recording()
     assert found(whole, "zeros") == []
-    assert whole.link is not None and whole.link.velocity is not None
     velocity = whole.link.velocity * (np.arange(COUNT) % 3 == 0)[:, None]
     (finding,) = found(replace(whole, link=replace(whole.link, velocity=velocity)), "zeros")
     assert "link velocity is zero between values that are none: joint_1 in 6" in finding.message
@@ -242,6 +232,5 @@ def test_rounded_noise_is_not_held() -> None:
     rng = np.random.default_rng(3)
     for noise in (0.3, 1.0, 3.0, 8.0):
         whole = recording(noise=0.0, step=0.0)
-        assert whole.motor is not None and whole.motor.effort is not None
         effort = np.rint(whole.motor.effort + noise * rng.standard_normal(whole.motor.effort.shape))
         assert found(replace(whole, motor=replace(whole.motor, effort=effort)), "held") == []

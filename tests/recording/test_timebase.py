@@ -14,11 +14,6 @@ from elastic_arm.recording.timebase.joining import pair
 from tests.helpers.bags import JOINTS, START_NS, side, stamps, two_sided
 
 
-@pytest.fixture
-def rng() -> np.random.Generator:
-    return np.random.default_rng(2)
-
-
 def wave(stamp_ns: np.ndarray, hertz: float = 5.0) -> Side:
     """A slow sinusoid, sampled at `stamp_ns`."""
     angle = 2 * np.pi * hertz * ((stamp_ns - START_NS) * 1e-9)[:, None] + [0.0, 1.0, 2.0]

@@ -37,10 +37,8 @@ def test_of_a_rigid_arm_the_encoders_of_the_motors_are_used_and_the_lag_is_state
 def test_link_encoders_stay_where_they_are_needed() -> None:
     """At a joint whose motor has no torque, beside joint torques, and of an elastic arm."""
     whole = recorded()
-    assert whole.link is not None and whole.motor is not None and whole.motor.effort is not None
     bare = replace(whole, motor=replace(whole.motor, effort=whole.motor.effort * [1.0, np.nan, 1.0]))
     found = by_motor_encoders(bare, RIGID)
-    assert found.link is not None and found.link.position is not None
     np.testing.assert_array_equal(np.isnan(found.link.position).all(axis=0), [True, False, True])
     sensed = replace(whole, link=replace(whole.link, effort=whole.motor.effort))
     assert by_motor_encoders(sensed, RIGID) is sensed
@@ -69,7 +67,6 @@ def test_a_zero_and_a_ratio_of_encoders_are_named() -> None:
     """An incremental encoder 0.4 rad off, a ratio 0.35 % off: the joint, and by how much."""
     cleared = without_outliers(elastic(0.4))
     assert any("position of joint_2 are 0.4 rad apart" in note for note in cleared.notes)
-    assert cleared.motor is not None and cleared.motor.position is not None
     np.testing.assert_allclose(cleared.motor.position, elastic().motor.position, rtol=0, atol=2e-4)  # type: ignore[union-attr, arg-type]
     (ratio,) = disagreeing(elastic(ratio=1.0035))
     assert ratio.code == "encoder_ratio" and "of joint_2 are 1 times" not in ratio.message

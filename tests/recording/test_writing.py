@@ -19,11 +19,6 @@ from tests.helpers.bags import JOINT_STATE, JOINTS, assert_equal, side, stamps, 
 COMPRESSIONS = ("none", "lz4", "zstd")
 
 
-@pytest.fixture
-def rng() -> np.random.Generator:
-    return np.random.default_rng(7)
-
-
 @pytest.mark.parametrize("compression", COMPRESSIONS)
 @pytest.mark.parametrize("n", [1, 3, 7])
 def test_round_trip_is_exact(tmp_path: Path, rng: np.random.Generator, compression: str, n: int) -> None:

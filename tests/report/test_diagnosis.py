@@ -14,14 +14,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-import typer
 from rich.console import Console
-from typer.testing import CliRunner, Result
 
+from elastic_arm.app import load
 from elastic_arm.cli.console import UNLIMITED
-from elastic_arm.cli.diagnose import diagnose_command, print_diagnosis, write_diagnosis
-from elastic_arm.cli.several_values import SeveralValues, spelled_out
-from elastic_arm.cli.simulate import simulate
+from elastic_arm.cli.diagnose import print_diagnosis, write_diagnosis
+from elastic_arm.cli.several_values import spelled_out
 from elastic_arm.diagnosis import Question, diagnose, follow_up
 from elastic_arm.diagnosis.corrected_robot import repaired_robot
 from elastic_arm.diagnosis.estimates import ParameterEstimate
@@ -37,19 +35,13 @@ from elastic_arm.report.diagnosis_figures import angle_within_turn, shown_sides
 from elastic_arm.report.html import Table
 from elastic_arm.report.legend import meaning
 from tests.helpers.browser import rendered_page
+from tests.helpers.command_line import run
 from tests.helpers.gap_recordings import ROBOT, gentle, motions, record
 
 pytestmark = pytest.mark.slow(40)
 
-APP = typer.Typer()
-APP.command("diagnose", cls=SeveralValues)(diagnose_command)
-APP.command("simulate")(simulate)
 FRICTION, ERROR = "coulomb_friction:joint_2:torque=6", "transmission_error:joint_1:amplitude=2e-5,phase=0.7"
 PLAY = "backlash:joint_2:half_gap=1e-5"
-
-
-def run(*arguments: object) -> Result:
-    return CliRunner().invoke(APP, [str(argument) for argument in arguments])
 
 
 @pytest.fixture(scope="module")
@@ -268,8 +260,7 @@ def test_help_says_what_is_written_and_how_it_ends() -> None:
 )
 def test_repeatable_options_take_several_values(given: str, meant: str) -> None:
     """`--validate A B` judges on both, as the usage line says; what stands before any argument is an argument."""
-    command = typer.main.get_command(APP).commands["diagnose"]  # type: ignore[attr-defined]
-    assert spelled_out(given.split(), command.params) == meant.split()
+    assert spelled_out(given.split(), load("diagnose").params) == meant.split()
 
 
 def test_sides_without_a_residual_are_not_drawn(two_causes: Diagnosis, tmp_path: Path) -> None:
@@ -297,7 +288,6 @@ def test_sides_without_a_residual_are_not_drawn(two_causes: Diagnosis, tmp_path:
 def test_an_angle_about_zero_is_drawn_in_one_piece(two_causes: Diagnosis) -> None:
     """A joint without gears that swings about zero is not cut in two where a turn begins."""
     context = two_causes.context
-    assert context is not None
     joint = replace(context.model.robot.joints[0], transmission=None)
     gearless = SimpleNamespace(model=SimpleNamespace(robot=SimpleNamespace(joints=(joint,))))
     theta = 4.0 * np.pi + 0.5 * np.sin(np.linspace(0.0, 6.0, 200))

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from elastic_arm.effects import EFFECTS, Catalogue
 from elastic_arm.errors import DiagnosisError, SimulationError
@@ -16,7 +15,6 @@ from elastic_arm.recording import read_recording
 from elastic_arm.robot import load_robot
 from elastic_arm.studies.blind_challenge import campaign
 from elastic_arm.studies.blind_challenge.answers import expected_unknown, score_answer
-from elastic_arm.studies.blind_challenge.command import challenge_app
 from elastic_arm.studies.blind_challenge.draw import Request, channels_path, description_path, draw
 from elastic_arm.studies.blind_challenge.effect_sampling import sample_effect
 from elastic_arm.studies.blind_challenge.hidden_arms.base_arms import imprecise
@@ -27,6 +25,7 @@ from elastic_arm.studies.blind_challenge.information import ITSELF, MarginalInfo
 from elastic_arm.studies.blind_challenge.levels import FIELD, FLOORS, LABORATORY, SERVO, WORKSHOP
 from elastic_arm.studies.blind_challenge.score import calibration, markdown, proportion, score
 from elastic_arm.studies.blind_challenge.servo_arms import described, with_effect
+from tests.helpers.command_line import run
 
 ROBOT = load_robot(None)
 JOINTS = list(ROBOT.joint_names)
@@ -154,7 +153,7 @@ def test_small_campaign_is_made_resumed_answered_and_scored(tmp_path: Path) -> N
     assert shares["nothing more than ordinary: no cause"]["hits"] == 1 and shares["effect right"]["hits"] == 1
     assert all(x["truth"][0] not in x["named"] for x in found["withheld_items"])
     document = tmp_path / "results.md"
-    said = CliRunner().invoke(challenge_app, ["score", str(tmp_path), "--markdown", str(document)])
+    said = run("challenge", "score", tmp_path, "--markdown", document)
     assert said.exit_code == 0, said.output
     assert document.read_text() == markdown(found)
     assert json.loads((tmp_path / "score.json").read_text())["levels"] == json.loads(json.dumps(found["levels"]))
@@ -178,7 +177,6 @@ def test_a_field_arm_is_recorded_with_its_description_and_read_back(tmp_path: Pa
     truth = campaign.open_sealed(tmp_path, campaign.load_manifest(tmp_path)["truth_sha256"])
     for entry in truth:
         path, channels = description_path(tmp_path, entry["name"]), channels_path(tmp_path, entry["name"])
-        assert path is not None
         robot = load_robot(path)
         read = read_recording(tmp_path / "bags" / f"{entry['name']}_identify", channels, robot.joint_names)
         assert robot.elastic and robot.n in (6, 7) and np.linalg.norm(robot.gravity) == pytest.approx(9.81)

@@ -35,7 +35,6 @@ def short_ramp(start: np.ndarray, **changes: object) -> StepRamp:
 def without_bearing(joint: Joint) -> Joint:
     """The joint with rigid bearings."""
     t = joint.transmission
-    assert t is not None
     fields = {name: getattr(t, name) for name in t.__dataclass_fields__}
     return Joint(**{**vars(joint), "transmission": Transmission(**{**fields, "bearing": None})})
 

@@ -5,13 +5,14 @@ Tolerances, defaults (parameters `constraints.*`) and outcomes are those of join
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Duration
 from control_msgs.action import FollowJointTrajectory
+from control_msgs.msg import JointTolerance
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.node import Node
@@ -23,7 +24,6 @@ from elastic_arm.errors import GraphError
 from elastic_arm.nodes.following.follower import Follower
 from elastic_arm.nodes.following.goals import Goal
 from elastic_arm.nodes.following.splines import Row
-from elastic_arm.nodes.following.tolerances import Tolerances
 from elastic_arm.nodes.support.parameters import declare
 from elastic_arm.nodes.support.wire import NANOSECONDS
 
@@ -31,6 +31,44 @@ Result = FollowJointTrajectory.Result
 NAME = "~/follow_joint_trajectory"
 # Between two messages of feedback, in the arm's time.
 FEEDBACK_NS = NANOSECONDS // 20
+
+
+@dataclass(frozen=True, eq=False)
+class Tolerances:
+    """Largest errors of position and velocity, (n,) each, rad and rad/s; infinite where any is allowed."""
+
+    position: Array
+    velocity: Array
+
+    @classmethod
+    def of(
+        cls, stated: Sequence[JointTolerance], joints: Sequence[str], position: float = 0.0, velocity: float = 0.0
+    ) -> Tolerances:
+        """Take the tolerances of a request: 0 stands for the default there, and less for no limit.
+
+        joints: of the arm, (n,).
+
+        Raises a GraphError if one names another joint.
+        """
+        values = {"position": np.full(len(joints), position), "velocity": np.full(len(joints), velocity)}
+        for tolerance in stated:
+            if tolerance.name not in joints:
+                raise GraphError(f"has a tolerance for {tolerance.name!r}", f"There are {', '.join(joints)}.")
+            for name, column in values.items():
+                if getattr(tolerance, name) != 0.0:
+                    column[list(joints).index(tolerance.name)] = getattr(tolerance, name)
+        return cls(**{name: np.where(column > 0.0, column, np.inf) for name, column in values.items()})
+
+    def exceeded(self, joints: Sequence[str], position: Array, velocity: Array) -> str:
+        """Return in words which error (n,) exceeds its tolerance first; empty where none does."""
+        for name, errors, limits, unit in (
+            ("position", position, self.position, "rad"),
+            ("velocity", velocity, self.velocity, "rad/s"),
+        ):
+            for joint, error, limit in zip(joints, np.abs(errors), limits, strict=True):
+                if error > limit:
+                    return f"the {name} of {joint} is off by {error:.3g} {unit}, more than {limit:.3g} {unit}"
+        return ""
 
 
 @dataclass(eq=False)

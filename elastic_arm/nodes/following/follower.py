@@ -34,14 +34,7 @@ class Follower:
     no limit, that of the excitation's search counts.
 
     start: (n,) rad where it stands; policy: what to do with a goal that breaks limits: refuse, slow_down or ignore
-    (streams too).
-
-    Attributes
-    ----------
-    stream
-        The queue of streamed points, with its counts.
-    goal
-        The goal that is being followed, or was last; None after a stream.
+    (streams too). `stream` is the queue of streamed points, `goal` the goal followed now or last; None after a stream.
     """
 
     def __init__(self, robot: Robot, start: Array, origin_ns: int, step_ns: int, policy: str = "refuse") -> None:

@@ -36,16 +36,8 @@ class ReferenceQueue:
     tool does under feed hold. It is :attr:`delay` behind the stamps then, until another motion begins.
 
     start: (n,) position held until the first point; origin_ns, step_ns: step k of the grid is at `origin_ns + k *
-    step_ns`.
-
-    Attributes
-    ----------
-    delay
-        Steps that the arm is behind the stamps.
-    starved
-        How often the stream fell behind, so that the arm had to slow down.
-    late
-        Points left out, as they are older than any delay.
+    step_ns`. Of the attributes, `delay` is by how many steps the arm is behind the stamps, `starved` how often the
+    stream fell behind, `late` how many points were left out, older than any delay.
     """
 
     def __init__(self, start: Array, origin_ns: int, step_ns: int) -> None:

@@ -47,19 +47,8 @@ def reference_points(
     names of the arm's joints, (n,); held: (n,) where joints that the message does not name stay; names of other
     joints are a mistake then. None where it has to name all joints; further ones are left out.
 
-    Returns
-    -------
-    after_ns : (N,)
-        Time of each point after the message's stamp, increasing.
-    points
-        (N, n) each.
-
-    Raises
-    ------
-    GraphError
-        If a joint of the arm is missing or a name is repeated, there are no points or too many, a point lacks its
-        positions or has another number of values than there are names, a value is not finite or larger than any arm's,
-        or times do not increase.
+    Returns the time of each point after the message's stamp, increasing (N,), and the points, (N, n) each. Raises a
+    GraphError where names, times, or the number or size of values are not those of a motion of this arm.
     """
     names = list(message.joint_names)
     _check_names(names, joints, partial=held is not None)

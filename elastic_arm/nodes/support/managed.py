@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import traceback
-from collections.abc import Callable
+from functools import partialmethod
 
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 
@@ -55,33 +55,12 @@ class ManagedNode(LifecycleNode, ArmNode):
         """Return whether the node was shut down."""
         return self.state == "finalized"
 
-    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Transition from unconfigured to inactive."""
-        return self._carry_out(self.configure, "inactive", configured=True)
-
-    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Transition from inactive to active."""
-        return self._carry_out(self.activate, "active")
-
-    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Transition from active to inactive."""
-        return self._carry_out(self.deactivate, "inactive")
-
-    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Transition from inactive to unconfigured."""
-        return self._carry_out(self.cleanup, "unconfigured", configured=False)
-
-    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Transition from any state to finalized."""
-        return self._carry_out(lambda: None, "finalized")
-
-    def _carry_out(
-        self, work: Callable[[], None], state: str, configured: bool | None = None
-    ) -> TransitionCallbackReturn:
-        """Do the work of a transition."""
+    def _carry_out(self, work: str, state: str, configured: bool | None, _: LifecycleState) -> TransitionCallbackReturn:
+        """Do the work of a transition, the method of this name."""
         finished = False
         try:
-            work()
+            if work:
+                getattr(self, work)()
             self.state, finished = state, True
             self.configured = self.configured if configured is None else configured
         except ElasticArmError as error:
@@ -93,3 +72,10 @@ class ManagedNode(LifecycleNode, ArmNode):
             if not finished:  # rclpy would lose what was raised
                 self.get_logger().error(traceback.format_exc())
         return TransitionCallbackReturn.SUCCESS
+
+    # The transitions: of what they do, where they lead to, and whether it is configured there.
+    on_configure = partialmethod(_carry_out, "configure", "inactive", True)
+    on_activate = partialmethod(_carry_out, "activate", "active", None)
+    on_deactivate = partialmethod(_carry_out, "deactivate", "inactive", None)
+    on_cleanup = partialmethod(_carry_out, "cleanup", "unconfigured", False)
+    on_shutdown = partialmethod(_carry_out, "", "finalized", None)

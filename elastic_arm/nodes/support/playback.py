@@ -11,16 +11,8 @@ from elastic_arm.recording.storage.messages import Message
 class Playback:
     """The messages of a bag on a clock that may stand still, run faster and be set.
 
-    read: returns the messages in the order they were logged, from the first on.
-
-    Attributes
-    ----------
-    next
-        The message that comes next; None at the end.
-    first_ns
-        When the first one was logged; None of a bag without messages.
-    paused
-        Whether the clock stands still.
+    read: returns the messages in the order they were logged, from the first on. `next` is the message that comes next,
+    None at the end; `first_ns` when the first was logged, None of a bag without messages.
     """
 
     def __init__(self, read: Callable[[], Iterator[Message]]) -> None:

@@ -53,12 +53,7 @@ class Form:
 class Inbox:
     """Messages of one topic as they arrived, to be decoded many at a time; the oldest give way when it is full.
 
-    Attributes
-    ----------
-    received, overflowed
-        Messages that came, and those of them that gave way.
-    unreadable
-        Messages that do not fit their type, or have one layout too many.
+    Counted are messages that came, gave way, or do not fit their type (or have one layout too many).
     """
 
     def __init__(self, type_name: str, capacity: int = 20_000) -> None:

@@ -32,12 +32,8 @@ class WorkerProcess:
     """A process that answers one question after another.
 
     make: called in the process with `args`; returns what answers questions. Both are importable by name; args: what
-    the process needs to know; questions and answers go through a pipe, so all are plain data.
-
-    Attributes
-    ----------
-    restarts
-        How often the process died, and was started again.
+    the process needs to know; questions and answers go through a pipe, so all are plain data. `restarts` is how often
+    the process died, and was started again.
     """
 
     def __init__(self, make: Callable[..., Callable[[Any], Any]], *args: Any) -> None:

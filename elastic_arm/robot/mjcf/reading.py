@@ -55,13 +55,7 @@ class MjcfArm:
 
 
 def read_mjcf(path: str | Path, chain: Chain | None = None, at: str | None = None) -> Robot:
-    """Read the arm of an MJCF file; see :func:`open_mjcf`.
-
-    Parameters
-    ----------
-    path, chain, at
-        As of :func:`open_mjcf`.
-    """
+    """Read the arm of an MJCF file; see :func:`open_mjcf`."""
     return open_mjcf(path, chain, at).robot
 
 

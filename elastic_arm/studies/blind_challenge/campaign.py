@@ -23,6 +23,7 @@ from elastic_arm.effects.text import known_effects
 from elastic_arm.errors import DiagnosisError, ElasticArmError, SimulationError
 from elastic_arm.input_files import read_text
 from elastic_arm.memory import keep_memory
+from elastic_arm.output_files import write_result
 from elastic_arm.recording import load_channels, read_recording
 from elastic_arm.robot import load_robot
 from elastic_arm.studies.blind_challenge.draw import (
@@ -118,7 +119,6 @@ def create(folder: Path, settings: ChallengeSettings, *, workers: int = 1, repor
         kept.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(file, kept)
     pieces = {request.name: folder / PIECES / f"{request.name}.sealed" for request in requests}
-    pieces[requests[0].name].parent.mkdir(parents=True, exist_ok=True)
     manifest = {
         "settings": plain,
         "items": [{"name": o.name, "model": model_of(o.effects, catalogue)} for o in requests],
@@ -222,10 +222,7 @@ def _each(tasks: Sequence[Callable[[], Any]], workers: int, report: Report | Non
 
 def _record(folder: Path, request: Request, level: str) -> None:
     truth = recorded(folder, request, level_of(level), catalogue_of(folder))
-    path = folder / PIECES / f"{request.name}.sealed"
-    part = path.with_suffix(".part")
-    part.write_bytes(_closed(truth))
-    part.replace(path)
+    write_result(folder / PIECES / f"{request.name}.sealed", _closed(truth))
 
 
 def _diagnose(folder: Path, name: str, model: str, without: str, kind: str) -> tuple[str, str]:
@@ -241,9 +238,7 @@ def _diagnose(folder: Path, name: str, model: str, without: str, kind: str) -> t
     except ElasticArmError as error:  # to refuse is an answer too, and counts as one
         answer, problem = REFUSED | {"notes": [str(error)]}, str(error)
     spent = {"seconds": time.perf_counter() - wall, "cpu_seconds": time.process_time() - cpu}
-    path = answer_path(folder, name, kind)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    _write(path, answer | spent | {"code": code_state()})
+    _write(answer_path(folder, name, kind), answer | spent | {"code": code_state()})
     return name, problem
 
 
@@ -267,10 +262,7 @@ def _read_manifest(path: Path) -> dict[str, Any]:
 
 
 def _write(path: Path, content: dict[str, Any]) -> None:
-    """Write JSON so that a run that is broken off leaves no half of a file."""
-    part = path.with_suffix(".part")
-    part.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-    part.replace(path)
+    write_result(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
 
 
 def _closed(truth: Any) -> bytes:

@@ -18,6 +18,7 @@ from elastic_arm.cli.console import err, out, print_json, progress_bar, reports_
 from elastic_arm.cli.options import EffectsFiles
 from elastic_arm.cli.outputs import claim_folder
 from elastic_arm.effects import Catalogue
+from elastic_arm.output_files import write_result
 from elastic_arm.studies.blind_challenge import campaign
 from elastic_arm.studies.blind_challenge.levels import LEVELS
 from elastic_arm.studies.blind_challenge.score import (
@@ -132,11 +133,10 @@ def score(
     from elastic_arm.studies.blind_challenge.report import write_challenge_report
 
     found = score_answers(folders)
-    (folders[0] / "score.json").write_text(json_module.dumps(found, indent=1, allow_nan=False) + "\n")
+    write_result(folders[0] / "score.json", json_module.dumps(found, indent=1, allow_nan=False) + "\n")
     page = write_challenge_report(folders[0] / "report.html", found)
     if to is not None:
-        to.parent.mkdir(parents=True, exist_ok=True)
-        to.write_text(markdown(found), encoding="utf-8")
+        write_result(to, markdown(found))
     if json:
         print_json(found)
         return

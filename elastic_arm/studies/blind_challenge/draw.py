@@ -17,6 +17,7 @@ import yaml
 from elastic_arm.arrays import Array
 from elastic_arm.effects import Catalogue
 from elastic_arm.errors import SimulationError
+from elastic_arm.output_files import write_result
 from elastic_arm.recording import write_recording
 from elastic_arm.robot import Robot, load_robot, save_robot, to_urdf
 from elastic_arm.robot.saving import robot_to_dict
@@ -184,11 +185,10 @@ def record(
         _write_description(folder / "robots", request.name, description, urdf=level.urdf)
     if arm.sensors.sides == LINK:
         path = folder / "channels" / f"{request.name}.yaml"
-        path.parent.mkdir(exist_ok=True)
         # Without a map, the effort of a bag without motor states counts as the motors' torque.
         sides = {name: {"topic": "/joint_states"} for name in ("position", "effort")}
         content = {"defaults": {"link": sides}, "joints": {joint: {} for joint in arm.joints}}
-        path.write_text(yaml.safe_dump(content), encoding="utf-8")
+        write_result(path, yaml.safe_dump(content))
     return asdict(arm)
 
 
@@ -395,13 +395,12 @@ def _numbers(real: Robot, description: Robot) -> tuple[tuple[str, int, float], .
 
 def _write_description(folder: Path, name: str, robot: Robot, *, urdf: bool) -> None:
     """Write an arm as an arm file, or as a URDF with gravity and drives in an overlay."""
-    folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"{name}.yaml"
     if not urdf:
         save_robot(robot, path)
         return
     rigid = robot.with_(joints=tuple(replace(joint, transmission=None) for joint in robot.joints))
-    path.with_suffix(".urdf").write_text(to_urdf(rigid), encoding="utf-8")
+    write_result(path.with_suffix(".urdf"), to_urdf(rigid))
     fields = ("rotor", "wave_generator", "spline", "stiffness", "damping", "belt_ratio", "harmonic_drive_ratio")
     stated = robot_to_dict(robot)["joints"]
     overlay = {
@@ -409,4 +408,4 @@ def _write_description(folder: Path, name: str, robot: Robot, *, urdf: bool) -> 
         "gravity": [float(g) for g in robot.gravity],
         "transmissions": {joint["name"]: {k: joint[k] for k in (*fields, "bearing")} for joint in stated},
     }
-    path.write_text(yaml.safe_dump(overlay, sort_keys=False), encoding="utf-8")
+    write_result(path, yaml.safe_dump(overlay, sort_keys=False))

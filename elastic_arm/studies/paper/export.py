@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import math
-from collections.abc import Sequence
 from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from elastic_arm.errors import OutputError
+from elastic_arm.output_files import csv_text, write_result
 from elastic_arm.studies.paper.claims import Claim
 from elastic_arm.studies.paper.study import StudyResult
 
@@ -41,17 +39,10 @@ def export(result: StudyResult, claims: list[Claim], folder: Path) -> list[Path]
         "coefficients": coefficients,
         "tracking": [{k: v for k, v in asdict(t).items() if k != "each"} for t in result.tracking],
     }
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        files = [write_csv(folder / f"{name}.csv", rows) for name, rows in tables.items()]
-        whole = folder / "paper.json"
-        content = _as_dict(result) | {k: v for k, v in tables.items() if k != "torques"}
-        whole.write_text(json.dumps(_plain(content), indent=1, allow_nan=False), encoding="utf-8")
-    except OSError as error:
-        raise OutputError(
-            f"the study's numbers cannot be written to {folder}: {error.strerror}", "Choose another folder with --out."
-        ) from error
-    return [whole, *files]
+    content = _as_dict(result) | {k: v for k, v in tables.items() if k != "torques"}
+    whole = write_result(folder / "paper.json", json.dumps(_plain(content), indent=1, allow_nan=False))
+    rows = {name: csv_text(list(table[0]), table) for name, table in tables.items()}
+    return [whole, *(write_result(folder / f"{name}.csv", text) for name, text in rows.items())]
 
 
 def _as_dict(result: StudyResult) -> dict[str, Any]:
@@ -72,15 +63,6 @@ def _torques(result: StudyResult) -> list[dict[str, Any]]:
             for joint, values in enumerate(torques.side(side).T):
                 columns[f"{model}.{side}.{joint + 1}"] = values
     return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
-
-
-def write_csv(path: Path, rows: Sequence[dict[str, Any]]) -> Path:
-    """Write rows under the names of the first."""
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, fieldnames=list(rows[0]))
-        writer.writeheader()
-        writer.writerows(rows)
-    return path
 
 
 def _plain(value: Any) -> Any:

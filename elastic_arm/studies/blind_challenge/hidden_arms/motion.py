@@ -8,6 +8,7 @@ from typing import Protocol
 import numpy as np
 
 HARMONICS = 8
+SPEED, ACCELERATION, REACH = 1.0, 3.0, 1.2  # rad/s, rad/s², rad from zero
 RAMP = 1.0  # s, from rest to full motion
 DWELL = (0.2, 1.0)  # s, at a point
 WAY = 0.8  # rad, from point to point at most
@@ -96,23 +97,15 @@ class PointToPoint:
         return self.points[way] + value * far, rate * far / last, second * far / last**2
 
 
-def random_points(
-    rng: np.random.Generator,
-    n: int,
-    duration: float,
-    *,
-    speed: float = 1.0,
-    acceleration: float = 3.0,
-    reach: float = 1.2,
-) -> PointToPoint:
-    """Draw points within `reach` (rad) of zero, and ways between them at `speed` and `acceleration` or less."""
-    points, t = [rng.uniform(-reach, reach, n)], RAMP
+def random_points(rng: np.random.Generator, n: int, duration: float) -> PointToPoint:
+    """Draw points within :data:`REACH` of zero, and ways at :data:`SPEED`, :data:`ACCELERATION` or less."""
+    points, t = [rng.uniform(-REACH, REACH, n)], RAMP
     begins: list[float] = []
     lasts: list[float] = []
     while True:
-        points.append(np.clip(points[-1] + rng.uniform(-WAY, WAY, n), -reach, reach))
+        points.append(np.clip(points[-1] + rng.uniform(-WAY, WAY, n), -REACH, REACH))
         far = np.abs(points[-1] - points[-2]).max()
-        last = max(STEP_RATE * far / speed, np.sqrt(STEP_SECOND_RATE * far / acceleration)) * rng.uniform(1.0, 1.5)
+        last = max(STEP_RATE * far / SPEED, np.sqrt(STEP_SECOND_RATE * far / ACCELERATION)) * rng.uniform(1.0, 1.5)
         if t + last > duration and begins:
             return PointToPoint(np.array(points[:-1]), np.array(begins), np.array(lasts), duration)
         begins.append(t)
@@ -120,16 +113,8 @@ def random_points(
         t += last + rng.uniform(*DWELL)
 
 
-def random_motion(
-    rng: np.random.Generator,
-    n: int,
-    duration: float,
-    *,
-    speed: float = 1.0,
-    acceleration: float = 3.0,
-    reach: float = 1.2,
-) -> MultiSine:
-    """Draw a motion whose peaks stay within `speed` (rad/s), `acceleration` (rad/s²) and `reach` (rad) of zero.
+def random_motion(rng: np.random.Generator, n: int, duration: float) -> MultiSine:
+    """Draw a motion whose peaks stay within :data:`SPEED`, :data:`ACCELERATION` and :data:`REACH` of zero.
 
     Harmonics reach up to about 1 Hz, and amplitudes fall with frequency so that speed, not position, is shared.
     """
@@ -139,7 +124,7 @@ def random_motion(
     phase = rng.uniform(-np.pi, np.pi, (n, HARMONICS))
     motion = MultiSine(omega, amplitude, phase, np.zeros(n), duration)
     q, dq, ddq = motion.evaluate(np.linspace(0.0, duration, 2000))
-    peaks = np.stack([np.abs(q).max(0) / (0.8 * reach), np.abs(dq).max(0) / speed, np.abs(ddq).max(0) / acceleration])
+    peaks = np.stack([np.abs(q).max(0) / (0.8 * REACH), np.abs(dq).max(0) / SPEED, np.abs(ddq).max(0) / ACCELERATION])
     scale = rng.uniform(0.75, 1.0, n) / peaks.max(0)
-    margin = reach - scale * np.abs(q).max(0)
+    margin = REACH - scale * np.abs(q).max(0)
     return MultiSine(omega, amplitude * scale[:, None], phase, rng.uniform(-1, 1, n) * margin, duration)
