@@ -89,7 +89,7 @@ class Priors(BaseModel):
     # Of a controller that torques are made by: of all its gains, by a servo's supply and magnets; and of kd beside kp:
     # firmware holds both as numbers, the winding's resistance changes the back-EMF that counts as kd by some percent.
     controller: Deviation = 0.20
-    gain_ratio: Deviation = 0.05
+    gain_ratio: Deviation = 0.03
 
     def of_currents(self, channels: Iterable[str]) -> Priors:
         """Return those of an arm of which torque channels are currents; what was stated stays.

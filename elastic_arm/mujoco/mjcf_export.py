@@ -131,7 +131,7 @@ def _alike(one: JointController, other: JointController | None) -> bool:
     numbers = ("kp", "kd", "ki", "delay", "torque")
     same = replace(one, **{name: getattr(other, name) for name in numbers}) == other
     pairs = [[np.inf if (v := getattr(drive, k)) is None else v for drive in (one, other)] for k in numbers]
-    return same and all(np.isclose(*pair, rtol=READ_BACK, atol=0.0) for pair in pairs)
+    return same and all(np.isclose(a, b, rtol=READ_BACK, atol=0.0) for a, b in pairs)
 
 
 def _carriers(file: ShapedMjcf, arm: MjcfArm) -> list[Any] | None:

@@ -92,8 +92,8 @@ def controller_of(robot: Robot, *, model: str = "mod3", rate: float = 1000.0) ->
         if (drive := joint.controller) is None:
             continue
         (kp, kd, ki), limit = drive.gains, np.inf if drive.torque is None else drive.torque
-        own = (kp, kd, ki, drive.delay, limit, drive.follows_rate, drive.dead_band)
-        for name, value in zip(names, own, strict=True):
+        stated = (kp, kd, ki, drive.delay, limit, drive.follows_rate, drive.dead_band)
+        for name, value in zip(names, stated, strict=True):
             values[name][i] = value
         held[i], moved[i] = drive.feedforward != "none", drive.feedforward == "model"
     rigid = RigidFeedforward(ArmEquations(robot, model))

@@ -154,8 +154,8 @@ class Simulator:
         self.sign_speed = sign_speed(self.system, self.system.equations.nominal, x, z, hold, 1.0 / (self.rate * steps))
         constants = self.system.evaluate_constants(self.sign_speed)
         limits = [np.inf if j.limits.torque is None else j.limits.torque for j in self.robot.joints]
-        limits = np.minimum(limits, controller.limit)
-        gains = np.array([controller.kp, controller.kd, controller.ki, limits, controller.dead_band])
+        limit = np.minimum(limits, controller.limit)
+        gains = np.array([controller.kp, controller.kd, controller.ki, limit, controller.dead_band])
         self._loop = ClosedLoop(constants, gains, 1.0 / self.rate, steps // 2, controller.commands)
         self._late = DelayLine(np.tile(controller.delay, 3), self.rate) if np.any(controller.delay) else None
         self.place(x[:n], x[n : 2 * n], dq0, dq0, command=hold, z=z)
