@@ -54,6 +54,12 @@ def number_columns(
             out[:, :, k] = columns[:, :, 0] * parameter.prior_std
         if feature.read_torque != "tau_J" or not parameter.is_torque_gain:
             continue
+        if "drive" in data.layout.sides:
+            # As of the stiffness, so that one scale of all torques still changes nothing.
+            for out, part in zip(result, data.parts, strict=True):
+                j, n = model.robot.joint_names.index(str(parameter.joint)), model.n
+                noise = Entries(_load_noise(part)[:, [j]], np.array([n + j]), np.array([0]), (3 * n, 1))
+                out[:, :, k] -= data.in_band(part, noise)[:, :, 0] * parameter.prior_std / part.gain(feature)
         for effect in (e for e in data.acting if e.feature.effect.twist and e.feature.joint == parameter.joint):
             for out, part in zip(result, data.parts, strict=True):
                 out[:, :, k] -= _transmitted(feature.equations, data, part, effect) * parameter.prior_std
@@ -211,8 +217,7 @@ def _drive_entries(
     n, elastic, motion, signals = model.n, model.robot.elastic, part.stretch.quiet, part.signals
     K = drive_constants(model)[0] if elastic else np.ones(n)
     load = rates = _wound(model, part, acting) if elastic else np.zeros((len(motion), n))
-    # The noise of accelerations, which is in the residuals, too, is no part of the load that winds the drives.
-    clear = load + signals.model_torques["clear"] - signals.values["tau_J"] if sensed else load
+    clear = load - _load_noise(part) if sensed else load
     if elastic and not sensed and any(p.what == "damping" for p in parameters):
         # Without a joint torque sensor the deflection stands for the torque: its noise is in residual and column.
         rates = np.stack([_quiet(rate, part.noise, j) for j, rate in enumerate(rates_of(motion.t, load).T)], axis=1)
@@ -260,6 +265,14 @@ def _of_gain(model: Model, nominal: Robot, parameter: Number, motion: CompletedM
         changed = changed + kp_stated / kp * (tau_m - fed - kd * of_rate)
     limits = [one for one in (now.torque, model.robot.joints[j].limits.torque) if one is not None]
     return np.where(np.abs(tau_m) < min(limits, default=np.inf), -changed, 0.0)
+
+
+def _load_noise(part: Part) -> Array:
+    """Return what of the predicted load (N, n) Nm is not far above the noise of accelerations.
+
+    That noise is in the residuals, too: a stiffness beside a law of the load could take it off them.
+    """
+    return np.asarray(part.signals.values["tau_J"] - part.signals.model_torques["clear"])
 
 
 def _quiet(rate: Array, noise: NoiseModel, j: int) -> Array:
