@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,7 +9,6 @@ import numpy as np
 from elastic_arm.diagnosis.context import DiagnosisContext
 from elastic_arm.diagnosis.result import Diagnosis
 from elastic_arm.effects import EffectInstance
-from elastic_arm.effects.library.sensor_error import MOTOR_GAIN
 from elastic_arm.effects.model import Plant, SensorEffect
 from elastic_arm.robot import Robot
 from elastic_arm.sensors import Sensors
@@ -28,13 +26,8 @@ def repaired_robot(robot: Robot, diagnosis: Diagnosis) -> Robot:
     known = robot.effects if context is None else _known(context)
     kept = [one for one in known if (one["effect"], one["joint"]) not in own]
     arm = (robot if context is None else context.model.robot).with_(effects=(*kept, *causes))
-    for one in diagnosis.imperfections:
-        controller = arm.joints[arm.joint_names.index(one.joint)].controller
-        if one.what == MOTOR_GAIN and one.joint in diagnosis.made and controller is not None:
-            gains = {name: getattr(controller, name) / one.value for name in ("kp", "kd", "ki")}
-            arm = arm.with_joint(one.joint, controller=replace(controller, **gains))
     for cause in diagnosis.causes:
-        if cause.held_as == "controller":
+        if cause.held_as == "controller" and not cause.instance.effect.number:
             arm = cause.instance.effect.added_to(Plant(arm, Sensors.exact()), cause.instance).robot
     return arm
 

@@ -20,7 +20,6 @@ from elastic_arm.dynamics import build_model
 from elastic_arm.effects import EffectInstance, robot_effects
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.effects.library.base_tilt import TILT
-from elastic_arm.effects.library.sensor_error import MOTOR_GAIN
 from elastic_arm.effects.model import Scope
 from elastic_arm.equations.numbers import Number
 from elastic_arm.equations.places import feature_of, features, recorded_features
@@ -73,7 +72,7 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
     observed = _turning_over(robot, parts[0], observed)
     currents = sorted({channel for part in parts for recording in part for channel in recording.currents})
     made = tuple(name for name in names if name in parts[0][0].made_by)
-    priors = question.priors.of_currents(currents, made=bool(made))
+    priors = question.priors.of_currents(currents)
     layout, band = common_equations([*observed[0], *observed[1]], build_model(robot, question.model))
     still = [joint for joint in names if all(joint in standing(r) for r in parts[0])]
     equations = ArmEquations(robot, question.model)
@@ -100,8 +99,7 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
         given=seen[1],
         candidates=tuple(_candidates(question, equations, still, layout, numbers, observed[0][0], seen)),
         largest=largest,
-        # The two gains of a controller are its scale.
-        far=frozenset(effect.id for effect in question.candidates) - {MOTOR_GAIN if made else ""},
+        far=frozenset(effect.id for effect in question.candidates),
         held_back=held_back,
     )
     notes = list(dict.fromkeys(note for part in observed for o in part for note in o.notes))

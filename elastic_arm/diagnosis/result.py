@@ -12,8 +12,8 @@ import numpy as np
 
 from elastic_arm.diagnosis.estimates import ParameterEstimate
 from elastic_arm.effects import Catalogue
-from elastic_arm.effects.library.sensor_error import MOTOR_GAIN
 from elastic_arm.effects.model import MODELS, ControllerEffect, EffectInstance
+from elastic_arm.equations.numbers import SCALE
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.equations import SIDES
 from elastic_arm.formatting import JointUnits
@@ -323,7 +323,7 @@ class Diagnosis(Result):
     @property
     def torque_scale(self) -> dict[str, float]:
         """Relative standard deviation of the scale of torques that were made of commands, by joint."""
-        gains = {p.joint: p.std / p.value for p in self.imperfections if p.what == MOTOR_GAIN}
+        gains = {p.joint: p.std / p.value for p in self.imperfections if p.what == SCALE}
         return {joint: float(f"{gains[joint]:.2g}") for joint in self.made if joint in gains}
 
     def tables(self) -> dict[str, Sequence[Row]]:

@@ -79,11 +79,13 @@ class SymbolicMotion:
     # None where it is not known
     wound: SX | None = None
     loaded: SX | float = 1.0  # (1, 1) Whether `wound` is that, 1 or 0
-    # r, dr, made: (n, 1) Commands of the controllers that made tau_m, and their rates, and by what the torque that they
-    # make as stated was multiplied; None where it was measured
+    # r, dr: (n, 1) Commands of the controllers that made tau_m, and their rates; None where it was measured
     r: SX | None = None
     dr: SX | None = None
-    made: SX | None = None
+    # kp, kd, fed: (n, 1) Their gains of the errors of angles and rates, and what else they make, Nm
+    kp: SX | None = None
+    kd: SX | None = None
+    fed: SX | None = None
 
     @property
     def robot(self) -> Robot:

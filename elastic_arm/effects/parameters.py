@@ -66,8 +66,9 @@ class Parameter:
     # range from which the blind challenge draws it; None for the default, or the plausible range without one
     draw: tuple[float, float] | None = None
     example: tuple[float, float] | None = None  # range that is clearly seen on an industrial arm, for demonstrations
-    # what of the joint's motion is beyond it for the most part, whatever the arm does: "deflection", or nothing
-    exceeded_by: Literal["", "deflection"] = ""
+    # what of the joint's motion bounds it, whatever the arm does: how far its "deflection", or the "error" of its
+    # controller, is for the most part, the "torque" that it takes, or nothing
+    bounded_by: Literal["", "deflection", "error", "torque"] = ""
 
     def __post_init__(self) -> None:
         self._check_range()

@@ -168,8 +168,8 @@ def _splines(sets: Sequence[WhitenedData], argument: Argument, count: int) -> Ar
 def _but_linear(sets: Sequence[WhitenedData], argument: Argument, shapes: Argument) -> Argument:
     """Return functions without what is in proportion to their argument over all recordings.
 
-    That part of what a sensor reads is its gain. Beside it a law that has it could take the load's signal off the gain's
-    column and leave its noise, which is in the residuals.
+    That part of what a sensor reads is its gain. Beside it a law that has it could take the load's signal off the
+    gain's column and leave its noise, which is in the residuals.
     """
     parts = [part.signals for data in sets for part in data.parts]
     x = np.concatenate([argument(signals) for signals in parts])

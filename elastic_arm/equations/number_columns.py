@@ -15,14 +15,14 @@ import numpy as np
 from elastic_arm.arrays import Array
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.effects.equations import ArmEquations
-from elastic_arm.equations.numbers import Number
+from elastic_arm.equations.numbers import GAINS, SCALE, Number
 from elastic_arm.equations.places import scaling
 from elastic_arm.equations.robot_at import calibrated_robot
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.known_torques import ActingEffect
 from elastic_arm.estimation.motion import CompletedMotion, drive_constants, rates_of
 from elastic_arm.estimation.noise import wiener_filter
-from elastic_arm.estimation.regressors import Entries
+from elastic_arm.estimation.regressors import Entries, Signals
 from elastic_arm.estimation.residuals import predicted_torques
 from elastic_arm.estimation.whitening import NoiseModel, Part, WhitenedData
 from elastic_arm.robot import Robot
@@ -81,14 +81,14 @@ def number_columns(
 
 
 def shared_columns(
-    data: WhitenedData, parameters: Sequence[Number], features: Mapping[int, Feature], which: int
+    data: WhitenedData, parameters: Sequence[Number], features: Mapping[int, Feature], which: int, values: Array
 ) -> tuple[list[int], list[Array]]:
     """Return what an effect that acts adds to the columns of gains: which gains, and (N', R, m) of each stretch.
 
     A gain scales what the effect adds to the torque. Where the effect is not there, neither is this.
 
     data: whitened residuals, in whose predicted torques it acts; parameters, features: the numbers, and the effects
-    that some of them are, as of :func:`features_at`.
+    that some of them are, as of :func:`features_at`; values: (k,) of the numbers.
     """
     effect, found, numbers = data.acting[which], [list[Array]() for _ in data.parts], list[int]()
     for k, feature in features.items():
@@ -105,6 +105,17 @@ def shared_columns(
             if feature.read_torque == "tau_J" and effect.feature.effect.twist:
                 column = column - _transmitted(feature.equations, data, part, effect)
             out.append(column * parameter.prior_std)
+    joints = effect.feature.equations.robot.joint_names
+    for k, parameter in enumerate(parameters):
+        j = joints.index(parameter.joint)
+        if parameter.what != SCALE or not any(part.shares[which][1][:, j].any() for part in data.parts):
+            continue
+        numbers.append(k)
+        size = parameter.prior_std / max(0.05, 1.0 + values[k] * parameter.prior_std)
+        for out, part in zip(found, data.parts, strict=True):
+            share = part.shares[which][1][:, [j]]
+            row, shape = np.array([2 * len(joints) + j]), (3 * len(joints), 1)
+            out.append(data.in_band(part, Entries(-size * share, row, np.array([0]), shape))[:, :, 0])
     return numbers, data.weighted([np.stack(own, axis=2) for own in found], in_place=True) if numbers else []
 
 
@@ -228,11 +239,32 @@ def _drive_entries(
             found.append((n + j, k, clear[:, j] * (gear.stiffness / K[j])))
         elif parameter.what == "damping" and gear is not None:
             found.append((n + j, k, gear.damping / K[j] * rates[:, j]))
+        elif parameter.what in GAINS:
+            found.append((2 * n + j, k, _of_gain(model, nominal, parameter, motion, signals)))
     values = np.empty((len(motion), len(found)))
     for column, (_, k, law) in enumerate(found):
         values[:, column] = law * parameters[k].prior_std
     rows, numbers = (np.array([one[i] for one in found], dtype=int) for i in (0, 1))
     return Entries(values, rows, numbers, (3 * n, len(parameters)))
+
+
+def _of_gain(model: Model, nominal: Robot, parameter: Number, motion: CompletedMotion, signals: Signals) -> Array:
+    """Return how what the controller of a joint makes falls (N,) Nm with a gain, in ratios to the described one.
+
+    What is left of the predicted torque is that of the error of the angle: the angle's own noise is in the made
+    torque, too, and gains of zero would explain all of it. At its limit a torque does not change.
+    """
+    j = model.robot.joint_names.index(parameter.joint)
+    now, stated = model.robot.joints[j].controller, nominal.joints[j].controller
+    assert now is not None and stated is not None
+    (kp, kd, _), (kp_stated, kd_stated, _) = now.gains, stated.gains
+    tau_m, fed, dr = (signals.values[name][:, j] for name in ("tau_m", "fed", "dr"))
+    of_rate = now.follows_rate * dr - motion.dtheta[:, j]
+    changed = kd_stated * of_rate
+    if parameter.what == SCALE and kp:
+        changed = changed + kp_stated / kp * (tau_m - fed - kd * of_rate)
+    limits = [one for one in (now.torque, model.robot.joints[j].limits.torque) if one is not None]
+    return np.where(np.abs(tau_m) < min(limits, default=np.inf), -changed, 0.0)
 
 
 def _load_noise(part: Part) -> Array:
@@ -262,7 +294,7 @@ def _wound(model: Model, part: Part, acting: Sequence[ActingEffect]) -> Array:
     for effect in acting:
         joint, _, spring, _ = effect.torques(part.signals)
         # What play takes off the deflection, the stiffness would multiply as well.
-        play = any(parameter.exceeded_by for parameter in effect.feature.effect.parameters)
+        play = any(parameter.bounded_by == "deflection" for parameter in effect.feature.effect.parameters)
         load = load + (joint if play else spring)
     return load
 

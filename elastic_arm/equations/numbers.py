@@ -8,6 +8,8 @@ import numpy as np
 
 from elastic_arm.estimation.effect_columns import Feature
 
+# Of a joint's controller, as ratios to the stated ones: all its gains alike, and that of speeds beside the others.
+GAINS = SCALE, RATIO = "torque_scale", "kd"
 PRESLIDING = "presliding"  # how gradually dry friction changes its sign: no number of the arm or of a sensor
 
 
@@ -38,8 +40,9 @@ class Number:
 
     @property
     def kind(self) -> str:
-        """Whose number it is: of the "arm", of a "sensor", or a "detail" of how a law is met."""
-        return "detail" if not self.is_number else "arm" if self.feature is None else "sensor"
+        """Whose number it is: of the "arm", of a "sensor" or controller, or a "detail" of how a law is met."""
+        of_arm = self.feature is None and self.what not in GAINS
+        return "detail" if not self.is_number else "arm" if of_arm else "sensor"
 
     @property
     def is_number(self) -> bool:

@@ -45,8 +45,8 @@ def recorded_features(found: Iterable[Feature], motion: Motion) -> list[Feature]
         recorded = motion.recorded if feature.joint is None else motion.recorded_at(joints.index(feature.joint))
         if _is_repeated(feature, recorded):
             continue
-        if "r" in recorded and feature.choices and isinstance(feature.effect, SensorEffect):
-            recorded = recorded - {"tau_m"}  # a torque that was made of commands has a scale and a zero, but no sensor
+        if "r" in recorded and isinstance(feature.effect, SensorEffect):
+            recorded = recorded - {"tau_m"}  # a torque that was made of commands has no sensor
         shown = {
             name: tuple(channel for channel in chosen if SENSED.get(channel) in recorded)
             for name, chosen in feature.choices.items()
@@ -73,19 +73,30 @@ def feature_of(instance: EffectInstance, equations: ArmEquations) -> Feature:
     return kind(effect, instance.joint, chosen, equations)
 
 
-def largest_value(feature: Feature, parameter: Parameter, sets: Sequence[WhitenedData]) -> float:
-    """Return the largest value of a searched parameter that recordings allow; infinite where they say nothing of it.
+def allowed_values(feature: Feature, parameter: Parameter, data: WhitenedData) -> Parameter:
+    """Return a searched parameter with the range that recordings allow.
 
-    Beyond it a law is another one: a drive whose play is wider than it is ever wound transmits no torque.
+    Beyond it a law is another one: a drive whose play is wider than it is ever wound transmits no torque, a controller
+    of a dead band that holds most errors does not follow, and a drive that gives less torque than the motion takes on
+    average would not move so.
 
     feature, parameter: the effect at its place, and which of its numbers.
     """
-    if not parameter.exceeded_by or feature.joint is None:
-        return np.inf
+    if not parameter.bounded_by or feature.joint is None:
+        return parameter
     joint = feature.equations.robot.joint_names.index(feature.joint)
-    # As the load winds it: what encoders read has their noise.
-    wound = np.concatenate([part.signals.values["wound"][:, joint] for data in sets for part in data.parts])
-    return WOUND * float(np.median(np.abs(wound)))
+    if parameter.bounded_by == "torque":
+        torques = [(part.signals.model_torques["tau_m"], part.stretch.quiet.tau_m) for part in data.parts]
+        needed, made = (np.concatenate(one)[:, joint] for one in zip(*torques, strict=True))
+        low, high = float(np.sqrt(np.mean(needed**2))), float(np.abs(made).max())
+    elif parameter.bounded_by == "error":
+        errors = [part.signals.values["r"] - part.stretch.quiet.theta for part in data.parts]
+        low, high = parameter.low, float(np.median(np.abs(np.concatenate(errors)[:, joint])))
+    else:  # As the load winds it: what encoders read has their noise.
+        wound = np.concatenate([part.signals.values["wound"][:, joint] for part in data.parts])
+        low, high = parameter.low, WOUND * float(np.median(np.abs(wound)))
+    low = max(low, parameter.low)
+    return replace(parameter, low=low, high=max(min(high, parameter.high), low + 1e-6 * (parameter.high - low)))
 
 
 def scaling(feature: Feature, acting: Sequence[ActingEffect]) -> Feature:

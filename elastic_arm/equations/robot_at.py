@@ -9,7 +9,7 @@ import numpy as np
 
 from elastic_arm.arrays import Array
 from elastic_arm.dynamics.bodies import TENSOR
-from elastic_arm.equations.numbers import Number
+from elastic_arm.equations.numbers import RATIO, SCALE, Number
 from elastic_arm.errors import RobotError
 from elastic_arm.robot import Component, Inertia, Joint, Robot
 
@@ -56,12 +56,16 @@ def _changed(joint: Joint, deviation: dict[str, float]) -> Joint:
             stiffness=gear.stiffness * max(0.05, 1.0 + deviation["stiffness"]),
             damping=gear.damping * max(0.01, 1.0 + deviation["damping"]),
         )
-    armature = joint.armature
+    controller, armature = joint.controller, joint.armature
+    if controller is not None:
+        kp = 1.0 + deviation.get(SCALE, 0.0)
+        controller = controller.scaled(max(0.05, kp), max(0.05, kp + deviation.get(RATIO, 0.0)))
     if armature:
         armature *= max(0.05, 1.0 + deviation["rotor_inertia"])
     elif armature is not None:
         armature = max(0.0, deviation.get("rotor_inertia", 0.0))
-    return replace(joint, link=_changed_link(joint.link, deviation), transmission=gear, armature=armature)
+    link = _changed_link(joint.link, deviation)
+    return replace(joint, link=link, transmission=gear, armature=armature, controller=controller)
 
 
 def _changed_link(link: Inertia, deviation: dict[str, float]) -> Inertia:

@@ -17,14 +17,14 @@ from scipy.interpolate import CubicSpline
 
 from elastic_arm.arrays import Array
 from elastic_arm.errors import DiagnosisError
-from elastic_arm.estimation.motion import Motion, with_filtered_deflection
+from elastic_arm.estimation.motion import Motion, rates_of, with_filtered_deflection
 from elastic_arm.estimation.noise import HIGHEST_CUTOFF, ORDER, Telegraph, encoder_steps, estimate_noise
 from elastic_arm.estimation.resampling import Clock, Grid, extended
 from elastic_arm.estimation.smoother import Smoother
 from elastic_arm.recording import Recording
 from elastic_arm.recording.inspection.torque_spectrum import TorqueSpectrum, torque_spectra
 from elastic_arm.recording.sides import Lacking
-from elastic_arm.robot import JointController
+from elastic_arm.robot import JointController, Robot
 from elastic_arm.robot.parts import CONTROLLED
 
 # What each channel that may be late consists of.
@@ -80,8 +80,10 @@ class Observation:
     gains: Mapping[str, Array] = field(default_factory=dict)  # "tau_J", "tau_m" -> (n,), by which torques were divided
     # (n,) rad/s within which dry friction turns over; as sharply as the velocity's noise lets it be seen when None
     turning: Array | None = None
-    # index of a joint -> controller that made its motor torque, which has the noise of its encoder
+    # index of a joint -> controller that made its motor torque, which has the noise of its encoder: as described, and
+    # at present
     made_by: Mapping[int, JointController] = field(default_factory=dict)
+    driven_by: Mapping[int, JointController] = field(default_factory=dict)
     _splines: dict[tuple[int, str], list[CubicSpline]] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )
@@ -96,12 +98,19 @@ class Observation:
         """Seconds of usable motion."""
         return sum(len(piece) for piece in self.pieces) / self.rate
 
-    def corrected(self, lags: Mapping[str, Array], gains: Mapping[str, Array]) -> Observation:
+    def corrected(
+        self, lags: Mapping[str, Array], gains: Mapping[str, Array], robot: Robot | None = None
+    ) -> Observation:
         """Return it with late channels moved back to the time at which they were true, and torques without gain.
 
         lags: channel ("link_encoder", "joint_torque", "motor_torque", "command") -> (n,) s; gains: "tau_J", "tau_m" ->
-        (n,), recorded / true. Commands are moved to when the drives had them.
+        (n,), recorded / true. Commands are moved to when the drives had them. Torques that were made of them are those
+        of the robot's controllers, within the limits that they were made with.
         """
+        now = {
+            i: replace(own if robot is None else robot.joints[i].controller or own, torque=own.torque)
+            for i, own in self.made_by.items()
+        }
 
         def moved(motion: Motion) -> Motion:
             changed: dict[str, Any] = {"before": None if motion.before is None else moved(motion.before)}
@@ -116,12 +125,11 @@ class Observation:
                             ],
                             axis=1,
                         )
-            for i, controller in self.made_by.items():
-                if motion.r is not None and np.any(lags.get("command", 0.0)):
-                    r = changed["r"][:, i] - motion.r[:, i]
-                    rate = controller.follows_rate * np.gradient(r, motion.t)
-                    torque = changed.setdefault("tau_m", np.array(changed.get("tau_m", motion.tau_m)))
-                    torque[:, i] += controller.gains[0] * r + controller.gains[1] * rate
+            if motion.r is not None and motion.tau_m is not None:
+                later = replace(motion, r=changed.get("r", motion.r))
+                changed["tau_m"] = np.array(changed.get("tau_m", motion.tau_m))
+                for i, controller in self.made_by.items():
+                    changed["tau_m"][:, i] += _followed(now[i], later, i) - _followed(controller, motion, i)
             for name, gain in gains.items():
                 torque = changed.get(name, getattr(motion, name))
                 changed[name] = None if torque is None else torque / gain
@@ -129,7 +137,10 @@ class Observation:
 
         noise = {name: std / gain for name, gain in gains.items() if (std := getattr(self.noise, name)) is not None}
         pieces, quiet = (tuple(map(moved, motions)) for motions in (self.pieces, self.quiet))
-        return replace(self, pieces=pieces, quiet=quiet, noise=replace(self.noise, **noise), gains=gains)
+        found = replace(self, pieces=pieces, quiet=quiet, gains=gains, driven_by=now)
+        if (made := noise.get("tau_m", self.noise.tau_m)) is not None:
+            noise["tau_m"] = made * found.scale(len(made))
+        return replace(found, noise=replace(self.noise, **noise))
 
     def _splines_of(self, motion: Motion, name: str) -> list[CubicSpline]:
         """Return a spline through each joint's samples of a channel; a calibration moves the same ones many times."""
@@ -172,13 +183,34 @@ class Observation:
         return self.gain(f)[:, None] ** 2 * (np.zeros(n) if std is None else std**2)
 
     def impedance(self, f: Array, n: int) -> NDArray[np.complex128]:
-        """Return kp + s kd (F, n) of the controllers that made motor torques, by the angle that they are made of."""
+        """Return kp + s kd (F, n) of the controllers that made motor torques, by the angle that they are made of.
+
+        The gains are those at present, but kd in its described ratio to kp: what a joint's friction makes of the noise
+        of its angle is no part of the noise either, and kd would explain what friction does.
+        """
         found = np.zeros((len(f), n), np.complex128)
-        gains = self.gains.get("tau_m", np.ones(n))
         for i, controller in self.made_by.items():
             kp, kd, _ = controller.gains
-            found[:, i] = (kp + 2j * np.pi * f * kd) / gains[i]
+            found[:, i] = kp + 2j * np.pi * f * kd
+        return found * self.scale(n)
+
+    def scale(self, n: int) -> Array:
+        """Return the present gains (n,) of controllers over the described ones, of the error of the angle if any."""
+        found = np.ones(n)
+        for i, controller in self.made_by.items():
+            now, stated = (next((gain for gain in one.gains if gain), 1.0) for one in (self.driven_by[i], controller))
+            found[i] = now / stated
         return found
+
+    def made(self, motion: Motion) -> dict[str, Array]:
+        """Return "kp" and "kd" of the controllers that made motor torques, and what else they make, "fed", (N, n)."""
+        if motion.r is None or motion.tau_m is None:
+            return {}
+        kp, kd, fed = np.zeros((3, *motion.r.shape))
+        for i, controller in self.driven_by.items():
+            kp[:, i], kd[:, i], _ = controller.gains
+            fed[:, i] = motion.tau_m[:, i] - _followed(replace(controller, torque=None), motion, i)
+        return {"kp": kp, "kd": kd, "fed": fed}
 
     def torque_variances(self, n: int) -> dict[str, Array]:
         """Return the variances (n,) of a sample's white noise of tau_J and tau_m, Nm²."""
@@ -220,6 +252,16 @@ class Observation:
     def _quiet_cutoff(self) -> float:
         """Hz up to which the quiet motion reaches."""
         return min(self.cutoff, self.smoother.cutoff / (2 * np.pi))
+
+
+def _followed(controller: JointController, motion: Motion, i: int) -> Array:
+    """Return the torque (N,) Nm that the controller of joint i makes of errors of angle and rate, within its limit."""
+    angle, rate = (motion.q, motion.dq) if motion.theta is None else (motion.theta, motion.dtheta)
+    assert motion.r is not None and angle is not None and rate is not None
+    (kp, kd, _), r, limit = controller.gains, motion.r[:, i], np.inf if controller.torque is None else controller.torque
+    of_rate, error = controller.follows_rate * rates_of(motion.t, r) - rate[:, i], r - angle[:, i]
+    felt = error - np.clip(error, -controller.dead_band, controller.dead_band)
+    return np.asarray(np.clip(kp * felt + kd * of_rate, -limit, limit))
 
 
 def observe(recording: Recording, band: float | None = None) -> Observation:
@@ -296,6 +338,7 @@ def observe(recording: Recording, band: float | None = None) -> Observation:
         telegraphs,
         torque_band=torque_band,
         made_by=made_by,
+        driven_by=made_by,
     )
     return replace(found, quiet=tuple(found.with_filtered_deflection(piece) for piece in quiet))
 

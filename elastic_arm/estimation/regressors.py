@@ -31,7 +31,7 @@ from elastic_arm.estimation.smoother import Smoother
 
 INPUTS = (
     "x", "dx", "ddx", "tau_J", "tau_m", "dtau_J", "dtau_m",
-    "progress", "elapsed", "friction_link", "friction_motor", "wound", "loaded", "r", "dr", "made",
+    "progress", "elapsed", "friction_link", "friction_motor", "wound", "loaded", "r", "dr", "kp", "kd", "fed",
     "sign_link", "sign_motor",
 )  # fmt: skip
 
@@ -61,15 +61,15 @@ class Signals:
         cutoff: float = np.inf,
         predicted: bool = False,
         smoother: Smoother | None = None,
-        made: Array | float = 1.0,
+        made: Mapping[str, Array] | None = None,
     ) -> Signals:
         """Take the signals from motion over a stretch of time.
 
         standstill: (n,) rad/s for link and motor side, below which a velocity has no sign; elastic: whether the
         arm has transmissions; x is then [q, theta], otherwise [q]; cutoff: Hz up to which accelerations are
         motion rather than noise; predicted: whether torques are those that the model predicts; smoother: what
-        the residuals have passed, where it takes a part of their band: signs pass it, too; made: (n,)
-        by what the torques of controllers were multiplied, where they are made of commands.
+        the residuals have passed, where it takes a part of their band: signs pass it, too; made: "kp",
+        "kd", "fed" (N, n) of the controllers, where torques are made of commands.
         """
         rates = [rates_of(motion.t, torque) for torque in (motion.tau_J, motion.tau_m)]
         before = None
@@ -79,9 +79,7 @@ class Signals:
         if smoother is not None:
             of_sides = {"sign_link": (motion.dq, standstill[0]), "sign_motor": (motion.dtheta, standstill[1])}
             values |= {name: smoother.sign(motion.t, *side) for name, side in of_sides.items()}
-        if motion.r is not None:
-            values |= {"made": np.tile(made * np.ones(motion.r.shape[1]), (len(motion.t), 1))}
-        return Signals(motion.t, values, cutoff, before, predicted)
+        return Signals(motion.t, {**values, **(made or {})}, cutoff, before, predicted)
 
     @staticmethod
     def of_samples(motion: CompletedMotion, standstill: tuple[Array, Array], *, elastic: bool = True) -> Signals:

@@ -205,7 +205,7 @@ class WhitenedData:
                     cutoff=observation.cutoff,
                     predicted=predicted,
                     smoother=limits,
-                    made=1.0 / observation.gains.get("tau_m", np.ones(model.n)),
+                    made=observation.made(stretch.quiet),
                 )
                 motion = wound_by_load(model, stretch.quiet) if layout.reads_torque_by_deflection else stretch.quiet
                 known = known_torques(model, motion, acting, signals_of, predicted=predicted)

@@ -26,7 +26,7 @@ from elastic_arm.equations.number_columns import (
     number_columns,
     shared_columns,
 )
-from elastic_arm.equations.places import largest_value
+from elastic_arm.equations.places import allowed_values
 from elastic_arm.equations.robot_at import nearest_robot
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.known_torques import ActingEffect
@@ -54,7 +54,7 @@ class Linearisation:
     # what depends on the motion alone, of the same recordings beside other numbers
     near: Motions | None = field(default=None, repr=False)
     cache: dict[str, Any] = field(default_factory=dict, init=False, repr=False)  # what was made of it
-    _most: dict[tuple[object, str], float] = field(default_factory=dict, init=False, repr=False)
+    _allowed: dict[object, list[Parameter]] = field(default_factory=dict, init=False, repr=False)
 
     @cached_property
     def model(self) -> Model:
@@ -72,7 +72,7 @@ class Linearisation:
     def observed(self) -> Observations:
         """The recordings, late channels moved back, torques without their gains."""
         scale = gains(self.problem.numbers, self.values, self.problem.robot.joint_names)
-        return tuple(o.corrected(self.late, scale) for o in self.problem.observed[self.which])
+        return tuple(o.corrected(self.late, scale, self.model.robot) for o in self.problem.observed[self.which])
 
     @cached_property
     def data(self) -> WhitenedData:
@@ -122,7 +122,7 @@ class Linearisation:
         """What effects that act, but need not be there, add to the columns of some numbers."""
         found = []
         for e, effect in ((e, effect) for e, effect in enumerate(self.acting) if not effect.known):
-            numbers, plain = shared_columns(self.data, self.problem.numbers, self._features, e)
+            numbers, plain = shared_columns(self.data, self.problem.numbers, self._features, e, self.values)
             if numbers:
                 X = self.data.whiten(plain)
                 found.append(Term(effect.feature.key, "share", X, np.zeros(len(numbers)), what=numbers))
@@ -137,12 +137,12 @@ class Linearisation:
         """Return the whitened columns (rows, k) of an effect."""
         return self.data.whiten(self.data.plain(feature, theta))
 
-    def most(self, feature: Feature, parameter: Parameter) -> float:
-        """Return the largest value of a nonlinear number that the recordings allow."""
-        key = feature.key, parameter.name
-        if key not in self._most:
-            self._most[key] = largest_value(feature, parameter, (self.data,))
-        return self._most[key]
+    def allowed(self, feature: Feature) -> list[Parameter]:
+        """Return the parameter of each nonlinear number, with the range that the recordings allow."""
+        if feature.key not in self._allowed:
+            own = [allowed_values(feature, p, self.data) for p in feature.searched]
+            self._allowed[feature.key] = [p for p in own for _ in range(p.size)]
+        return self._allowed[feature.key]
 
     def placed(self, features: Sequence[Feature]) -> list[Feature]:
         """Return effects on the arm at these values."""

@@ -11,14 +11,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.optimize import minimize_scalar
+from scipy.optimize import minimize, minimize_scalar
 
 from elastic_arm.arrays import Array
 from elastic_arm.effects.parameters import Parameter
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.model import Fit, LinearModel
-from elastic_arm.evidence.pool import linear_prior
+from elastic_arm.evidence.pool import linear_prior, monomials, quadratic_points
 from elastic_arm.evidence.priors import SCALES
 from elastic_arm.evidence.term import Term
 
@@ -26,6 +26,9 @@ STEP = 1e-3  # of derivatives, in the coordinates of the numbers over their rang
 STEPS = 6  # of Gauss and Newton
 LONGEST = 0.25  # of a range, of one step
 SCANNED, EVALUATIONS = 25, 12  # values of one number over its range, and between two of them; numerical
+TINY = 1e-12  # numerical
+NEVER = -1e30  # score of what is out of bounds; numerical
+PLACES = 60  # values of several numbers that are tried; numerical
 SETTLED = 0.1  # of its standard deviation: a step that is none; numerical
 
 
@@ -42,15 +45,14 @@ def is_open(term: Term) -> bool:
     return feature.bends or (feature.count == 1 and any(not p.integer for p in components(feature)))
 
 
-def axis(p: Parameter, high: float = np.inf) -> tuple[float, float]:
+def axis(p: Parameter) -> tuple[float, float]:
     """Return the coordinates of a parameter's range: logarithms where values are spread so."""
-    high = max(min(p.high, high), p.low)
-    return (float(np.log(p.low)), float(np.log(high))) if p.logarithmic else (p.low, high)
+    return (float(np.log(p.low)), float(np.log(p.high))) if p.logarithmic else (p.low, p.high)
 
 
-def moved(p: Parameter, value: float, step: float, high: float = np.inf) -> float:
-    """Return a value after a step in its coordinate, within its range and below what recordings allow."""
-    return float(np.clip(value * np.exp(step) if p.logarithmic else value + step, p.low, max(min(p.high, high), p.low)))
+def moved(p: Parameter, value: float, step: float) -> float:
+    """Return a value after a step in its coordinate, within its range."""
+    return float(np.clip(value * np.exp(step) if p.logarithmic else value + step, p.low, p.high))
 
 
 def tangent_term(linear: Linearisation, term: Term, theta: Sequence[float], size: float) -> Term:
@@ -60,13 +62,12 @@ def tangent_term(linear: Linearisation, term: Term, theta: Sequence[float], size
     """
     feature = term.feature
     assert feature is not None
-    all_, found, mean, std, bounds, numbers = components(feature), [], [], [], [], []
+    all_, found, mean, std, bounds, numbers = linear.allowed(feature), [], [], [], [], []
     X = linear.columns(feature, theta)
     for j, p in enumerate(all_):
         if p.integer:
             continue
-        low, high = axis(p, linear.most(feature, p))
-        high = max(high, low + 1e-6)
+        low, high = axis(p)
         h = STEP * (high - low) if not p.logarithmic else STEP
         ends = [linear.columns(feature, [*theta[:j], moved(p, theta[j], s * h), *theta[j + 1 :]]) for s in (1.0, -1.0)]
         found.append(size * (ends[0] - ends[1]).sum(axis=1) / (2.0 * h))
@@ -109,7 +110,7 @@ def start_of(term: Term, fit: Fit) -> tuple[Feature, tuple[float, ...], float]:
     assert feature is not None
     beta = fit.beta(term)
     if np.isnan(term.theta).any():  # linear in size and size times numbers
-        size = float(beta[0]) if beta[0] else 1e-12
+        size = float(beta[0]) if beta[0] else TINY
         theta = [float(np.clip(b / size, p.low, p.high)) for b, p in zip(beta[1:], components(feature), strict=True)]
         return feature, tuple(theta), size
     if feature.bends:
@@ -131,6 +132,10 @@ def refined(
     start = replace(term, feature=feature)
     if feature is term.feature and len(theta) == 1 and term.grid > 0.0:
         theta, size = _scanned(linear, model, term, others, first)
+    if np.isnan(term.theta).any():
+        start = start.scaled(1.0)  # the scale of a relaxed law is that of its first order
+        theta, size = _placed(linear, model, start, others, first, theta)
+        start = start.scaled(float(min(SCALES, key=lambda s: abs(np.log(max(size, TINY) / (s * start.std[0]))))))
     best = tangent_term(linear, start, theta, size)
     fit = model.fit([*others, best], first)
     for _ in range(STEPS):
@@ -139,10 +144,7 @@ def refined(
             break
         better = None
         for share in (1.0, 0.3):
-            there = [
-                moved(p, v, share * s, linear.most(feature, p))
-                for p, v, s in zip(components(feature), best.theta, step, strict=True)
-            ]
+            there = [moved(p, v, share * s) for p, v, s in zip(linear.allowed(feature), best.theta, step, strict=True)]
             size = best.size if feature.fixed else float(fit.beta(best)[0])
             one = tangent_term(linear, start, there, size)
             now = model.fit([*others, one], fit)
@@ -158,6 +160,51 @@ def refined(
     return best, fit
 
 
+def placed_anew(linear: Linearisation, model: LinearModel, term: Term, others: Sequence[Term]) -> Term:
+    """Return the term of a law of second degree in several numbers where these are most probable beside others."""
+    near = model.fit(others)
+    return tangent_term(linear, term, *_placed(linear, model, term, others, near, term.theta))
+
+
+def _placed(
+    linear: Linearisation, model: LinearModel, term: Term, others: Sequence[Term], near: Fit, relaxed: tuple[float, ...]
+) -> tuple[tuple[float, ...], float]:
+    """Return several nonlinear numbers and the size that are most probable, from those of a relaxed law and elsewhere.
+
+    Of a size that is small beside the ordinary numbers, the relaxed ones are anywhere; and derivatives that were taken
+    at a small size promise what the law at its full size does not hold. The law is of second degree in the numbers.
+    """
+    ranges = np.array([(p.low, p.high) for p in components(term.feature)])
+    points = quadratic_points(len(ranges))
+    values = np.hstack([linear.columns(term.feature, tuple(point)) for point in points])
+    values = values @ np.linalg.inv(monomials(points).T)
+    tried: list[tuple[float, tuple[float, ...], float]] = []
+
+    def cost(at: Array) -> float:
+        tried.append(_tried(model, term, others, near, tuple(at.tolist()), values @ monomials(at[None]).T))
+        return -tried[-1][0]
+
+    middle, widths = ranges.mean(axis=1), np.diff(ranges, axis=1)[:, 0]
+    elsewhere = middle + 0.25 * np.vstack([np.diag(widths), -np.diag(widths)])
+    for start in (np.array(relaxed), min(elsewhere, key=cost)):
+        inwards = np.diag(np.where(start > middle, -0.1, 0.1) * widths)
+        options = {"initial_simplex": start + np.vstack([np.zeros_like(start), inwards]), "maxfev": PLACES}
+        minimize(cost, start, method="Nelder-Mead", bounds=ranges, options=options)
+    return max(tried)[1:]
+
+
+def _tried(
+    model: LinearModel, term: Term, others: Sequence[Term], near: Fit, theta: tuple[float, ...], X: Array
+) -> tuple[float, tuple[float, ...], float]:
+    """Return the score of a law of one column X (rows, 1) at values of its nonlinear numbers; these, and its size."""
+    prior = {name: getattr(term, name)[:1] for name in ("std", "mean", "low", "high")}
+    one = replace(term, columns=X, theta=theta, ident=(*term.ident, theta), **prior)
+    fit = model.fit([*others, one], near)
+    size = float(fit.beta(one)[0])
+    # A mean beyond its bounds has derivatives of the other sign.
+    return fit.score if one.low[0] <= size <= one.high[0] else NEVER, theta, size
+
+
 def _scanned(
     linear: Linearisation, model: LinearModel, term: Term, others: Sequence[Term], near: Fit
 ) -> tuple[tuple[float, ...], float]:
@@ -165,23 +212,21 @@ def _scanned(
 
     Far from its optimum a law leaves so much that its slow part counts as noise, and derivatives see its edges alone.
     """
-    feature, (p,) = term.feature, components(term.feature)
-    low, high = axis(p, linear.most(feature, p))
+    feature, (p,) = term.feature, linear.allowed(term.feature)
+    low, high = axis(p)
     reach = (high - low) / (SCANNED - 1)
-    tried: list[tuple[float, float, float]] = []
+    tried: list[tuple[float, tuple[float, ...], float]] = []
 
     def cost(at: float) -> float:
-        value = float(np.exp(at)) if p.logarithmic else at
-        one = replace(term, columns=linear.columns(feature, (value,)), theta=(value,), ident=(*term.ident, value))
-        fit = model.fit([*others, one], near)
-        tried.append((fit.score, value, float(fit.beta(one)[0])))
-        return -fit.score
+        theta = (float(np.exp(at)) if p.logarithmic else at,)
+        tried.append(_tried(model, term, others, near, theta, linear.columns(feature, theta)))
+        return -tried[-1][0]
 
     at = min(np.linspace(low, high, SCANNED), key=cost)
     bounds = max(at - reach, low), min(at + reach, high)
     minimize_scalar(cost, bounds=bounds, method="bounded", options={"maxiter": EVALUATIONS})
-    _, value, size = max(tried)
-    return (value,), 1.0 if feature.fixed else size
+    _, theta, size = max(tried)
+    return theta, 1.0 if feature.fixed else size
 
 
 def _step(term: Term, fit: Fit) -> Array | None:

@@ -9,7 +9,8 @@ import numpy as np
 
 from elastic_arm.arrays import Array
 from elastic_arm.dynamics.bodies import TENSOR
-from elastic_arm.equations.numbers import PRESLIDING, Number
+from elastic_arm.effects.model import ControllerEffect
+from elastic_arm.equations.numbers import PRESLIDING, SCALE, Number
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.evidence.priors import OFFSET_SHARE, PRESLIDING_SHARE, ZERO_AS_MOUNTED, Priors
@@ -66,6 +67,10 @@ def numbers_of(
         presliding = min(priors.presliding, PRESLIDING_SHARE * float(largest[j]))
         found += _turnovers(joint, 0.0 if turning is None else float(turning[j]), presliding, sides)
     for feature in features:
+        if isinstance(feature.effect, ControllerEffect) and feature.effect.number and feature.joint is not None:
+            what = feature.effect.number if (SCALE, feature.joint) in errors else SCALE  # one gain is all of them
+            std = priors.controller if what == SCALE else priors.gain_ratio
+            found.append(Number(what, feature.joint, "1", std, 1.0, error=feature))
         chosen = _single_choices(feature)
         if feature.effect.prior is None or feature.joint is None or chosen is None:
             continue

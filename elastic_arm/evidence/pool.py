@@ -13,7 +13,7 @@ from elastic_arm.codegen.parallel import share_out
 from elastic_arm.effects.model import Scope
 from elastic_arm.effects.parameters import Parameter
 from elastic_arm.equations.formless import GeneralLaw, general_laws
-from elastic_arm.equations.numbers import Number
+from elastic_arm.equations.numbers import RATIO, SCALE, Number
 from elastic_arm.equations.places import scaling
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.evidence.linearisation import Linearisation
@@ -110,14 +110,13 @@ def _relaxed(columns: Columns, feature: Feature, largest: float) -> Term:
 
 def starting_points(feature: Feature, linear: Linearisation) -> list[tuple[float, ...]]:
     """Return values of the nonlinear numbers from which a search may start."""
-    components = [p for p in feature.searched for _ in range(p.size)]
+    components = linear.allowed(feature)
     if not components:
         return [()]
     if (middle := _middle(feature)) is not None:
         return [middle]
     count = GRID if len(components) == 1 else COARSE
-    most = [linear.most(feature, p) for p in components]
-    return list(product(*(_spread(p, m, count) for p, m in zip(components, most, strict=True))))
+    return list(product(*(_spread(p, count) for p in components)))
 
 
 def _middle(feature: Feature) -> tuple[float, ...] | None:
@@ -127,8 +126,8 @@ def _middle(feature: Feature) -> tuple[float, ...] | None:
     return tuple((p.low + p.high) / 2 for p in components) if several else None
 
 
-def _spread(parameter: Parameter, most: float, count: int) -> list[float]:
-    low, high = parameter.low, max(min(parameter.high, most), parameter.low)
+def _spread(parameter: Parameter, count: int) -> list[float]:
+    low, high = parameter.low, parameter.high
     if parameter.integer:
         first = int(np.ceil(low))
         return [float(k) for k in range(first, min(first + ORDERS - 1, int(high)) + 1)]
@@ -147,7 +146,12 @@ def number_terms(parameters: Sequence[Number], N: Array, far: Set[str]) -> list[
         if parameter.cause is None or parameter.cause.effect.id not in far:
             continue
         key = parameter.cause.key
-        found.append(_number(parameter, N, key, unit[:, [k]]))
+        moves = unit[:, [k]].copy()
+        if parameter.what == SCALE:  # a gain of angles that is off leaves that of speeds where it is
+            for i, other in enumerate(parameters):
+                if (other.what, other.joint) == (RATIO, parameter.joint):
+                    moves[i] = -parameter.prior_std / other.prior_std
+        found.append(_number(parameter, N, key, moves))
         if parameter.is_of_link:
             own = [i for i, p in enumerate(parameters) if p.is_of_link and p.joint == parameter.joint]
             found.append(_number(parameter, N, key, unit[:, own]))

@@ -86,16 +86,17 @@ class Priors(BaseModel):
     sensors: Mapping[str, Deviation] = Field(default_factory=dict)
     torque_constant: Deviation = 0.15  # of a torque channel that is a current; of magnets, by motor and temperature
 
-    # Of a motor torque that is made of commands: both gains of its controller; of servos' firmware and supply.
+    # Of a controller that torques are made by: of all its gains, by a servo's supply and magnets; and of kd beside kp:
+    # firmware holds both as numbers, the winding's resistance changes the back-EMF that counts as kd by some percent.
     controller: Deviation = 0.20
+    gain_ratio: Deviation = 0.03
 
-    def of_currents(self, channels: Iterable[str], *, made: bool = False) -> Priors:
-        """Return those of an arm of which torque channels are currents or made of commands; what was stated stays.
+    def of_currents(self, channels: Iterable[str]) -> Priors:
+        """Return those of an arm of which torque channels are currents; what was stated stays.
 
         channels: that are currents, of "joint_torque" and "motor_torque".
         """
-        believed = dict.fromkeys(channels, self.torque_constant) | ({"motor_torque": self.controller} if made else {})
-        gains = {f"{channel}_gain": std for channel, std in believed.items()}
+        gains = {f"{channel}_gain": self.torque_constant for channel in channels}
         return self.model_copy(update={"sensors": {**gains, **self.sensors}})
 
 

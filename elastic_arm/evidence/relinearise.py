@@ -18,7 +18,7 @@ from elastic_arm.evidence.changes import CHANGE, change_of
 from elastic_arm.evidence.grams import Bands
 from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.model import KINDS, Fit, LinearModel, Screen
-from elastic_arm.evidence.nonlinear import components, moved, tangent_term
+from elastic_arm.evidence.nonlinear import components, moved, placed_anew, tangent_term
 from elastic_arm.evidence.pool import effect_terms, law_terms, linear_prior, number_terms
 from elastic_arm.evidence.priors import ELSEWHERE, NEAR, ROUNDS, STATED, TRUST, WORTH
 from elastic_arm.evidence.problem import Problem
@@ -49,9 +49,13 @@ def explain(problem: Problem, *, refit: bool) -> Explanation:
     """
     described = Linearisation(problem, np.zeros(len(problem.numbers)), _stated(problem))
     # Where the description is exact, all that is left is an effect. Where it is off everywhere, there is less to
-    # mistake for one where its numbers lie alone.
+    # mistake for one where its numbers lie alone; but beside a large effect they lie far off there.
     thetas: Thetas = {}
-    starts = [_started(described, trust, refit, thetas) for trust in STARTS if not (refit and trust == STARTS[0])]
+    trust, built = STARTS[refit], STARTS[1]
+    starts = [
+        _explained(described, None, trust, refit, thetas, moves=ADDED),
+        _explained(_settled(described, None, built), None, built, refit, thetas, moves=ADDED),
+    ]
     first = max(starts, key=lambda found: found.best.score)
     found = _descended(first.linear, first.best, refit, thetas)
     tried: set[frozenset[Key]] = set()
@@ -63,11 +67,6 @@ def explain(problem: Problem, *, refit: bool) -> Explanation:
         tried.add(other.keys)
         found = _better(found, _descended(found.linear, other, refit, thetas, found.best))
     return replace(found, log=(*(line for one in starts for line in one.log), *found.log))
-
-
-def _started(described: Linearisation, trust: str, refit: bool, thetas: Thetas) -> Explanation:
-    """Return the most probable set at first, from the numbers alone."""
-    return _explained(_settled(described, None, trust), None, trust, refit, thetas, moves=ADDED)
 
 
 def _stated(problem: Problem) -> tuple[ActingEffect, ...]:
@@ -262,7 +261,7 @@ def _known_terms(linear: Linearisation) -> tuple[list[Term], list[Term]]:
         law = _whole(feature, instance)
         # Its columns are the law to first order alone: what is stated is known beyond.
         offset = None if law is None else linear.columns(*law).sum(axis=1) - X @ mean
-        width = STATED * np.maximum(np.abs(mean), 1e-3 * std)
+        width = STATED * np.where(mean == 0.0, 1e-3 * std, np.abs(mean))
         term = Term(feature.key, "effect", X, width, mean=mean, feature=feature, theta=theta, trusted=True)
         always.append(replace(term, offset=offset, what=law))
         # Less than no friction would be a gain.
@@ -326,6 +325,10 @@ def _again(fit: Fit, linear: Linearisation) -> list[Term]:
             found.append(replace(t, columns=stated[t.key].columns))
         else:
             found.append(_effect_again(t, fit, linear))
+    for k, t in enumerate(found):
+        if t.tangents and t.feature.quadratic and t.feature.count == 1:
+            model = linear_model(linear, fit.model.name)
+            found[k] = placed_anew(linear, model, t, [*found[:k], *found[k + 1 :]])
     linear.cache["again"] = fit, found
     return found
 

@@ -128,9 +128,10 @@ def _controllers(robot: Robot, base: Robot) -> Iterator[Left]:
 def _alike(one: JointController, other: JointController | None) -> bool:
     if other is None:
         return False
-    gains = ("kp", "kd", "ki", "delay")
-    same = replace(one, **{name: getattr(other, name) for name in gains}) == other
-    return same and all(np.isclose(getattr(one, k), getattr(other, k), rtol=READ_BACK, atol=0.0) for k in gains)
+    numbers = ("kp", "kd", "ki", "delay", "torque")
+    same = replace(one, **{name: getattr(other, name) for name in numbers}) == other
+    pairs = [[np.inf if (v := getattr(drive, k)) is None else v for drive in (one, other)] for k in numbers]
+    return same and all(np.isclose(a, b, rtol=READ_BACK, atol=0.0) for a, b in pairs)
 
 
 def _carriers(file: ShapedMjcf, arm: MjcfArm) -> list[Any] | None:
@@ -197,7 +198,7 @@ class _Document:
         return changes
 
     def controllers(self, robot: Robot) -> Iterator[Change]:
-        """Change gains and delays of <position> elements; other actuators stay as they are."""
+        """Change gains, delays and limits of <position> elements; other actuators stay as they are."""
         for old, new in zip(self.arm.robot.joints, robot.joints, strict=True):
             before, after = old.controller, new.controller
             elements = [e for e in self.file.elements("position") if e.get("joint") == old.name]
@@ -212,6 +213,11 @@ class _Document:
                 if not np.isclose(own, wanted, rtol=READ_BACK, atol=0.0):
                     self.file.set(elements[0], **{number: text_of(wanted / gear)})
                     yield Change(old.name, number, old.unit(unit), (own / gear,), (wanted / gear,))
+            if after.torque is not None and after.torque != before.torque:
+                most = after.torque / abs(float(self.arm.model.actuator_gear[drive, 0]))
+                self.file.set(elements[0], forcerange=f"{text_of(-most)} {text_of(most)}")
+                old_limit = () if before.torque is None else (before.torque / after.torque * most,)
+                yield Change(old.name, "forcerange", old.unit("Nm"), old_limit, (most,))
             if after.delay and after.delay != before.delay:
                 samples = int(np.ceil(after.delay / self.arm.model.opt.timestep)) + 2
                 self.file.set(elements[0], nsample=str(samples))

@@ -21,6 +21,7 @@ from elastic_arm.estimation.observation import observe
 from elastic_arm.formatting import JointUnits
 from elastic_arm.recording import Recording
 from elastic_arm.recording.made_torque import with_made_torque
+from elastic_arm.robot import JointController
 from elastic_arm.robot.mjcf import MjcfArm, engine
 from elastic_arm.robot.mjcf.drives import drives_of, torque_delays
 
@@ -316,12 +317,19 @@ def servo_motion(arm: MjcfArm, start: Array, commands: Array) -> Array:
     actuators = [drives_of(model, joint)[0] for joint in arm.chain.joints]
     # From MuJoCo 4 on an actuator may have several inputs, the set-point of the angle first.
     given = np.asarray(getattr(model, "actuator_ctrladr", np.arange(model.nu)))[actuators]
+    drives = [joint.controller or JointController() for joint in arm.robot.joints]
+    # What a <position> actuator has not is in the set-point that it is given: a dead band, an integral.
+    dead_band = np.array([drive.dead_band for drive in drives])
+    integrating = np.array([drive.ki / drive.kp if drive.mode == "position" and drive.kp else 0.0 for drive in drives])
+    integral, step = np.zeros(len(drives)), float(model.opt.timestep)
     data, held = mj.MjData(model), _held(arm)
     data.qpos[:] = arm.qpos
     data.qpos[arm.positions] = start
     found = np.empty_like(commands)
     for k, command in enumerate(commands):
-        data.ctrl[given] = command
+        error = command - data.qpos[arm.positions]
+        data.ctrl[given] = command - np.clip(error, -dead_band, dead_band) + integrating * integral
+        integral += step * error
         mj.mj_step(model, data)
         held(data)
         found[k] = data.qpos[arm.positions]

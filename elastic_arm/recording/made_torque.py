@@ -1,7 +1,8 @@
 """The torque that a described controller makes of recorded commands and states, where no torque was recorded,
 
-    tau_m = limit(kp (r(t - d) - q) + kd (dr(t - d) - dq) + ki int(r - q) + feed-forward).
+    tau_m = limit(kp (r(t - d) - q) + kd (dr(t - d) - dq) + ki int(r - q) + feed-forward),
 
+a dead band taken off the error r - q where kp has one.
 Angles between samples are those of cubic splines. A held command is the mean, over the last interval of commands, of
 the motion that commands are samples of: within the band, that is what holding does.
 """
@@ -43,7 +44,7 @@ def with_made_torque(recording: Recording, robot: Robot) -> Recording:
         return recording
     there = joints_with(side.position)
     made = {
-        name: controller
+        name: _limited(controller, robot.joints[robot.joint_names.index(name)].limits.torque)
         for i, name in enumerate(recording.joints)
         if (controller := stated.get(name)) is not None and there[i] and _is_told(reference, controller, i)
     }
@@ -59,9 +60,7 @@ def with_made_torque(recording: Recording, robot: Robot) -> Recording:
         r[:, i] = command(t)[0]
     forward = _fed_forward(robot, t, np.where(np.isnan(r), angles, r), list(made.values()))
     for i, controller in columns.items():
-        limits = [one for one in (controller.torque, robot.joints[i].limits.torque) if one is not None]
-        limit, fed = min(limits, default=np.inf), forward[controller.feedforward][:, i]
-        torque[:, i] = _torque(controller, commands[i], t, angles[:, i], fed, limit)
+        torque[:, i] = _torque(controller, commands[i], t, angles[:, i], forward[controller.feedforward][:, i])
     cut = {name: one.at(np.isin(one.stamp_ns, stamps)) for name, one in recording.measured().items()}
     motor = cut["motor"] if side is recording.motor else Side(stamps)
     whose = listed(recording.joints, [name in made for name in recording.joints])
@@ -77,6 +76,12 @@ def with_made_torque(recording: Recording, robot: Robot) -> Recording:
         made_by=made,
         notes=(*recording.notes, f"{recording.source or 'the recording'}: {note}"),
     )
+
+
+def _limited(controller: JointController, limit: float | None) -> JointController:
+    """Return a controller with the lower of its own limit of torque and that of its joint."""
+    limits = [one for one in (controller.torque, limit) if one is not None]
+    return replace(controller, torque=min(limits, default=None))
 
 
 def _is_told(reference: Side, controller: JointController, i: int) -> bool:
@@ -113,15 +118,15 @@ class _Command:
         return angle + self._begin, rate
 
 
-def _torque(
-    controller: JointController, command: _Command, t: Array, angle: Array, forward: Array, limit: float
-) -> Array:
+def _torque(controller: JointController, command: _Command, t: Array, angle: Array, forward: Array) -> Array:
     """Return the torque (N,) of a joint, each sample the mean over its interval, Nm."""
-    kp, kd, ki = controller.gains
+    (kp, kd, ki), limit = controller.gains, np.inf if controller.torque is None else controller.torque
     q, step = CubicSpline(t, angle), float(np.median(np.diff(t)))
     at = t[:, None] + step * ((np.arange(FINER) + 0.5) / FINER - 0.5)
     r, dr = command(at)
-    torque = kp * (r - q(at)) + kd * (controller.follows_rate * dr - q(at, 1)) + forward[:, None]
+    error = r - q(at)
+    felt = error - np.clip(error, -controller.dead_band, controller.dead_band)
+    torque = kp * felt + kd * (controller.follows_rate * dr - q(at, 1)) + forward[:, None]
     if ki:
         torque += ki * CubicSpline(t, command(t)[0] - angle).antiderivative()(at)
     return np.asarray(np.clip(torque, -limit, limit).mean(axis=1))

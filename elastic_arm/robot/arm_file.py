@@ -103,6 +103,7 @@ class ControllerEntry(_Entry):
     torque: Number | None = None
     feedforward: Literal["none", "gravity", "model"] = "none"
     between: Literal["held", "interpolated"] = "held"
+    dead_band: Number = 0.0
 
 
 class TransmissionEntry(_Entry):

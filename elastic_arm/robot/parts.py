@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -259,6 +259,7 @@ class JointController:
     torque: float | None = None  # limit, Nm, beside that of the joint; None where there is none
     feedforward: str = "none"  # ``"none"``, ``"gravity"``, or ``"model"``: all torque of the nominal rigid arm
     between: str = "held"  # two commands: the last one is ``"held"``, or the motion is ``"interpolated"``
+    dead_band: float = 0.0  # rad; of the error of the angle, kp makes a torque of what exceeds it
 
     def __post_init__(self) -> None:
         choices = {
@@ -269,7 +270,7 @@ class JointController:
         for what, known in choices.items():
             given = getattr(self, what)
             require(given in known, f"{what} of the controller is {given!r}", f"Choose one of {', '.join(known)}")
-        for what in ("kp", "kd", "ki", "delay"):
+        for what in ("kp", "kd", "ki", "delay", "dead_band"):
             check_number(getattr(self, what), what)
         if self.torque is not None:
             check_number(self.torque, "torque", positive=True)
@@ -283,6 +284,11 @@ class JointController:
     def gains(self) -> tuple[float, float, float]:
         """Gains of the error of the angle, of its rate, and of its integral: an integral of speeds is an angle."""
         return (self.ki, self.kd, 0.0) if self.mode == "velocity" else (self.kp, self.kd, self.ki)
+
+    def scaled(self, kp: float = 1.0, kd: float = 1.0) -> JointController:
+        """Return it with other gains of the error of the angle and of its rate, as ratios to its own."""
+        own = "ki" if self.mode == "velocity" else "kp"
+        return replace(self, **{own: kp * getattr(self, own), "kd": kd * self.kd})
 
     @property
     def follows_rate(self) -> float:

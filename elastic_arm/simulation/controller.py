@@ -49,10 +49,11 @@ class Controller:
     # (n,) 1 where the reference's rate is followed; 0 where it counts as zero, so that kd damps the motor's own
     speed: Array | float = 1.0
     commands: int = 1  # a sample: 1, or an even number
+    dead_band: Array | float = 0.0  # (n,) rad, of the error of theta: kp makes a torque of what exceeds it
 
     def __post_init__(self) -> None:
         n = np.size(self.kp)
-        for name in ("kp", "kd", "ki", "limit", "delay", "speed"):
+        for name in ("kp", "kd", "ki", "limit", "delay", "speed", "dead_band"):
             values = np.asarray(getattr(self, name), dtype=float)
             values = np.full(n, values) if values.ndim == 0 and name not in ("kp", "kd") else values
             if values.shape != (n,) or np.isnan(values).any() or (values < 0).any():
@@ -84,14 +85,15 @@ def controller_of(robot: Robot, *, model: str = "mod3", rate: float = 1000.0) ->
     own = tuned(robot, model=model, rate=rate)
     if not any(joint.controller for joint in robot.joints):
         return own
-    names = ("kp", "kd", "ki", "delay", "limit", "speed")
+    names = ("kp", "kd", "ki", "delay", "limit", "speed", "dead_band")
     values = {name: np.array(getattr(own, name)) for name in names}
     held, moved = np.ones(robot.n), np.ones(robot.n)  # shares of gravity, and of the rest, that are fed forward
     for i, joint in enumerate(robot.joints):
         if (drive := joint.controller) is None:
             continue
         (kp, kd, ki), limit = drive.gains, np.inf if drive.torque is None else drive.torque
-        for name, value in zip(names, (kp, kd, ki, drive.delay, limit, drive.follows_rate), strict=True):
+        stated = (kp, kd, ki, drive.delay, limit, drive.follows_rate, drive.dead_band)
+        for name, value in zip(names, stated, strict=True):
             values[name][i] = value
         held[i], moved[i] = drive.feedforward != "none", drive.feedforward == "model"
     rigid = RigidFeedforward(ArmEquations(robot, model))

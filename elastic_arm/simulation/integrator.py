@@ -57,7 +57,7 @@ class ClosedLoop:
     """What does not change during a run."""
 
     constants: Array  # of the system, as its function of that name gives them
-    gains: Array  # (4, n) kp in Nm/rad, kd in Nm s/rad, ki in Nm/(rad s), torque limit in Nm
+    gains: Array  # (5, n) kp in Nm/rad, kd in Nm s/rad, ki in Nm/(rad s), torque limit in Nm, dead band in rad
     period: float  # of the samples, s
     half_steps: int  # integration steps in half a period
     commands: int = 1  # a sample: 1, or an even number that divides the steps
@@ -168,7 +168,7 @@ class CasadiIntegrator:
         steps = 2 * loop.half_steps // parts
         advance = self._advance.setdefault(steps, self._step.fold(steps))
         h = loop.period / (2 * loop.half_steps)
-        kp, kd, ki, limit = loop.gains
+        kp, kd, ki, limit, dead_band = loop.gains
         rows: list[Array] = []
         given = iter(reference.reshape(len(reference), 3, n))
         command, integral = state.command, state.integral.copy()
@@ -179,7 +179,8 @@ class CasadiIntegrator:
                     theta, dtheta, forward = next(given)
                     error = theta - y[motor : motor + n]
                     speed = y[self._dof + motor : self._dof + motor + n]
-                    torque = forward + kp * error + kd * (dtheta - speed) + ki * integral
+                    felt = error - np.clip(error, -dead_band, dead_band)
+                    torque = forward + kp * felt + kd * (dtheta - speed) + ki * integral
                     command = np.clip(torque, -limit, limit)
                     integral = integral + np.where(command == torque, error * loop.period / loop.commands, 0.0)
                 if part == 0:

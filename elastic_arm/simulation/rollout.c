@@ -41,7 +41,7 @@ static double within(double value, double limit)
 /* Advance from sample to sample; returns how many were completed with finite numbers.
  *
  * commands   a sample, each held until the next
- * gains      kp, kd, ki, torque limit                     4 JOINTS
+ * gains      kp, kd, ki, torque limit, dead band          5 JOINTS
  * reference  theta, dtheta, feed-forward torque           (samples commands, 3 JOINTS)
  * carry      y; over the last half interval the integral of tau_J and half the mean of tau_m; the command before; the
  *            integral of the error of theta               ODE + 4 JOINTS, in and out
@@ -67,7 +67,8 @@ long rollout(long samples, long half_steps, long commands, double period, const 
             if (part * commands % parts == 0) {
                 for (int i = 0; i < JOINTS; i++) {
                     const double error = reference[i] - y[motor + i], limit = gains[3 * JOINTS + i];
-                    const double torque = reference[2 * JOINTS + i] + gains[i] * error
+                    const double felt = error - within(error, gains[4 * JOINTS + i]);
+                    const double torque = reference[2 * JOINTS + i] + gains[i] * felt
                                         + gains[JOINTS + i] * (reference[JOINTS + i] - y[DOF + motor + i])
                                         + gains[2 * JOINTS + i] * integral[i];
                     command[i] = within(torque, limit);

@@ -154,7 +154,8 @@ class Simulator:
         self.sign_speed = sign_speed(self.system, self.system.equations.nominal, x, z, hold, 1.0 / (self.rate * steps))
         constants = self.system.evaluate_constants(self.sign_speed)
         limits = [np.inf if j.limits.torque is None else j.limits.torque for j in self.robot.joints]
-        gains = np.array([controller.kp, controller.kd, controller.ki, np.minimum(limits, controller.limit)])
+        limit = np.minimum(limits, controller.limit)
+        gains = np.array([controller.kp, controller.kd, controller.ki, limit, controller.dead_band])
         self._loop = ClosedLoop(constants, gains, 1.0 / self.rate, steps // 2, controller.commands)
         self._late = DelayLine(np.tile(controller.delay, 3), self.rate) if np.any(controller.delay) else None
         self.place(x[:n], x[n : 2 * n], dq0, dq0, command=hold, z=z)
@@ -191,7 +192,7 @@ class Simulator:
     def drive(self, tau_m: Array) -> tuple[Truth, dict[str, Array]]:
         """Run under given motor torques (N, n), Nm, each held for a sample; see :meth:`follow`."""
         tau_m = np.asarray(tau_m, dtype=float)
-        gains = self._loop.gains * [[0.0], [0.0], [0.0], [1.0]]
+        gains = self._loop.gains * [[0.0], [0.0], [0.0], [1.0], [0.0]]
         reference = np.concatenate([np.zeros((len(tau_m), 2 * self.robot.n)), tau_m], axis=1)
         return self._advance(replace(self._loop, gains=gains, commands=1), reference)
 

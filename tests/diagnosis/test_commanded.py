@@ -7,6 +7,7 @@ from dataclasses import replace
 import pytest
 
 from elastic_arm.diagnosis import Diagnosis, Question, diagnose
+from elastic_arm.diagnosis.corrected_robot import repaired_robot
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.identification import identify
 from elastic_arm.robot.mjcf import MjcfArm
@@ -15,6 +16,7 @@ from tests.helpers.servo_arms import recorded, servo_arm
 RATES = [(250.0, 17), (50.0, 12)]  # Hz, bits of the encoders
 ELBOW = 'name="elbow" axis="0 1 0" armature="0.028" damping="0.05" frictionloss="0.05"'
 STATED = 'kp="17.8" kv="0.6" joint="lift"'
+LIMIT = 'joint="lift" forcerange="-4 4"'
 
 
 @pytest.fixture(scope="module")
@@ -45,8 +47,9 @@ def test_a_clean_arm_has_no_cause(nominal: MjcfArm, rate: float, bits: int) -> N
         ({ELBOW: ELBOW.replace('ing="0.05"', 'ing="0.15"')}, 0, ("viscous_friction", "elbow", "coefficient", 0.15)),
         ({STATED: STATED.replace("17.8", "23")}, 0, ("position_gain", "lift", "gain", 23 / 17.8)),
         ({}, 1, ("command_delay", None, "delay", None)),
+        ({LIMIT: LIMIT.replace("4", "1.2")}, 0, ("torque_saturation", "lift", "torque", 1.2)),
     ],
-    ids=["dry", "viscous", "kp", "delay"],
+    ids=["dry", "viscous", "kp", "delay", "saturation"],
 )  # fmt: skip
 def test_what_is_withheld_is_named(
     nominal: MjcfArm,
@@ -56,7 +59,7 @@ def test_what_is_withheld_is_named(
     late: int,
     wanted: tuple[str, str | None, str, float],
 ) -> None:
-    """Friction, kp and late commands come first, their sizes right to 3 %; nothing else closes 2 % of the gap.
+    """Friction, kp, late commands and a weak drive come first, sizes right to 3 %; nothing else closes 2 % of the gap.
 
     MuJoCo's friction turns over within a millisecond, which the law's sign does not.
     """
@@ -66,6 +69,33 @@ def test_what_is_withheld_is_named(
     assert all(abs(other.shrink) < 0.02 for other in rest)
     assert (found.verdict, cause.effect, cause.joint) == ("explained", effect, joint)
     assert cause.parameters[name].value == pytest.approx(size or late / rate, rel=0.03)
+
+
+@pytest.mark.parametrize(
+    ("number", "size", "effect"), [("dead_band", 0.02, "position_dead_band"), ("ki", 15.0, "integral_gain")]
+)
+def test_what_no_actuator_of_mujoco_has_is_named(number: str, size: float, effect: str) -> None:
+    """A dead band and an integral of the controller are the one cause, their sizes right to 3 %."""
+    stated = servo_arm({LIMIT: LIMIT.replace("4", "30")})  # Nm; an integral beside a torque at its limit would rest
+    drive = stated.robot.joints[1].controller
+    assert drive is not None
+    changed = replace(drive, **{number: size})  # type: ignore[arg-type]
+    true = replace(stated, robot=stated.robot.with_joint("lift", controller=changed))
+    runs = [recorded(true, 50.0, 12, seed=seed) for seed in (0, 1)]
+    (cause,) = diagnose(runs[:1], Question(stated.robot, refit=True), runs[1:]).causes
+    (found,) = cause.parameters.values()
+    assert (cause.effect, cause.joint, found.value) == (effect, "lift", pytest.approx(size, rel=0.03))
+
+
+def test_gains_that_are_off_together_are_a_scale_and_no_cause(nominal: MjcfArm) -> None:
+    """kp and kd that are both 15 % higher are ordinary: the scale of that joint's torque, in the corrected arm, too."""
+    true = servo_arm({STATED: 'kp="20.47" kv="0.69" joint="lift"'})
+    runs = [recorded(true, 250.0, 17, seed=seed) for seed in (0, 1)]
+    found = diagnose(runs[:1], Question(nominal.robot, refit=True), runs[1:])
+    (scale,) = [p for p in found.imperfections if (p.what, p.joint) == ("torque_scale", "lift")]
+    assert (found.verdict, scale.value) == ("none", pytest.approx(1.15, abs=0.03))
+    repaired = repaired_robot(nominal.robot, found).joints[1].controller
+    assert repaired is not None and repaired.kp == pytest.approx(20.47, rel=0.03)
 
 
 def test_a_gain_of_speed_and_viscous_friction_are_alternatives(nominal: MjcfArm) -> None:

@@ -12,7 +12,7 @@ from elastic_arm.errors import EffectError
 from elastic_arm.robot import JointController, Robot, load_robot
 from elastic_arm.simulation import SimulationSettings, Simulator
 
-OWN = [effect.id for effect in EFFECTS.values() if isinstance(effect, ControllerEffect)]
+OWN = [e.id for e in EFFECTS.values() if isinstance(e, ControllerEffect) and e.parameters[0].neutral is not None]
 KP, KD = 30.0, 2.0
 
 
@@ -28,22 +28,37 @@ def law(robot: Robot, text: str) -> dict[str, float]:
     x, dx = ca.DM.zeros(dof), ca.DM.zeros(dof)
     x[1], x[n + 1], dx[1], dx[n + 1] = 0.3, 0.3, 0.7, 0.7
     zero, one = ca.DM.zeros(n), ca.DM.ones(n)
-    known = {"r": ca.SX(0.5 * one), "dr": ca.SX(0.4 * one), "made": ca.SX(one)}
+    drive = robot.joints[1].controller
+    assert drive is not None
+    kp, kd, _ = drive.gains
+    known = {"r": 0.5, "dr": 0.4, "kp": kp, "kd": kd, "fed": 0.0}
     torques = [ca.SX(v) for v in (zero, 5.0 * one, zero, zero)]
-    motion = SymbolicMotion(equations, *(ca.SX(v) for v in (x, dx, zero)), *torques, sign=lambda s, i: 0.0, **known)
-    added = instance.effect.law(motion, 1, instance.parameters)
+    motion = SymbolicMotion(
+        equations,
+        *(ca.SX(v) for v in (x, dx, zero)),
+        *torques,
+        sign=lambda s, i: 0.0,
+        **{name: ca.SX(value * one) for name, value in known.items()},
+    )
+    added = instance.effect.law(motion, 1, {**instance.parameters, "integral": ca.SX(0.2)})
     return {side: float(ca.DM(getattr(added, side)[1])) for side in ("link", "drive", "motor")}
 
 
 @pytest.mark.parametrize(
     ("text", "numbers", "wanted"),
     [
-        # 5 Nm are kp's and kd's -0.7 kd, so kp makes 6.4 Nm of the true torque, 6.4 / 1.25 of the stated.
-        ("position_gain:joint_2:gain=1.25", {}, (1 / 1.25 - 1) * (5.0 + 0.7 * KD)),
+        # 5 Nm are kp's and kd's -0.7 kd, so kp makes 6.4 Nm.
+        ("position_gain:joint_2:gain=1.25", {}, -0.25 * (5.0 + 0.7 * KD)),
         ("velocity_gain:joint_2:gain=1.5", {}, -0.5 * KD * -0.7),
         ("velocity_gain:joint_2:gain=1.5", {"mode": "both"}, -0.5 * KD * (0.4 - 0.7)),
         ("command_delay:joint_2:delay=0.02", {}, 0.02 * KP * 0.4),
         ("command_delay:joint_2:delay=0.02", {"torque": 4.0}, 0.0),  # at its limit no gain matters
+        # Of the angles, 0.2 kp - 0.7 kd = 4.6 Nm are made.
+        ("torque_saturation:joint_2:torque=3.0", {}, 1.6),
+        ("torque_saturation:joint_2:torque=5.0", {}, 0.0),
+        ("position_dead_band:joint_2:half_width=0.05", {}, 0.05 * KP),
+        ("position_dead_band:joint_2:half_width=0.25", {}, 0.2 * KP),
+        ("integral_gain:joint_2:ki=7.0", {}, -0.2 * 7.0),
     ],
 )
 def test_laws_are_what_the_stated_controller_makes_more(text: str, numbers: dict[str, object], wanted: float) -> None:
@@ -56,7 +71,8 @@ def test_laws_are_what_the_stated_controller_makes_more(text: str, numbers: dict
 def test_at_the_neutral_value_nothing_is_added(effect: str) -> None:
     """A gain of one and a delay of none are no effect."""
     (parameter,) = EFFECTS[effect].parameters
-    assert law(controlled(), f"{effect}:joint_2:{parameter.name}={parameter.neutral}")["motor"] == 0.0
+    text = f"{effect}:joint_2:{parameter.name}={parameter.neutral}"
+    assert law(controlled(), text)["motor"] == 0.0
 
 
 @pytest.mark.parametrize(
@@ -65,6 +81,9 @@ def test_at_the_neutral_value_nothing_is_added(effect: str) -> None:
         ("position_gain:joint_2:gain=1.25", {"kp": 1.25 * KP}),
         ("velocity_gain:joint_2:gain=0.5", {"kd": 0.5 * KD}),
         ("command_delay:joint_2:delay=0.02", {"delay": 0.02}),
+        ("torque_saturation:joint_2:torque=3.0", {"torque": 3.0}),
+        ("position_dead_band:joint_2:half_width=0.05", {"dead_band": 0.05}),
+        ("integral_gain:joint_2:ki=7.0", {"ki": 7.0}),
     ],
 )
 def test_a_simulated_arm_is_driven_by_the_changed_controller(text: str, changed: dict[str, float]) -> None:
@@ -72,8 +91,8 @@ def test_a_simulated_arm_is_driven_by_the_changed_controller(text: str, changed:
     robot = controlled()
     simulator = Simulator(robot, SimulationSettings(effects=[parse(text, robot)]))
     wanted = Simulator(controlled(**changed)).controller
-    assert (simulator.controller.kp[1], simulator.controller.kd[1]) == (wanted.kp[1], wanted.kd[1])
-    assert simulator.controller.delay[1] == wanted.delay[1]
+    for name in ("kp", "kd", "ki", "delay", "limit", "dead_band"):
+        assert getattr(simulator.controller, name)[1] == getattr(wanted, name)[1]
 
 
 def test_without_a_controller_the_effect_is_refused_with_the_block_to_write() -> None:

@@ -13,8 +13,10 @@ from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.observation import Observation, observe, torque_noise, widest_band
 from elastic_arm.estimation.resampling import Grid
 from elastic_arm.recording import Recording
+from elastic_arm.recording.made_torque import with_made_torque
 from elastic_arm.sensors import Sensors
 from tests.helpers.gap_recordings import motions, record
+from tests.helpers.servo_arms import recorded, servo_arm
 
 
 @cache
@@ -120,3 +122,22 @@ def test_a_torque_that_was_low_passed_limits_the_band_and_has_the_noise_of_an_or
     assert seen.noise.tau_m is not None
     in_band = seen.noise.tau_m * np.sqrt(2.0 * seen.torque_band / 0.9 / seen.rate)
     np.testing.assert_allclose(in_band, 0.005 * np.sqrt(np.mean(smooth**2, axis=0)), rtol=0.25)
+
+
+def test_a_made_torque_follows_the_gains_of_its_controller() -> None:
+    """With other gains of kp and kd it is the torque that these controllers make of the same recording."""
+    true = servo_arm({f'joint="{name}" forcerange="-4 4"': f'joint="{name}"' for name in ("pan", "lift", "elbow")})
+    other = arm = true.robot
+    for joint in arm.joints:
+        assert joint.controller is not None
+        other = other.with_joint(joint.name, controller=joint.controller.scaled(1.3, 0.6))
+    raw = recorded(true, 250.0, 17)
+    seen, wanted = (observe(with_made_torque(raw, robot)) for robot in (arm, other))
+    found = seen.corrected({}, {}, other)
+    margin = round(seen.margin * seen.rate)
+    for own, right in zip(found.quiet, wanted.quiet, strict=True):
+        assert own.tau_m is not None and right.tau_m is not None
+        np.testing.assert_allclose(own.tau_m[margin:-margin], right.tau_m[margin:-margin], rtol=0, atol=1e-4)
+    np.testing.assert_allclose(found.scale(3), 1.3)
+    (same,) = seen.corrected({}, {}, arm).quiet
+    np.testing.assert_array_equal(same.tau_m, seen.quiet[0].tau_m)

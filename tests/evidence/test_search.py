@@ -169,7 +169,7 @@ def test_a_nonlinear_number_comes_out_within_its_deviation(true: float) -> None:
     columns = lambda feature, theta: np.exp(-((w / theta[0]) ** 2))[:, None]  # noqa: E731
     bump: Any = Bump()
     problem = SimpleNamespace(largest_at=lambda joint: 10.0)
-    linear: Any = SimpleNamespace(columns=columns, problem=problem, most=lambda feature, p: np.inf)
+    linear: Any = SimpleNamespace(columns=columns, problem=problem, allowed=lambda feature: list(feature.searched))
     errors = []
     for seed in range(20):
         data = model(3.0 * columns(bump, [true])[:, 0] + np.random.default_rng(seed).standard_normal(ROWS), N)

@@ -19,6 +19,7 @@ from elastic_arm.errors import RobotError
 from elastic_arm.robot import Inertia, JointController, Robot, load_robot, to_urdf
 from elastic_arm.robot.kinematics import lumped
 from tests.helpers.mujoco_arms import MODELS, random_motion
+from tests.helpers.servo_arms import EXAMPLE
 
 pytest.importorskip("mujoco")
 
@@ -270,6 +271,20 @@ def test_the_format_goes_by_the_ending(tmp_path: Path, name: str, asked: str | N
         root = {"urdf": "<robot", "mjcf": "<mujoco"}[found]
         assert result.exit_code == 0 and root in (tmp_path / name).read_text()
         assert "armature" in result.output or "bearing" in result.output
+
+
+def test_the_limit_of_a_servo_is_written_as_forcerange(tmp_path: Path) -> None:
+    """A drive that was found to give less torque has that in the corrected file; a dead band is named as left out."""
+    (tmp_path / "arm.xml").write_text((EXAMPLE / "arm.xml").read_text())
+    robot = load_robot(tmp_path / "arm.xml")
+    pan, lift = (robot.joints[k].controller for k in (0, 1))
+    assert pan is not None and lift is not None
+    robot = robot.with_joint("pan", controller=replace(pan, torque=1.5))
+    robot = robot.with_joint("lift", controller=replace(lift, dead_band=0.02))
+    done = export_mjcf(robot, tmp_path / "arm.xml", tmp_path / "new.xml")
+    assert [(one.element, one.number, one.after) for one in done.changes] == [("pan", "forcerange", (1.5,))]
+    assert [(one.what, one.joint) for one in done.left] == [("controller", "lift")]
+    assert load_robot(tmp_path / "new.xml").joints[0].controller == replace(pan, torque=1.5)
 
 
 @pytest.mark.parametrize("angle", ["radian", "degree"])

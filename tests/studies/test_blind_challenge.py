@@ -22,8 +22,9 @@ from elastic_arm.studies.blind_challenge.hidden_arms.hidden_arm import HiddenArm
 from elastic_arm.studies.blind_challenge.hidden_arms.motion import random_motion
 from elastic_arm.studies.blind_challenge.hidden_arms.realistic_sensors import RealisticSensors
 from elastic_arm.studies.blind_challenge.information import ITSELF, MarginalInformation, _alterations
-from elastic_arm.studies.blind_challenge.levels import FIELD, FLOORS, LABORATORY, WORKSHOP
+from elastic_arm.studies.blind_challenge.levels import FIELD, FLOORS, LABORATORY, SERVO, WORKSHOP
 from elastic_arm.studies.blind_challenge.score import calibration, markdown, proportion, score
+from elastic_arm.studies.blind_challenge.servo_arms import described, with_effect
 from tests.helpers.command_line import run
 
 ROBOT = load_robot(None)
@@ -325,3 +326,30 @@ def test_shares_carry_binomial_intervals_and_confidences_are_counted_bin_by_bin(
     rows = calibration([*((0.97, held) for held in (True, True, True, False)), (0.3, False)])
     assert [(r["hits"], r["trials"]) for r in rows] == [(0, 1), (3, 4)]
     assert rows[1]["mean_confidence"] == pytest.approx(0.97)
+
+
+def test_servo_arms_are_drawn_answered_and_scored(tmp_path: Path) -> None:
+    """A campaign of the level `servo` has an MJCF, two bags of commands and positions, and an answer that is right."""
+    settings = campaign.ChallengeSettings(
+        seed=2, effects=("position_gain",), clean=0, pairs=0, seconds=(10.0, 5.0), level="servo"
+    )
+    campaign.create(tmp_path, settings)
+    description = description_path(tmp_path, "arm_0000")
+    assert description is not None and description.suffix == ".xml"
+    recording = read_recording(tmp_path / "bags" / "arm_0000_identify")
+    assert recording.reference is not None and all(side.effort is None for side in recording.measured().values())
+    assert campaign.solve(tmp_path) == {}
+    (line,) = score(tmp_path)["items"]
+    assert line["effect_right"] and not line["accused"]
+
+
+def test_what_is_drawn_of_a_servo_arm_is_the_whole_difference() -> None:
+    """Each effect of the levels, and what no catalogue has, changes its joint, or all joints, and no other."""
+    stated = described(np.random.default_rng(0))
+    for effect in (*SERVO.effects, *SERVO.foreign):
+        changed, fault = with_effect(stated, effect, np.full(len(stated), 2.0), np.random.default_rng(1))
+        others = [a == b for a, b in zip(stated, changed, strict=True)]
+        assert fault.effect == effect
+        assert [k for k, same in enumerate(others) if not same] == (
+            list(range(len(stated))) if fault.joint is None else [fault.joint]
+        )

@@ -28,7 +28,7 @@ EFFECT = Effect(
     "+K b to -K b and the link rings.",
     law=law,
     # A loaded drive lies at one end of its play, and is wound beyond it.
-    parameters=(searched("half_gap", "rad", 1e-06, 0.002, "b", neutral=0.0, least=0.0, exceeded_by="deflection"),),
+    parameters=(searched("half_gap", "rad", 1e-06, 0.002, "b", neutral=0.0, least=0.0, bounded_by="deflection"),),
     sides=("drive",),
     regime="load",
     confusions=(

@@ -21,72 +21,92 @@ from elastic_arm.effects.law import (
     Parameter,
     Scope,
     SymbolicMotion,
+    amount,
     no_controller,
     ratio,
+    searched,
 )
 from elastic_arm.errors import EffectError
 from elastic_arm.robot import JointController
 
 
-def _made(law: Callable[[SymbolicMotion, int, JointController, Numbers], Any]) -> Law:
-    """Return the law of what the stated controller makes more than the true one, where its torque is not at its limit.
+def _made(law: Callable[[SymbolicMotion, int, JointController, Numbers], Any], *, limited: bool = True) -> Law:
+    """Return the law of what the stated controller makes more than the true one.
 
-    It is written in the stated controller and parameters.
+    It is written in the stated controller and parameters; limited: null where the torque is at its limit.
     """
 
     def motor(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
         joint = motion.robot.joints[i]
         if joint.controller is None:
             raise no_controller(joint.name)
-        if motion.made is None:
+        if motion.r is None:
             raise EffectError("no commands are known", "Leave out effects of the controller where torques are given.")
         more = law(motion, i, joint.controller, p)
         limits = [one for one in (joint.controller.torque, joint.limits.torque) if one is not None]
-        free = ca.fabs(motion.tau_m[i]) < motion.made[i] * min(limits, default=np.inf)
-        return motion.at(i, motor=ca.if_else(free, more, 0.0) if limits else more)
+        free = ca.fabs(motion.tau_m[i]) < min(limits, default=np.inf)
+        return motion.at(i, motor=ca.if_else(free, more, 0.0) if limits and limited else more)
 
     return motor
 
 
 def _of_rate(motion: SymbolicMotion, i: int, controller: JointController) -> Any:
     """Return what a controller makes of the error of the rate; that of commands may count as zero."""
-    assert motion.dr is not None and motion.made is not None
-    return motion.made[i] * controller.kd * (controller.follows_rate * motion.dr[i] - motion.dtheta[i])
+    assert motion.dr is not None and motion.kd is not None
+    return motion.kd[i] * (controller.follows_rate * motion.dr[i] - motion.dtheta[i]) if controller.kd else 0.0
 
 
 def _of_position(motion: SymbolicMotion, i: int, controller: JointController) -> Any:
-    """Return the rest of the torque.
+    """Return what is left of the torque for the error of the angle.
 
     Not of the angles themselves: their noise is in the torque, too, and gains of zero would explain all of it.
     """
-    return motion.tau_m[i] - _of_rate(motion, i, controller) if controller.gains[0] else 0.0
+    assert motion.fed is not None
+    return motion.tau_m[i] - motion.fed[i] - _of_rate(motion, i, controller) if controller.gains[0] else 0.0
 
 
 def _of_delay(motion: SymbolicMotion, i: int, controller: JointController) -> Any:
     """Return the rate of what a controller makes of the command."""
-    assert motion.dr is not None and motion.made is not None
-    return motion.made[i] * controller.gains[0] * motion.dr[i]
+    assert motion.dr is not None and motion.kp is not None
+    return motion.kp[i] * motion.dr[i] if controller.gains[0] else 0.0
 
 
-def _scaled(name: str) -> Callable[[JointController, Numbers], JointController]:
-    """Return the change of a gain; of a controller of speeds, kp is the gain of the integral."""
+def _error(motion: SymbolicMotion, i: int) -> Any:
+    assert motion.r is not None
+    return motion.r[i] - motion.theta[i]
 
-    def change(controller: JointController, p: Numbers) -> JointController:
-        own = "ki" if name == "kp" and controller.mode == "velocity" else name
-        return replace(controller, **{own: p["gain"] * getattr(controller, own)})
 
-    return change
+def _within(value: Any, most: Any) -> Any:
+    return ca.fmax(-most, ca.fmin(most, value))
+
+
+def _beyond(motion: SymbolicMotion, i: int, controller: JointController, p: Numbers) -> Any:
+    """Return what is beyond the true limit of the torque that the controller makes within its stated one.
+
+    It is made of angles: beyond its limit a torque is far above the noise that they make.
+    """
+    assert motion.kp is not None and motion.fed is not None
+    made = motion.fed[i] + motion.kp[i] * _error(motion, i) + _of_rate(motion, i, controller)
+    return made - _within(made, p["torque"])
+
+
+def _not_felt(motion: SymbolicMotion, i: int, controller: JointController, p: Numbers) -> Any:
+    assert motion.kp is not None
+    return motion.kp[i] * _within(_error(motion, i), p["half_width"]) if controller.kp else 0.0
+
+
+def _integral(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
+    """Less by ki times the integral of the error, rad s, which begins at zero."""
+    controller = motion.robot.joints[i].controller
+    if controller is None or motion.r is None:
+        return _made(lambda *_: 0.0)(motion, i, p)  # which says what is missing
+    rate = _error(motion, i) if controller.kp else 0.0  # of a controller of speeds, it is stated
+    return motion.at(i, motor=-p["ki"] * p["integral"], rates={"integral": ca.SX(rate)})
 
 
 def _late(controller: JointController, p: Numbers) -> JointController:
     return replace(controller, delay=max(0.0, controller.delay + p["delay"]))
 
-
-SCALE = Confusion(
-    "motor_torque_gain",
-    "the other gain hardly makes a torque, so that both scale all of it",
-    "faster motion: kp and kd then make torques of their own",
-)
 
 EFFECTS = (
     ControllerEffect(
@@ -95,22 +115,19 @@ EFFECTS = (
         description="The controller's gain of the error of position is not what the description states.",
         signature="The motor residual follows the error of position: command less angle, in motion and at rest.",
         plain="is controlled with {gain} times the stated kp",
-        law=_made(lambda motion, i, stated, p: (1.0 / p["gain"] - 1.0) * _of_position(motion, i, stated)),
-        parameters=(
-            ratio(
-                "gain",
-                0.3,
-                3.0,
-                "true / stated kp",
-                above=0.0,
-                draw=(1.6, 2.5),
-                from_coefficient=lambda c: 1.0 / (1.0 - c),
-            ),
-        ),
+        law=_made(lambda motion, i, stated, p: (1.0 - p["gain"]) * _of_position(motion, i, stated)),
+        parameters=(ratio("gain", 0.3, 3.0, "true / stated kp", above=0.0, draw=(1.6, 2.5)),),
         sides=("motor",),
         regime="load",
-        change=_scaled("kp"),
-        confusions=(SCALE,),
+        number="torque_scale",
+        change=lambda controller, p: controller.scaled(kp=p["gain"]),
+        confusions=(
+            Confusion(
+                "velocity_gain",
+                "one gain hardly makes a torque: that of the other, with all torques scaled, is nearly the same",
+                "faster motion: kp and kd then make torques of their own; a known weight, which anchors their scale",
+            ),
+        ),
     ),
     ControllerEffect(
         "velocity_gain",
@@ -124,9 +141,14 @@ EFFECTS = (
         sides=("motor",),
         regime="high_speed",
         needs_motion=True,
-        change=_scaled("kd"),
+        number="kd",
+        change=lambda controller, p: controller.scaled(kd=p["gain"]),
         confusions=(
-            SCALE,
+            Confusion(
+                "position_gain",
+                "one gain hardly makes a torque: that of the other, with all torques scaled, is nearly the same",
+                "faster motion: kp and kd then make torques of their own; a known weight, which anchors their scale",
+            ),
             Confusion(
                 "viscous_friction",
                 "the controller damps the motor's own speed: viscous friction then is the same torque",
@@ -157,6 +179,60 @@ EFFECTS = (
                 "faster motion, or resting commands while something else moves the arm",
             ),
             Confusion("viscous_friction", "the arm follows its commands closely", "motion of several speeds"),
+        ),
+    ),
+    ControllerEffect(
+        "torque_saturation",
+        formula="tau_m true = limit(tau_m made, torque)",
+        description="The drive gives less torque than stated: limits of current, a low supply, overload protection.",
+        plain="gives {torque} at most",
+        signature="The motor residual is what the controller would make beyond a torque, and null below.",
+        law=_made(_beyond, limited=False),
+        parameters=(searched("torque", "Nm", 0.02, 500.0, "the most that it gives", bounded_by="torque"),),
+        sides=("motor",),
+        regime="load",
+        change=lambda controller, p: replace(controller, torque=p["torque"]),
+        confusions=(
+            Confusion(
+                "position_gain",
+                "the torque is at its limit for the most part",
+                "slower or lighter motion, in which the drive stays below its limit",
+            ),
+        ),
+    ),
+    ControllerEffect(
+        "position_dead_band",
+        formula="kp of r - theta less what is within +-half_width of it",
+        description="Small errors of position make no torque, as servos have it against hunting.",
+        plain="makes no torque of errors of position within {half_width}",
+        signature="The motor residual is kp times the error within the band, and constant beyond.",
+        law=_made(_not_felt),
+        parameters=(searched("half_width", "rad", 2e-3, 0.1, "on either side of the command", bounded_by="error"),),
+        sides=("motor",),
+        regime="load",
+        change=lambda controller, p: replace(controller, dead_band=p["half_width"]),
+        confusions=(
+            Confusion(
+                "coulomb_friction",
+                "the error of position has the sign of the speed for the most part",
+                "loads that change while the joint turns one way",
+            ),
+        ),
+    ),
+    ControllerEffect(
+        "integral_gain",
+        formula="tau_m true = made + ki int(r - theta)",
+        description="The controller has an integral that the description does not state.",
+        plain="integrates its error of position with {ki}",
+        signature="The motor residual follows the integral of command less angle, slowest where it is largest.",
+        law=_integral,
+        parameters=(amount("ki", "Nm/(rad s)", 0.5, 200.0, "beside the stated one"),),
+        sides=("motor",),
+        regime="load",
+        states=("integral",),
+        change=lambda controller, p: replace(controller, ki=controller.ki + max(0.0, p["ki"])),
+        confusions=(
+            Confusion("position_gain", "the motion is of one frequency", "motion of several speeds, and rest"),
         ),
     ),
 )

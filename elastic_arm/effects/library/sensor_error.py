@@ -24,7 +24,6 @@ from elastic_arm.sensors import Sensors
 # Which residuals hold a channel.
 SIDES = {"joint_torque": ("link", "drive", "motor"), "motor_torque": ("motor",), "link_encoder": ("link", "drive")}
 TORQUES = ("joint_torque", "motor_torque")
-MOTOR_GAIN = "motor_torque_gain"  # the scale of motor torques
 
 
 def sides_of(p: Numbers) -> tuple[str, ...]:

@@ -39,6 +39,7 @@ from elastic_arm.studies.blind_challenge.effect_sampling import combines, model_
 from elastic_arm.studies.blind_challenge.hidden_arms.effect_laws import KNOWN
 from elastic_arm.studies.blind_challenge.hidden_arms.further_laws import FOREIGN
 from elastic_arm.studies.blind_challenge.levels import LABORATORY, Level, level_of
+from elastic_arm.studies.blind_challenge.servo_arms import record_servos
 from elastic_arm.studies.parallel import ProcessPool
 
 MANIFEST, SEALED, PIECES = "challenge.json", "truth.sealed", "truth"
@@ -194,6 +195,8 @@ def catalogue_of(folder: Path) -> Catalogue:
 
 def recorded(folder: Path, request: Request, level: Level, catalogue: Catalogue) -> dict[str, Any]:
     """Record an arm and return its truth; one that no simulation gets through is drawn again from another seed."""
+    if level.bits is not None:
+        return record_servos(folder, request, level)
     for draw in range(1, DRAWS):
         try:
             return record(folder, request, level, catalogue)

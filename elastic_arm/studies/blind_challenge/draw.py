@@ -199,8 +199,8 @@ def bags_of(folder: Path, name: str) -> tuple[Path, Path]:
 
 def description_path(folder: Path, name: str) -> Path | None:
     """Return the file that describes an arm; None for the nominal one."""
-    path = folder / "robots" / f"{name}.yaml"
-    return path if path.is_file() else None
+    paths = (folder / "robots" / f"{name}.{suffix}" for suffix in ("yaml", "xml"))
+    return next((path for path in paths if path.is_file()), None)
 
 
 def channels_path(folder: Path, name: str) -> Path | None:

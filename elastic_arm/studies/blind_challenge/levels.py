@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from elastic_arm.effects import EFFECTS
@@ -91,6 +91,7 @@ class Level:
     foreign: tuple[str, ...] = ()
     seconds: tuple[float, float] = (20.0, 10.0)  # of what is fitted and of what judges
     asked: dict[str, Any] = field(default_factory=dict)  # the question: refit, effects that are known, and priors
+    bits: int | None = None  # of the encoders of servo arms, recorded by commands and positions; None for other arms
 
     def sides_of(self, effects: Sequence[str]) -> tuple[str, ...]:
         """Return the recorded sides of this level on which all of some effects, of a catalogue or none, can show."""
@@ -139,7 +140,16 @@ FIELD = Level(
     foreign=tuple(effect for effect in FOREIGN if set(FOREIGN_FLOORS[effect].sides) & {MOTOR, LINK}),
     asked={**_ASKED, "priors": {"sensors": {"motor_torque_gain": 0.15}}},
 )
-LEVELS = {level.name: level for level in (LABORATORY, WORKSHOP, FIELD)}
+_SERVOS = (
+    "coulomb_friction", "viscous_friction", "payload", "position_gain", "velocity_gain", "command_delay",
+    "torque_saturation", "position_dead_band", "integral_gain", "rotor_inertia_mismatch", "joint_spring",
+)  # fmt: skip
+SERVO = Level(
+    "servo", _SERVOS, rates=(30.0, 50.0, 100.0), foreign=("dress_pack",), seconds=(20.0, 12.0), asked={"refit": True},
+    bits=12,
+)  # fmt: skip
+POSITION = replace(SERVO, name="position", rates=(250.0, 500.0), bits=17)
+LEVELS = {level.name: level for level in (LABORATORY, WORKSHOP, FIELD, SERVO, POSITION)}
 
 
 def level_of(name: str) -> Level:
