@@ -139,10 +139,11 @@ class Linearisation:
 
     def allowed(self, feature: Feature) -> list[Parameter]:
         """Return the parameter of each nonlinear number, with the range that the recordings allow."""
-        if feature.key not in self._allowed:
+        key = feature.key, feature.fixed  # an effect as a whole has other numbers
+        if key not in self._allowed:
             own = [allowed_values(feature, p, self.data) for p in feature.searched]
-            self._allowed[feature.key] = [p for p in own for _ in range(p.size)]
-        return self._allowed[feature.key]
+            self._allowed[key] = [p for p in own for _ in range(p.size)]
+        return self._allowed[key]
 
     def placed(self, features: Sequence[Feature]) -> list[Feature]:
         """Return effects on the arm at these values."""

@@ -198,7 +198,7 @@ def _tried(
 ) -> tuple[float, tuple[float, ...], float]:
     """Return the score of a law of one column X (rows, 1) at values of its nonlinear numbers; these, and its size."""
     prior = {name: getattr(term, name)[:1] for name in ("std", "mean", "low", "high")}
-    one = replace(term, columns=X, theta=theta, ident=(*term.ident, theta), **prior)
+    one = replace(term, columns=X, theta=theta, tangents=(), ident=(*term.ident, theta), **prior)
     fit = model.fit([*others, one], near)
     size = float(fit.beta(one)[0])
     # A mean beyond its bounds has derivatives of the other sign.

@@ -326,7 +326,7 @@ def _again(fit: Fit, linear: Linearisation) -> list[Term]:
         else:
             found.append(_effect_again(t, fit, linear))
     for k, t in enumerate(found):
-        if t.tangents and t.feature.quadratic and t.feature.count == 1:
+        if t.tangents and t.feature.quadratic and t.feature.count == 1 and not t.feature.fixed:
             model = linear_model(linear, fit.model.name)
             found[k] = placed_anew(linear, model, t, [*found[:k], *found[k + 1 :]])
     linear.cache["again"] = fit, found

@@ -12,6 +12,7 @@ import numpy as np
 from elastic_arm.dynamics import build_model
 from elastic_arm.effects import EffectInstance
 from elastic_arm.effects.library.base_tilt import TILT
+from elastic_arm.effects.library.friction import PLAIN
 from elastic_arm.effects.text import parse_laws
 from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.motion import Motion
@@ -47,7 +48,6 @@ from elastic_arm.robot import Robot, require_robot
 # Relative error of the description: where an arm is taken for rigid it is never believed to be off by more. What
 # repeats in all parts of a recording shows no need of a prior, and still predicts another motion badly.
 LOOSE = 3.0
-FRICTION = ("coulomb_friction", "viscous_friction")
 MOTOR_INERTIA = "the description states no motor inertia: it was identified too (armature; a URDF cannot hold it)"
 BARE = "without a torque, and so without an equation: what it alone would show is not determined"
 UNSEEN = "left out, as it acts at a joint without a torque"
@@ -228,9 +228,10 @@ def _held_out_motions(
 def resonances(robot: Robot, model: str, recordings: Sequence[Sequence[Motion]]) -> dict[str, float]:
     """Return the frequency, Hz, at which rigid joints answer their torque most, of those with such a peak."""
     plain, found = robot.with_(effects=()), dict[str, float]()
+    friction = parse_laws(PLAIN, plain)
     for motions in recordings:
         longest = max(motions, key=len)
-        identifier = identifier_of(plain, model, parse_laws(FRICTION, plain), averaged=False)
+        identifier = identifier_of(plain, model, friction, averaged=False)
         identifier.add_motion(longest)
         Psi = identifier.fit().Psi
         for side, j in product(identifier.equations.sides, range(robot.n)):

@@ -93,7 +93,7 @@ class GravityFit(NamedTuple):
 def contradicted_gravity(recording: Recording, robot: Robot) -> list[Finding]:
     """Return which torques are at odds with the description, of a recording without damaged samples.
 
-    They belong to another joint, way to turn or zero, "exchanged", "mirrored", "joint_zero"; run against gravity,
+    They belong to another joint, way to turn or zero, "exchanged", "mirrored", "other_zero"; run against gravity,
     "gravity_sign"; show another direction, "mounting"; are far larger or smaller, "gravity_size"; or hold no gravity,
     "gravity_missing".
     """
@@ -110,7 +110,7 @@ def misread_channels(recording: Recording, robot: Robot, *, weight: bool) -> str
     """
     for side, motion, fit in _fits(recording, robot):
         for one in _size(fit, side) or _geometry(motion, side, robot):
-            if one.code != "joint_zero":
+            if one.code != "other_zero":
                 return one.message
         missing = (one for one in _judged(fit, side, robot) if weight and one.code == "gravity_missing")
         if (found := next(missing, None)) is not None:
@@ -239,7 +239,7 @@ def _zero(motion: _SideMotion, side: str, robot: Robot, regressor: _Regressor) -
         return []
     size = " ± ".join(rounded(offset, std))
     message = f"{side} side: the zero of {robot.joint_names[j]} seems to lie {size} rad from the described one"
-    return [warning("joint_zero", f"{message}: {_left_words(after, before)}", "measure it, or state it (joint_zero)")]
+    return [warning("other_zero", f"{message}: {_left_words(after, before)}", "measure it, or state it (joint_zero)")]
 
 
 def _left_words(after: float, before: float) -> str:
