@@ -28,6 +28,7 @@ from elastic_arm.cli.options import (
 )
 from elastic_arm.cli.outputs import Csv, Force, claim_folder
 from elastic_arm.effects import Catalogue, robot_effects
+from elastic_arm.effects.library.gravity_compensation import EFFECT as COMPENSATION
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.estimation.segments import IDENTIFIED
 from elastic_arm.formatting import rounded
@@ -103,7 +104,7 @@ def identify(
         recordings, held_out = ([read(path) for path in paths] for paths in (bags, validate or []))
         result, identifier, motion = identify_with(recordings, robot, settings, validate=held_out, progress=says)
         says("report", 1.0)
-        stated = any(law.effect.id == "gravity_compensation" for law in (*laws, *robot_effects(robot, catalogue)))
+        stated = any(law.effect.id == COMPENSATION.id for law in (*laws, *robot_effects(robot, catalogue)))
         wrong = misread(recordings, robot, explained=stated)
         result = result if wrong is None else result.with_(identified=None)
         _write(result, sections_of=(identifier.equations, motion), out_dir=out_dir)
