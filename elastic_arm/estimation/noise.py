@@ -201,7 +201,7 @@ class _Spectrum:
         inside = [own for own in inside if own.any()]
         if above > edges[-1] or len(inside) < 2:
             return np.ones(len(std)), np.zeros(len(std))
-        medians = np.array([np.median(power[own], axis=0) for own in inside])
+        medians = np.array([np.maximum(np.median(power[own], axis=0), np.finfo(float).eps) for own in inside])
         squares = np.array([np.median(f[own]) for own in inside]) ** 2
         shapes = np.stack([np.ones(len(squares)), squares.min() / squares], axis=1)
         found = [scipy.optimize.nnls(shapes / own[:, None], np.ones(len(own)))[0] for own in medians.T]

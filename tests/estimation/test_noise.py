@@ -100,3 +100,10 @@ def test_an_encoder_that_stands_half_of_the_time_has_slow_noise_beside_the_white
     true = power[inside].mean(axis=0) * RATE / 2.0
     assert (true > 2.0 * step**2 / 12.0).all()
     np.testing.assert_allclose(found.mean(axis=0), true, rtol=0.4)
+
+
+def test_a_joint_that_never_moves_has_noise_that_is_finite() -> None:
+    """Its encoder reads zero in all samples: nothing of what is estimated is infinite."""
+    still = np.stack([motion()[0][:, 0], np.zeros(len(T))], axis=1)
+    side = estimate_noise(still, None, RATE)
+    assert np.isfinite([side.position_std, *side.slow]).all()
