@@ -148,9 +148,10 @@ class Answer:
         if term.kind == "law":
             return [X @ self.best.beta(term) for X in term.what.plain(self.judging.data)]
         beta = term.mean if stated and term.trusted else self._coefficients(term)
-        added = [X @ beta for X in self._columns(term)]
+        columns = self._columns(term)
+        added = [X @ beta for X in columns]
         if term.trusted and term.what is not None:  # what its columns do not show of its law as stated
-            laws = zip(added, self.judging.data.plain(*term.what), self._columns(term), strict=True)
+            laws = zip(added, self.judging.data.plain(*term.what), columns, strict=True)
             return [more + W.sum(axis=2) - X @ term.mean for more, W, X in laws]
         return added
 

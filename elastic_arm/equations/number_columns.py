@@ -17,7 +17,7 @@ from elastic_arm.dynamics import Model, build_model
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.equations.numbers import GAINS, SCALE, Number
 from elastic_arm.equations.places import scaling
-from elastic_arm.equations.robot_at import calibrated_robot
+from elastic_arm.equations.robot_at import LEAST, calibrated_robot
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.known_torques import ActingEffect
 from elastic_arm.estimation.motion import CompletedMotion, drive_constants, rates_of
@@ -57,9 +57,9 @@ def number_columns(
         if "drive" in data.layout.sides:
             # As of the stiffness, so that one scale of all torques still changes nothing.
             for out, part in zip(result, data.parts, strict=True):
-                j, n = model.robot.joint_names.index(str(parameter.joint)), model.n
-                noise = Entries(_load_noise(part)[:, [j]], np.array([n + j]), np.array([0]), (3 * n, 1))
-                out[:, :, k] -= data.in_band(part, noise)[:, :, 0] * parameter.prior_std / part.gain(feature)
+                j = model.robot.joint_names.index(str(parameter.joint))
+                noise = _in_row(data, part, model.n + j, _load_noise(part)[:, j])
+                out[:, :, k] -= noise * parameter.prior_std / part.gain(feature)
         for effect in (e for e in data.acting if e.feature.effect.twist and e.feature.joint == parameter.joint):
             for out, part in zip(result, data.parts, strict=True):
                 out[:, :, k] -= _transmitted(feature.equations, data, part, effect) * parameter.prior_std
@@ -111,11 +111,9 @@ def shared_columns(
         if parameter.what != SCALE or not any(part.shares[which][1][:, j].any() for part in data.parts):
             continue
         numbers.append(k)
-        size = parameter.prior_std / max(0.05, 1.0 + values[k] * parameter.prior_std)
+        size = parameter.prior_std / max(LEAST, 1.0 + values[k] * parameter.prior_std)
         for out, part in zip(found, data.parts, strict=True):
-            share = part.shares[which][1][:, [j]]
-            row, shape = np.array([2 * len(joints) + j]), (3 * len(joints), 1)
-            out.append(data.in_band(part, Entries(-size * share, row, np.array([0]), shape))[:, :, 0])
+            out.append(_in_row(data, part, 2 * len(joints) + j, -size * part.shares[which][1][:, j]))
     return numbers, data.weighted([np.stack(own, axis=2) for own in found], in_place=True) if numbers else []
 
 
@@ -126,7 +124,12 @@ def _transmitted(equations: ArmEquations, data: WhitenedData, part: Part, effect
     """
     j, n = equations.robot.joint_names.index(str(effect.feature.joint)), equations.robot.n
     link, motor, *_ = effect.torques(part.signals)
-    entries = Entries((motor - link)[:, [j]], np.array([2 * n + j]), np.array([0]), (3 * n, 1))
+    return _in_row(data, part, 2 * n + j, (motor - link)[:, j])
+
+
+def _in_row(data: WhitenedData, part: Part, row: int, values: Array) -> Array:
+    """Return what a torque (N,) in one of the full rows adds to the usable ones in the band (N', R), Nm."""
+    entries = Entries(values[:, None], np.array([row]), np.array([0]), (3 * data.layout.n, 1))
     return data.in_band(part, entries)[:, :, 0]
 
 

@@ -13,6 +13,7 @@ from elastic_arm.equations.numbers import RATIO, SCALE, Number
 from elastic_arm.errors import RobotError
 from elastic_arm.robot import Component, Inertia, Joint, Robot
 
+LEAST = 0.05  # of a described number that a deviation leaves; numerical
 LINK_SHARES = (1.0, 0.75, 0.5, 0.25)  # of the links' deviations, tried until the bodies are physical
 
 
@@ -47,21 +48,21 @@ def nearest_robot(robot: Robot, parameters: Sequence[Number], values: Array) -> 
 def _changed(joint: Joint, deviation: dict[str, float]) -> Joint:
     gear = joint.transmission
     if gear is not None:
-        rotor, spline = (max(0.05, 1.0 + deviation[what]) for what in ("rotor_inertia", "spline_inertia_ratio"))
+        rotor, spline = (max(LEAST, 1.0 + deviation[what]) for what in ("rotor_inertia", "spline_inertia_ratio"))
         gear = replace(
             gear,
             rotor=_scaled(gear.rotor, rotor),
             wave_generator=_scaled(gear.wave_generator, rotor),
             spline=_scaled(gear.spline, spline),
-            stiffness=gear.stiffness * max(0.05, 1.0 + deviation["stiffness"]),
+            stiffness=gear.stiffness * max(LEAST, 1.0 + deviation["stiffness"]),
             damping=gear.damping * max(0.01, 1.0 + deviation["damping"]),
         )
     controller, armature = joint.controller, joint.armature
     if controller is not None:
         kp = 1.0 + deviation.get(SCALE, 0.0)
-        controller = controller.scaled(max(0.05, kp), max(0.05, kp + deviation.get(RATIO, 0.0)))
+        controller = controller.scaled(max(LEAST, kp), max(LEAST, kp + deviation.get(RATIO, 0.0)))
     if armature:
-        armature *= max(0.05, 1.0 + deviation["rotor_inertia"])
+        armature *= max(LEAST, 1.0 + deviation["rotor_inertia"])
     elif armature is not None:
         armature = max(0.0, deviation.get("rotor_inertia", 0.0))
     link = _changed_link(joint.link, deviation)

@@ -118,14 +118,14 @@ def estimate_noise(position: Array, velocity: Array | None, rate: float) -> Side
     position, velocity = position[wide], None if velocity is None else velocity[wide]
     spectrum = _spectrum(position, rate)
     band, white = spectrum.band(std), np.minimum(std, spectrum.white_std())
-    own, velocity_std, white_velocity = spectrum, None, None
+    velocity_std = white_velocity = None
     if ratio is not None and velocity is not None:
-        velocity_std, spectrum = std * ratio * rate, _spectrum(velocity, rate)
-        band = max(band, spectrum.band(velocity_std))
-        white_velocity = np.minimum(velocity_std, spectrum.white_std())
+        velocity_std, of_velocity = std * ratio * rate, _spectrum(velocity, rate)
+        band = max(band, of_velocity.band(velocity_std))
+        white_velocity = np.minimum(velocity_std, of_velocity.white_std())
     slowest = max(2 * np.pi * LOWEST_CUTOFF_HZ, _quiet(position, std, rate))
     cutoff = min(max(2 * np.pi * CUTOFF_OVER_BAND * band, slowest), _crossing(cutoff, ratio) * rate)
-    slow = own.slow(std, cutoff / (2 * np.pi))
+    slow = spectrum.slow(std, cutoff / (2 * np.pi))
     return SideNoise(cutoff, std, velocity_std, white, white_velocity, slow)
 
 

@@ -47,9 +47,8 @@ class NoiseModel:
     f: Array  # (F,) Hz, equally spaced from 0 to half the kept rate
     covariance: NDArray[np.complex128]  # (F, R, R) complex, Nm²; white noise of 1 Nm a sample is the identity
     rate: float  # samples per second of the recording
-    apart: (
-        Array  # (R, R) combinations of the rows that are made independent, in their order (:attr:`.EquationSet.apart`)
-    )
+    # (R, R) combinations of the rows that are made independent, in their order (:attr:`.EquationSet.apart`)
+    apart: Array
     # (F, n) of the load that the model predicts for the quiet motion, Nm², in units as `covariance`
     load: Array | None = None
     _whiteners: dict[bytes, NDArray[np.complex128]] = field(default_factory=dict, init=False, repr=False, compare=False)

@@ -26,7 +26,7 @@ from elastic_arm.evidence.search import ADDED, ALL, SIMPLE, Search, Thetas
 from elastic_arm.evidence.term import Key, Term
 
 STEPS = 6  # of Gauss and Newton beside a set
-STARTS = "as measured", "as built"
+MEASURED, BUILT = "as measured", "as built"  # of the kinds of trust, those from which a search starts
 EXACT = 0.1  # factor of the trust below which the numbers of a description lie where it has them; numerical
 
 
@@ -51,10 +51,9 @@ def explain(problem: Problem, *, refit: bool) -> Explanation:
     # Where the description is exact, all that is left is an effect. Where it is off everywhere, there is less to
     # mistake for one where its numbers lie alone; but beside a large effect they lie far off there.
     thetas: Thetas = {}
-    trust, built = STARTS[refit], STARTS[1]
     starts = [
-        _explained(described, None, trust, refit, thetas, moves=ADDED),
-        _explained(_settled(described, None, built), None, built, refit, thetas, moves=ADDED),
+        _explained(described, None, BUILT if refit else MEASURED, refit, thetas, moves=ADDED),
+        _explained(_settled(described, None, BUILT), None, BUILT, refit, thetas, moves=ADDED),
     ]
     first = max(starts, key=lambda found: found.best.score)
     found = _descended(first.linear, first.best, refit, thetas)
@@ -190,7 +189,7 @@ def _explained(
     linear: Linearisation, before: Fit | None, trust: str, refit: bool, thetas: Thetas, *, moves: int
 ) -> Explanation:
     """Return the most probable set at a linearisation, from the one found at another."""
-    trusts = {name: one for name, one in TRUST.items() if not (refit and name == "as measured")}
+    trusts = {name: one for name, one in TRUST.items() if not (refit and name == MEASURED)}
     model, log = linear_model(linear, trust), []
     screens = _screens(linear, model, laws=moves == ALL)
     first = [] if before is None else _again(before, linear)
