@@ -42,8 +42,10 @@ LONGEST_HOLE = 4
 # Or up to so many seconds of them: half a period of 40 Hz, up to which residuals are looked at.
 LONGEST_HOLE_SECONDS = 0.0125
 POINTS = 6
-# A piece of fewer samples is left out.
+# A piece of fewer samples is left out, and as many on either side carry the motion across a long hole.
 SHORTEST = 2 * POINTS
+# Samples beyond a point that it takes to interpolate there, and one for rounding.
+AROUND = SHORTEST + 1
 
 
 @dataclass(frozen=True)
@@ -153,8 +155,6 @@ class Placing:
     def __init__(self, clock: Clock, longest: int | None = None) -> None:
         self.clock = clock
         self._longest = longest or clock.longest_hole
-        # Samples beyond a point that it takes to interpolate there, and one for rounding.
-        self._around = max(POINTS // 2, self._longest) + 1
         self._kept: Samples | None = None
         self._begin()
 
@@ -194,11 +194,11 @@ class Placing:
             position = (piece.t - self._origin) * self.clock.rate
         else:
             position = self._first + np.concatenate([[0], np.cumsum(self._steps(piece.t))])
-        last = int(np.floor(position[-1 if ends else -self._around]))
+        last = int(np.floor(position[-1 if ends else -AROUND]))
         grid = self._grid(piece, position, np.arange(self._next, last + 1)) if last >= self._next else None
         self._next = max(self._next, last + 1)
         # As many samples stay as the next point needs before it.
-        kept = max(int(np.searchsorted(position, self._next)) - self._around, 0)
+        kept = max(int(np.searchsorted(position, self._next)) - AROUND, 0)
         self._first = int(position[kept])
         self._kept = part(piece, slice(kept, None))
         return grid
@@ -230,7 +230,7 @@ class Placing:
 def interpolate(known: Array, values: Array, wanted: Array, step: float) -> Array:
     """Interpolate columns (N, n), known at increasing times, by the polynomial through the six nearest points.
 
-    Across a hole it is that of least squares through as many on either side as are missing: noise does not grow.
+    Across a hole it is that of least squares through more on either side, the more are missing: noise does not grow.
 
     known: (N,) increasing times; values: (N, n) at these times; wanted: (M,) times; step: between samples.
     """
@@ -246,8 +246,9 @@ def interpolate(known: Array, values: Array, wanted: Array, step: float) -> Arra
     missing = np.rint(np.diff(known) / step).astype(int) - 1
     for hole in np.flatnonzero(missing > POINTS // 2):
         inside = slice(*np.searchsorted(wanted, known[hole : hole + 2]))
-        near = slice(max(hole + 1 - missing[hole], 0), hole + 1 + missing[hole])
-        middle, half = known[hole : hole + 2].mean(), 1.5 * missing[hole] * step
+        count = min(missing[hole], SHORTEST)
+        near = slice(max(hole + 1 - count, 0), hole + 1 + count)
+        middle, half = known[hole : hole + 2].mean(), np.ptp(known[near]) / 2.0
         there, at = (legvander((t - middle) / half, POINTS - 1) for t in (known[near], wanted[inside]))
         found[inside] = at @ np.linalg.lstsq(there, values[near])[0]
     return found
