@@ -137,9 +137,10 @@ class FreeTorques:
         """Return what is removed of a stretch.
 
         band: its filter carries what happens at some time over to rows around; steps: "link", "motor" -> (n,)
-        rad, steps of the encoders; holes: (k, 2) s, from when to when nothing was recorded; friction: whether the friction of a joint that sticks is removed; standing: (n,)
-        rad/s, below which a joint sticks; near: those of the same stretch with other numbers of the arm, in the same
-        band: most bases are the same. Steps and standing are zero for joints that never move.
+        rad, steps of the encoders; holes: (k, 2) s, from when to when nothing was recorded; friction: whether the
+        friction of a joint that sticks is removed; standing: (n,) rad/s, below which a joint sticks; near: those of
+        the same stretch with other numbers of the arm, in the same band: most bases are the same. Steps and standing
+        are zero for joints that never move.
         """
         t, dq, dtheta = stretch.quiet.t, stretch.quiet.dq, stretch.quiet.dtheta
         link, motor = _held(t, dq, band, steps["link"]), _held(t, dtheta, band, steps["motor"])
