@@ -118,8 +118,10 @@ def _descended(
     moves, most = SIMPLE, MOST
     refused: dict[frozenset[Key], Fit] = {}
     for n in range(ROUNDS):
-        there = _settled(linear, before, before.model.name)
-        own = linear_model(there, before.model.name).fit(_again(before, there))
+        there, own = linear, before
+        if taken is None or before.keys == taken[1].keys or _far(before, taken[1].numbers):
+            there = _settled(linear, before, before.model.name)
+            own = linear_model(there, before.model.name).fit(_again(before, there))
         worse = taken is not None and own.score < taken[1].score - WORTH
         stays = taken is not None and taken[1].keys == own.keys
         if taken is None or not worse:
@@ -173,9 +175,9 @@ def _moving(problem: Problem) -> NDArray[np.bool_]:
     return np.array([p.moves_model for p in problem.numbers], dtype=bool)
 
 
-def _far(fit: Fit) -> bool:
-    """Whether a number is further from the linearisation than its deviation."""
-    steps = np.abs(fit.numbers) / np.sqrt(np.diag(fit.number_covariance))
+def _far(fit: Fit, numbers: Array | float = 0.0) -> bool:
+    """Whether a number is further from others, or from the linearisation, than its deviation."""
+    steps = np.abs(fit.numbers - numbers) / np.sqrt(np.diag(fit.number_covariance))
     return bool(np.max(steps[fit.model.moving], initial=0.0) > 1.0)
 
 
