@@ -19,7 +19,7 @@ from elastic_arm.effects import Catalogue, EffectInstance, SensorEffect, Structu
 from elastic_arm.effects.effect_set import EffectSet
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.errors import EffectError, RobotError
-from elastic_arm.mujoco.new_model import DEFLECTION
+from elastic_arm.mujoco.elements import DEFLECTION, Elements
 from elastic_arm.mujoco.stated_arm import stated_arm
 from elastic_arm.robot import Robot, load_robot
 from elastic_arm.robot.mjcf import engine
@@ -150,7 +150,7 @@ def attach(
         If the model lacks a joint of the arm.
     """
     arm = robot if isinstance(robot, Robot) else load_robot(robot, chain)
-    left = [instance for instance, _ in stated_arm(arm, catalogue).left]
+    left = [instance for instance, _ in Elements(arm, stated_arm(arm, catalogue), float(model.opt.timestep)).left]
     structural = [e for e in left if isinstance(e.effect, StructuralEffect)]
     if structural:
         raise EffectError(

@@ -17,6 +17,7 @@ import numpy as np
 from elastic_arm.arrays import Array
 from elastic_arm.effects import Catalogue, EffectInstance
 from elastic_arm.mujoco.changes import six, text_of
+from elastic_arm.mujoco.elements import DEFLECTION, Elements, sharp
 from elastic_arm.mujoco.left_out import left_coupling, left_effects, left_numbers
 from elastic_arm.mujoco.mjcf_export import Exported
 from elastic_arm.mujoco.stated_arm import StatedArm, stated_arm
@@ -25,7 +26,6 @@ from elastic_arm.robot import Inertia, Robot
 from elastic_arm.robot.kinematics import link_radius
 from elastic_arm.robot.urdf_export import bodies_with_components
 
-DEFLECTION = "_deflection"  # joint that a drive winds by, after the name of its motor joint
 TIMESTEP = 1e-3
 
 
@@ -75,6 +75,7 @@ def to_mjcf(
         Of MuJoCo, s.
     """
     arm = stated_arm(robot, catalogue)
+    elements = Elements(robot, arm, timestep)
     root = ET.Element("mujoco", model=robot.name)
     root.append(
         ET.Comment(" elastic: a motor joint and a spring joint a drive " if robot.elastic else " rigid joints ")
@@ -95,16 +96,16 @@ def to_mjcf(
         body = ET.SubElement(parent, "body", {"name": joint.link_name, **_placed(place)})
         _inertial(body, bodies[i + 1])
         for k, frame in waiting:
-            _joints(body, robot, arm, k, np.linalg.inv(place) @ frame)
+            _joints(body, robot, arm, elements, k, np.linalg.inv(place) @ frame)
         waiting = []
         onward = robot.joints[i + 1].before[:3, 3] if i + 1 < robot.n else np.zeros(3)
         start = np.linalg.inv(joint.after)[:3, 3]
         _capsule(body, start, onward, radius)
         parent, place = body, np.eye(4)
-    _drives(root, robot)
+    _drives(root, arm, robot, timestep)
+    write_elements(root, elements)
     ET.indent(root)
-    left = (*arm.left, *((one, "the new file's torque sensors are not late") for one in arm.delays))
-    return ET.tostring(root, encoding="unicode") + "\n", left
+    return ET.tostring(root, encoding="unicode") + "\n", tuple(elements.left)
 
 
 def _bodies(robot: Robot, arm: StatedArm) -> list[Inertia]:
@@ -115,7 +116,7 @@ def _bodies(robot: Robot, arm: StatedArm) -> list[Inertia]:
     return bodies_with_components(changed)
 
 
-def _joints(body: ET.Element, robot: Robot, arm: StatedArm, i: int, frame: Array) -> None:
+def _joints(body: ET.Element, robot: Robot, arm: StatedArm, elements: Elements, i: int, frame: Array) -> None:
     """Add joint i, whose frame stands at `frame` in the body's, and the joint that its drive winds by."""
     joint, numbers = robot.joints[i], arm.joints[i]
     where = {"pos": _words(frame[:3, 3]), "axis": _words(frame[:3, 2])}
@@ -125,27 +126,46 @@ def _joints(body: ET.Element, robot: Robot, arm: StatedArm, i: int, frame: Array
         ranged = {"range": f"{text_of(limits.position_min)} {text_of(limits.position_max)}"}
     stated = {"armature": numbers.armature, "damping": numbers.damping, "frictionloss": numbers.friction_loss}
     stated |= {"stiffness": numbers.stiffness, "springref": numbers.rest, "ref": numbers.zero}
-    if joint.transmission is not None:
-        turns = joint.transmission.components.values()
-        nominal = sum(ratio**2 * component.izz for component, ratio in turns)
-        stated["armature"] += nominal
     words = {name: text_of(value) for name, value in stated.items() if value}
+    if numbers.friction_loss:
+        words["solreffriction"] = sharp(elements.timestep)
     kind = "slide" if joint.prismatic else "hinge"
     ET.SubElement(body, "joint", {"name": joint.name, "type": kind, **where, **ranged, **words})
     if joint.transmission is not None:
-        spring = {"stiffness": joint.transmission.stiffness, "damping": joint.transmission.damping}
-        texts = {name: text_of(value) for name, value in spring.items()}
+        a, b, c = elements.springs[i]
+        spring = " ".join(map(text_of, (a, b, c) if c else (a,)))
+        texts = {"stiffness": spring, "damping": text_of(elements.dampings[i])}
         ET.SubElement(body, "joint", {"name": f"{joint.name}{DEFLECTION}", "type": kind, **where, **texts})
 
 
-def _drives(root: ET.Element, robot: Robot) -> None:
+def _drives(root: ET.Element, arm: StatedArm, robot: Robot, timestep: float) -> None:
     actuators, sensors = ET.SubElement(root, "actuator"), ET.SubElement(root, "sensor")
-    for joint in robot.joints:
-        torque = joint.limits.torque
+    for joint, numbers in zip(robot.joints, arm.joints, strict=True):
+        motor, torque = f"{joint.name}_motor", joint.limits.torque
         limit = {} if torque is None else {"ctrlrange": f"{text_of(-torque)} {text_of(torque)}"}
-        ET.SubElement(actuators, "motor", {"name": f"{joint.name}_motor", "joint": joint.name, **limit})
+        ET.SubElement(actuators, "motor", {"name": motor, "joint": joint.name, **limit})
         ET.SubElement(sensors, "jointpos", name=f"{joint.name}_theta", joint=joint.name)
-        ET.SubElement(sensors, "jointactuatorfrc", name=f"{joint.name}_tau_m", joint=joint.name)
+        # Of the motor, not of the joint: what friction and cogging take from it is not recorded.
+        late = delayed(numbers.delay, timestep) if numbers.delay else {}
+        ET.SubElement(sensors, "actuatorfrc", {"name": f"{joint.name}_tau_m", "actuator": motor, **late})
+
+
+def delayed(delay: float, timestep: float) -> dict[str, str]:
+    """Return the attributes of a sensor that is late, with room for its samples."""
+    return {"delay": text_of(delay), "nsample": str(int(np.ceil(delay / timestep)) + 2)}
+
+
+def write_elements(root: ET.Element, elements: Elements) -> None:
+    """Add tendons and motors to a file."""
+    for one in elements.found:
+        section = "tendon" if one.tag == "fixed" else "actuator"
+        parent = root.find(section)
+        if parent is None:
+            parent = ET.SubElement(root, section)
+        texts = {k: v if isinstance(v, str) else text_of(v) for k, v in one.attributes.items()}
+        element = ET.SubElement(parent, one.tag, texts)
+        for joint, coefficient in one.joints.items():
+            ET.SubElement(element, "joint", joint=joint, coef=text_of(coefficient))
 
 
 def _inertial(body: ET.Element, inertia: Inertia) -> None:
