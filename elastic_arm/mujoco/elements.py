@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from elastic_arm.effects.library.wrist_coupling import TURNS
 from elastic_arm.mujoco.changes import text_of
 from elastic_arm.mujoco.stated_arm import StatedArm, number
 from elastic_arm.robot import Robot
+from elastic_arm.robot.mjcf import engine
 
 DEFLECTION = "_deflection"  # joint that a drive winds by, after the name of its motor joint
 _PASSIVE = {"input": "none", "motorconst": 0.0, "resistance": 1.0}
@@ -34,6 +36,7 @@ class Element:
     tag: str  # fixed or dcmotor
     attributes: Mapping[str, str | float]
     joints: Mapping[str, float]  # of a tendon, joint -> coefficient
+    of: EffectInstance  # what it states
 
 
 def sharp(timestep: float) -> str:
@@ -42,6 +45,11 @@ def sharp(timestep: float) -> str:
     Its force follows a + b v with b = 2 / time constant, which changes sign before v does.
     """
     return f"{text_of(2.0 * timestep)} 1"
+
+
+def delayed(delay: float, timestep: float) -> dict[str, str]:
+    """Return the attributes of a sensor that is late, with room for its samples."""
+    return {"delay": text_of(delay), "nsample": str(int(np.ceil(delay / timestep)) + 2)}
 
 
 class Elements:
@@ -55,12 +63,20 @@ class Elements:
         self.found: list[Element] = []
         self.left: list[tuple[EffectInstance, str]] = []
         for instance, reason in arm.left:
-            rule = _RULES.get(instance.effect.id)
+            rule = RULES.get(instance.effect.id)
             if rule is None:
                 self.left.append((instance, reason))
                 continue
+            self._now = instance
             for i in instance.joint_indices(robot):
                 rule(self, i, instance)
+
+    def left_by(self, model: Any) -> list[EffectInstance]:
+        """Return the effects that a compiled model does not state: a user's own file has none of the elements."""
+        mj = engine()
+        kinds = {"fixed": mj.mjtObj.mjOBJ_TENDON, "dcmotor": mj.mjtObj.mjOBJ_ACTUATOR}
+        absent = [e.of for e in self.found if mj.mj_name2id(model, kinds[e.tag], str(e.attributes["name"])) < 0]
+        return [*(instance for instance, _ in self.left), *(e for k, e in enumerate(absent) if e not in absent[:k])]
 
     def link(self, i: int) -> dict[str, float]:
         """Return the joints whose sum is the link's angle."""
@@ -71,12 +87,12 @@ class Elements:
         """Return the joint that drive i winds by."""
         return {f"{self.robot.joint_names[i]}{DEFLECTION}": 1.0}
 
-    def add(self, i: int, what: str, joints: Mapping[str, float] = {}, **attributes: str | float) -> str:
+    def add(self, i: int, what: str, joints: Mapping[str, float] = {}, **attributes: Any) -> str:
         """Add a tendon over joints, or a motor where there are none, and return its name."""
         name = f"{self.robot.joint_names[i]}_{what}_{len(self.found)}"
         if attributes.get("frictionloss"):
             attributes["solreffriction"] = sharp(self.timestep)
-        self.found.append(Element("fixed" if joints else "dcmotor", {"name": name, **attributes}, joints))
+        self.found.append(Element("fixed" if joints else "dcmotor", {"name": name, **attributes}, joints, self._now))
         return name
 
     def free_inertia(self, i: int, side: str) -> float:
@@ -101,7 +117,7 @@ def _stribeck(elements: Elements, i: int, instance: EffectInstance) -> None:
     side = str(instance.parameters["side"])
     stiffness = elements.free_inertia(i, side) / elements.timestep**2
     lugre = f"{stiffness:.10g} 0 0 {number(instance, 'torque'):.10g} {number(instance, 'speed'):.10g}"
-    at: dict[str, str | float] = {"joint": elements.robot.joint_names[i]}
+    at = {"joint": elements.robot.joint_names[i]}
     if elements.robot.elastic and side == "link":
         at = {"tendon": elements.add(i, "link", elements.link(i))}
     elements.add(i, "stribeck", **at, **_PASSIVE, lugre=lugre)
@@ -152,7 +168,7 @@ def _play(elements: Elements, i: int, instance: EffectInstance) -> None:
 
 
 Rule = Callable[[Elements, int, EffectInstance], None]
-_RULES: Mapping[str, Rule] = {
+RULES: Mapping[str, Rule] = {
     "viscous_friction": _friction("damping", "coefficient"),
     "coulomb_friction": _friction("frictionloss", "torque"),
     "stribeck_friction": _stribeck,

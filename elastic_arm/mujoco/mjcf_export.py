@@ -23,6 +23,7 @@ from elastic_arm.mujoco.changes import (
     six,
     text_of,
 )
+from elastic_arm.mujoco.elements import delayed, sharp
 from elastic_arm.mujoco.left_out import Left, left_effects, left_numbers
 from elastic_arm.mujoco.mjcf_file import ShapedMjcf
 from elastic_arm.mujoco.stated_arm import StatedArm, stated_arm
@@ -113,7 +114,7 @@ def export_mjcf(
     stated = [instance.to_dict() for instance, _ in before.left]
     # What the base states by other numbers, such as gravcomp, stays as it is.
     lacking = [(one, reason) for one, reason in after.left if one.to_dict() not in stated]
-    left = [*left_effects(robot, (*lacking, *document.left)), *_controllers(robot, written)]
+    left = [*left_effects(robot, (*lacking, *document.left), catalogue), *_controllers(robot, written)]
     return Exported(tuple(files), tuple(changes), tuple(left), (UNROLLED,) if unrolled else (), robot.units)
 
 
@@ -223,17 +224,14 @@ class _Document:
                 self.file.set(elements[0], nsample=str(samples))
 
     def _sharp(self, element: Any, name: str) -> list[Change]:
-        """Let new friction loss turn over with the velocity: by MuJoCo's default it does some 10 ms earlier.
-
-        Its force follows a + b v with b = 2 / time constant, which changes sign before v does.
-        """
+        """Let new friction loss turn over with the velocity: by MuJoCo's default it does some 10 ms earlier."""
         if element.get("solreffriction") is not None:
             return []
         own = tuple(float(v) for v in self.arm.model.dof_solref[int(self.arm.model.jnt_dofadr[self._id(name)])])
         new = (2.0 * float(self.arm.model.opt.timestep), 1.0)
         if not 0.0 < new[0] < own[0]:
             return []
-        self.file.set(element, solreffriction=" ".join(map(text_of, new)))
+        self.file.set(element, solreffriction=sharp(float(self.arm.model.opt.timestep)))
         return [Change(name, "solreffriction", "s, 1", own, new)]
 
     def _angle(self, i: int) -> float:
@@ -271,8 +269,7 @@ class _Document:
         delay, name = self.after.joints[i].delay, self.arm.robot.joint_names[i]
         for element in self.file.elements("jointactuatorfrc"):
             if element.get("joint") == name:
-                samples = str(int(np.ceil(delay / self.arm.model.opt.timestep)) + 2)
-                self.file.set(element, delay=text_of(delay), nsample=samples)
+                self.file.set(element, **delayed(delay, float(self.arm.model.opt.timestep)))
                 return True
         return False
 

@@ -17,12 +17,12 @@ import numpy as np
 from elastic_arm.arrays import Array
 from elastic_arm.effects import Catalogue, EffectInstance
 from elastic_arm.mujoco.changes import six, text_of
-from elastic_arm.mujoco.elements import DEFLECTION, Elements, sharp
+from elastic_arm.mujoco.elements import DEFLECTION, Elements, delayed, sharp
 from elastic_arm.mujoco.left_out import left_coupling, left_effects, left_numbers
 from elastic_arm.mujoco.mjcf_export import Exported
 from elastic_arm.mujoco.stated_arm import StatedArm, stated_arm
 from elastic_arm.output_files import write_result
-from elastic_arm.robot import Inertia, Robot
+from elastic_arm.robot import Inertia, JointController, Robot
 from elastic_arm.robot.kinematics import link_radius
 from elastic_arm.robot.urdf_export import bodies_with_components
 
@@ -53,7 +53,9 @@ def export_new_mjcf(
         If the file cannot be written.
     """
     text, effects = to_mjcf(robot, catalogue=catalogue, timestep=timestep)
-    left = [*left_effects(robot, effects), *left_numbers(robot, "the new file has no such number")]
+    others = [replace(one, controller=None) if _servo(one.controller) else one for one in robot.joints]
+    numbers = left_numbers(robot.with_(joints=tuple(others)), "the new file has no such number")
+    left = [*left_effects(robot, effects, catalogue), *numbers]
     if robot.elastic:
         left += left_coupling(robot, "the new file is mod2, whose rotors spin on the ground")
     write_result(out, text)
@@ -103,7 +105,7 @@ def to_mjcf(
         _capsule(body, start, onward, radius)
         parent, place = body, np.eye(4)
     _drives(root, arm, robot, timestep)
-    write_elements(root, elements)
+    _elements(root, elements)
     ET.indent(root)
     return ET.tostring(root, encoding="unicode") + "\n", tuple(elements.left)
 
@@ -142,20 +144,31 @@ def _drives(root: ET.Element, arm: StatedArm, robot: Robot, timestep: float) -> 
     actuators, sensors = ET.SubElement(root, "actuator"), ET.SubElement(root, "sensor")
     for joint, numbers in zip(robot.joints, arm.joints, strict=True):
         motor, torque = f"{joint.name}_motor", joint.limits.torque
-        limit = {} if torque is None else {"ctrlrange": f"{text_of(-torque)} {text_of(torque)}"}
-        ET.SubElement(actuators, "motor", {"name": motor, "joint": joint.name, **limit})
+        servo = _servo(joint.controller)
+        if servo is None:
+            limit = {} if torque is None else {"ctrlrange": f"{text_of(-torque)} {text_of(torque)}"}
+            ET.SubElement(actuators, "motor", {"name": motor, "joint": joint.name, **limit})
+        else:
+            limits = [one for one in (torque, servo.torque) if one is not None]
+            limit = {"forcerange": f"{text_of(-min(limits))} {text_of(min(limits))}"} if limits else {}
+            gains = {"kp": text_of(servo.kp), "kv": text_of(servo.kd)}
+            late = delayed(servo.delay, timestep) if servo.delay else {}
+            ET.SubElement(actuators, "position", {"name": motor, "joint": joint.name, **gains, **limit, **late})
         ET.SubElement(sensors, "jointpos", name=f"{joint.name}_theta", joint=joint.name)
         # Of the motor, not of the joint: what friction and cogging take from it is not recorded.
         late = delayed(numbers.delay, timestep) if numbers.delay else {}
         ET.SubElement(sensors, "actuatorfrc", {"name": f"{joint.name}_tau_m", "actuator": motor, **late})
 
 
-def delayed(delay: float, timestep: float) -> dict[str, str]:
-    """Return the attributes of a sensor that is late, with room for its samples."""
-    return {"delay": text_of(delay), "nsample": str(int(np.ceil(delay / timestep)) + 2)}
+def _servo(controller: JointController | None) -> JointController | None:
+    """Return a controller that is what a <position> actuator is: kp (r - theta) - kd dtheta, late and limited."""
+    if controller is None:
+        return None
+    alike = JointController(kp=controller.kp, kd=controller.kd, delay=controller.delay, torque=controller.torque)
+    return controller if controller.kp and replace(controller, between="held") == alike else None
 
 
-def write_elements(root: ET.Element, elements: Elements) -> None:
+def _elements(root: ET.Element, elements: Elements) -> None:
     """Add tendons and motors to a file."""
     for one in elements.found:
         section = "tendon" if one.tag == "fixed" else "actuator"

@@ -14,6 +14,7 @@ import numpy as np
 
 from elastic_arm.arrays import Array
 from elastic_arm.effects import Catalogue, EffectInstance, SensorEffect, StructuralEffect, robot_effects
+from elastic_arm.effects.model import ControllerEffect, Effect
 from elastic_arm.identification.batch.mounting import about_x, about_y
 from elastic_arm.robot import Inertia, Joint, Robot
 from elastic_arm.robot.kinematics import lumped
@@ -86,11 +87,18 @@ def motor_inertia(joint: Joint) -> float:
     return sum(ratio**2 * component.izz for component, ratio in joint.transmission.components.values())
 
 
+def acts_by_law(effect: Effect) -> bool:
+    """Return whether a callback can add an effect to a model: a whole arm's, not one of its sensors or controllers."""
+    return not isinstance(effect, SensorEffect | StructuralEffect | ControllerEffect) and "mod3" in effect.lacked_by
+
+
 def reason_left(instance: EffectInstance) -> str:
     """Return why no number of a file states an effect."""
+    if isinstance(instance.effect, ControllerEffect):
+        return "of the controller: state its numbers in the arm file"
     if isinstance(instance.effect, SensorEffect):
         return "of the recording's sensors, not of the arm"
-    if isinstance(instance.effect, StructuralEffect):
+    if not acts_by_law(instance.effect):
         return "changes what the arm is made of: neither a number nor a law for MuJoCo"
     return "no number states it: elastic_arm.mujoco.attach adds its law"
 
