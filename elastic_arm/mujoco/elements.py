@@ -11,7 +11,7 @@ six of them in place of it an arm moves elsewhere by a third of what hysteresis 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -22,7 +22,7 @@ from elastic_arm.effects import EffectInstance
 from elastic_arm.effects.library.wrist_coupling import TURNS
 from elastic_arm.mujoco.changes import text_of
 from elastic_arm.mujoco.stated_arm import StatedArm, number
-from elastic_arm.robot import Robot
+from elastic_arm.robot import JointController, Robot
 from elastic_arm.robot.mjcf import engine
 
 DEFLECTION = "_deflection"  # joint that a drive winds by, after the name of its motor joint
@@ -50,6 +50,14 @@ def sharp(timestep: float) -> str:
 def delayed(delay: float, timestep: float) -> dict[str, str]:
     """Return the attributes of a sensor that is late, with room for its samples."""
     return {"delay": text_of(delay), "nsample": str(int(np.ceil(delay / timestep)) + 2)}
+
+
+def servo(controller: JointController | None) -> JointController | None:
+    """Return a controller that is what a <position> actuator is: kp (r - theta) - kd dtheta, late and limited."""
+    if controller is None:
+        return None
+    alike = JointController(kp=controller.kp, kd=controller.kd, delay=controller.delay, torque=controller.torque)
+    return controller if controller.kp and replace(controller, between="held") == alike else None
 
 
 class Elements:
@@ -87,7 +95,7 @@ class Elements:
         """Return the joint that drive i winds by."""
         return {f"{self.robot.joint_names[i]}{DEFLECTION}": 1.0}
 
-    def add(self, i: int, what: str, joints: Mapping[str, float] = {}, **attributes: Any) -> str:
+    def add(self, i: int, what: str, attributes: dict[str, Any], joints: Mapping[str, float] = {}) -> str:
         """Add a tendon over joints, or a motor where there are none, and return its name."""
         name = f"{self.robot.joint_names[i]}_{what}_{len(self.found)}"
         if attributes.get("frictionloss"):
@@ -107,7 +115,7 @@ def _friction(law: str, parameter: str) -> Rule:
     """Return the rule of friction of the link of an elastic joint; that of a motor is a number of its joint."""
 
     def rule(elements: Elements, i: int, instance: EffectInstance) -> None:
-        elements.add(i, law, elements.link(i), **{law: number(instance, parameter)})
+        elements.add(i, law, {law: number(instance, parameter)}, elements.link(i))
 
     return rule
 
@@ -119,8 +127,8 @@ def _stribeck(elements: Elements, i: int, instance: EffectInstance) -> None:
     lugre = f"{stiffness:.10g} 0 0 {number(instance, 'torque'):.10g} {number(instance, 'speed'):.10g}"
     at = {"joint": elements.robot.joint_names[i]}
     if elements.robot.elastic and side == "link":
-        at = {"tendon": elements.add(i, "link", elements.link(i))}
-    elements.add(i, "stribeck", **at, **_PASSIVE, lugre=lugre)
+        at = {"tendon": elements.add(i, "link", {}, elements.link(i))}
+    elements.add(i, "stribeck", {**at, **_PASSIVE, "lugre": lugre})
 
 
 def _ripple(elements: Elements, i: int, instance: EffectInstance) -> None:
@@ -128,19 +136,20 @@ def _ripple(elements: Elements, i: int, instance: EffectInstance) -> None:
     assert gear is not None
     amplitude, order, phase = (number(instance, name) for name in ("amplitude", "order", "phase"))
     cogging = f"{amplitude / gear.r_tot:.10g} {order:.10g} {phase:.10g}"
-    elements.add(i, "ripple", joint=elements.robot.joint_names[i], gear=gear.r_tot, **_PASSIVE, cogging=cogging)
+    at = {"joint": elements.robot.joint_names[i], "gear": gear.r_tot}
+    elements.add(i, "ripple", {**at, **_PASSIVE, "cogging": cogging})
 
 
 def _wrist(elements: Elements, i: int, instance: EffectInstance) -> None:
     names, turns = elements.robot.joint_names, TURNS[str(instance.parameters["turns"])]
     own = {"armature": "inertia", "damping": "viscous", "frictionloss": "dry"}
     numbers = {attribute: number(instance, name) for attribute, name in own.items()}
-    elements.add(i, "wrist", {names[i - 1]: turns, names[i]: 1.0}, **numbers)
+    elements.add(i, "wrist", numbers, {names[i - 1]: turns, names[i]: 1.0})
 
 
 def _spring(elements: Elements, i: int, instance: EffectInstance) -> None:
     stiffness, rest = number(instance, "stiffness"), number(instance, "rest")
-    elements.add(i, "spring", elements.link(i), stiffness=stiffness, springlength=rest)
+    elements.add(i, "spring", {"stiffness": stiffness, "springlength": rest}, elements.link(i))
 
 
 def _stiffness(elements: Elements, i: int, instance: EffectInstance) -> None:
@@ -164,7 +173,8 @@ def _play(elements: Elements, i: int, instance: EffectInstance) -> None:
     gear, half = elements.robot.joints[i].transmission, number(instance, "half_gap")
     assert gear is not None
     elements.springs[i, 0] -= gear.stiffness
-    elements.add(i, "play", elements.twist(i), stiffness=gear.stiffness, springlength=f"{-half:.10g} {half:.10g}")
+    band = f"{-half:.10g} {half:.10g}"
+    elements.add(i, "play", {"stiffness": gear.stiffness, "springlength": band}, elements.twist(i))
 
 
 Rule = Callable[[Elements, int, EffectInstance], None]

@@ -17,12 +17,12 @@ import numpy as np
 from elastic_arm.arrays import Array
 from elastic_arm.effects import Catalogue, EffectInstance
 from elastic_arm.mujoco.changes import six, text_of
-from elastic_arm.mujoco.elements import DEFLECTION, Elements, delayed, sharp
+from elastic_arm.mujoco.elements import DEFLECTION, Elements, delayed, servo, sharp
 from elastic_arm.mujoco.left_out import left_coupling, left_effects, left_numbers
 from elastic_arm.mujoco.mjcf_export import Exported
 from elastic_arm.mujoco.stated_arm import StatedArm, stated_arm
 from elastic_arm.output_files import write_result
-from elastic_arm.robot import Inertia, JointController, Robot
+from elastic_arm.robot import Inertia, Robot
 from elastic_arm.robot.kinematics import link_radius
 from elastic_arm.robot.urdf_export import bodies_with_components
 
@@ -53,7 +53,7 @@ def export_new_mjcf(
         If the file cannot be written.
     """
     text, effects = to_mjcf(robot, catalogue=catalogue, timestep=timestep)
-    others = [replace(one, controller=None) if _servo(one.controller) else one for one in robot.joints]
+    others = [replace(one, controller=None) if servo(one.controller) else one for one in robot.joints]
     numbers = left_numbers(robot.with_(joints=tuple(others)), "the new file has no such number")
     left = [*left_effects(robot, effects, catalogue), *numbers]
     if robot.elastic:
@@ -144,28 +144,20 @@ def _drives(root: ET.Element, arm: StatedArm, robot: Robot, timestep: float) -> 
     actuators, sensors = ET.SubElement(root, "actuator"), ET.SubElement(root, "sensor")
     for joint, numbers in zip(robot.joints, arm.joints, strict=True):
         motor, torque = f"{joint.name}_motor", joint.limits.torque
-        servo = _servo(joint.controller)
-        if servo is None:
+        drive = servo(joint.controller)
+        if drive is None:
             limit = {} if torque is None else {"ctrlrange": f"{text_of(-torque)} {text_of(torque)}"}
             ET.SubElement(actuators, "motor", {"name": motor, "joint": joint.name, **limit})
         else:
-            limits = [one for one in (torque, servo.torque) if one is not None]
+            limits = [one for one in (torque, drive.torque) if one is not None]
             limit = {"forcerange": f"{text_of(-min(limits))} {text_of(min(limits))}"} if limits else {}
-            gains = {"kp": text_of(servo.kp), "kv": text_of(servo.kd)}
-            late = delayed(servo.delay, timestep) if servo.delay else {}
+            gains = {"kp": text_of(drive.kp), "kv": text_of(drive.kd)}
+            late = delayed(drive.delay, timestep) if drive.delay else {}
             ET.SubElement(actuators, "position", {"name": motor, "joint": joint.name, **gains, **limit, **late})
         ET.SubElement(sensors, "jointpos", name=f"{joint.name}_theta", joint=joint.name)
         # Of the motor, not of the joint: what friction and cogging take from it is not recorded.
         late = delayed(numbers.delay, timestep) if numbers.delay else {}
         ET.SubElement(sensors, "actuatorfrc", {"name": f"{joint.name}_tau_m", "actuator": motor, **late})
-
-
-def _servo(controller: JointController | None) -> JointController | None:
-    """Return a controller that is what a <position> actuator is: kp (r - theta) - kd dtheta, late and limited."""
-    if controller is None:
-        return None
-    alike = JointController(kp=controller.kp, kd=controller.kd, delay=controller.delay, torque=controller.torque)
-    return controller if controller.kp and replace(controller, between="held") == alike else None
 
 
 def _elements(root: ET.Element, elements: Elements) -> None:
