@@ -283,7 +283,7 @@ class SimulatorNode(ArmNode):
         """Take what a controller commands in one cycle, as ros2_control's topic-based system sends it."""
         goal = commanded(message, self._command_period)
         if goal is not None:
-            self._take_points(self._reference.go_to, goal, "~/joint_commands")
+            self._take_points(self._reference.obey, goal, "~/joint_commands")
 
     def _take_points(
         self, take: Callable[[JointTrajectory], Goal | None], message: JointTrajectory, topic: str

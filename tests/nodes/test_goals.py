@@ -279,11 +279,20 @@ def test_commands_of_a_controller_are_followed(with_velocity: bool, lag: float) 
         command = JointState(name=list(NAMES), position=[0.15 * np.sin(2.0 * t)] * 3)
         if with_velocity:
             command.velocity = [0.3 * np.cos(2.0 * t)] * 3
-        arm.take(commanded(command, 0.02))
+        arm.obey(commanded(command, 0.02))
         course.append(gone(arm, 0.01).position[:, 0])
     t = 1e-3 * np.arange(1, 2001)
     apart = np.abs(np.concatenate(course) - 0.15 * np.sin(2.0 * t))[100:]
     assert apart.max() < 0.3 * lag
+
+
+def test_a_command_out_of_reach_is_gone_to_within_the_limits() -> None:
+    """A step of 1 rad in one cycle is a way at the speed limit, 1.5 rad/s where none is stated."""
+    arm = follower()
+    arm.obey(commanded(JointState(name=list(NAMES), position=[1.0, 0.0, 0.0]), 0.02))
+    motion = gone(arm, 1.0)
+    assert np.abs(motion.velocity).max() == pytest.approx(1.5, rel=0.01)
+    assert motion.position[-1, 0] == pytest.approx(1.0)
 
 
 def test_a_command_that_no_controller_gives_moves_nothing() -> None:
