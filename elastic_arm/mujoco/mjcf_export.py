@@ -23,7 +23,7 @@ from elastic_arm.mujoco.changes import (
     six,
     text_of,
 )
-from elastic_arm.mujoco.elements import delayed, sharp
+from elastic_arm.mujoco.elements import RULES, delayed, sharp
 from elastic_arm.mujoco.left_out import Left, left_effects, left_numbers
 from elastic_arm.mujoco.mjcf_file import ShapedMjcf
 from elastic_arm.mujoco.stated_arm import StatedArm, stated_arm
@@ -38,6 +38,7 @@ from elastic_arm.robot.urdf_tree import Chain
 # What is read back from a written file is what was meant, to this share: nine digits are written.
 READ_BACK = 1e-6
 UNROLLED = "bodies of the arm come from <attach> or <replicate>: the file is as MuJoCo saves it, without your layout"
+_NEW = "a new file (without --base) states it; to this one elastic_arm.mujoco.attach adds its law"
 _ORIENTATIONS = ("quat", "axisangle", "xyaxes", "zaxis", "euler")
 
 
@@ -113,7 +114,8 @@ def export_mjcf(
         written = read_mjcf(out, chain, at)
     stated = [instance.to_dict() for instance, _ in before.left]
     # What the base states by other numbers, such as gravcomp, stays as it is.
-    lacking = [(one, reason) for one, reason in after.left if one.to_dict() not in stated]
+    lacking = [(one, _NEW if one.effect.id in RULES else reason) for one, reason in after.left]
+    lacking = [(one, reason) for one, reason in lacking if one.to_dict() not in stated]
     left = [*left_effects(robot, (*lacking, *document.left), catalogue), *_controllers(robot, written)]
     return Exported(tuple(files), tuple(changes), tuple(left), (UNROLLED,) if unrolled else (), robot.units)
 

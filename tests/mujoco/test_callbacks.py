@@ -91,6 +91,16 @@ def test_nothing_is_left_when_detached() -> None:
     np.testing.assert_array_equal(data.qfrc_passive, before)
 
 
+def test_a_law_acts_once() -> None:
+    """Stribeck friction is of a new file itself; to a user's own file, which has none, its law is added."""
+    arm = open_mjcf(MODELS / "arm.xml")
+    robot = with_effects(arm.robot, "stribeck_friction:joint2:torque=1,speed=0.1")
+    with attach(arm.model, robot) as attached:
+        assert [e.effect.id for e in attached.instances] == ["stribeck_friction"]
+    with attach(mujoco.MjModel.from_xml_string(to_mjcf(robot)[0]), robot) as attached:
+        assert not attached.instances
+
+
 def test_a_model_of_another_arm_is_refused() -> None:
     """Joints are found by name."""
     arm = open_mjcf(MODELS / "arm.xml")
