@@ -115,7 +115,10 @@ def _stage(robot: Robot, stated: StatedArm) -> str:
 
 
 def _bodies(robot: Robot, stated: StatedArm) -> list[Inertia]:
-    return [bodies_with_components(robot)[0], *stated.links]
+    base = bodies_with_components(robot)[0]
+    if not base.mass:
+        base = Inertia(1.0, np.zeros(3), np.eye(3))  # it is fixed, so that any mass will do, but USD wants one
+    return [base, *stated.links]
 
 
 def _start(robot: Robot, stated: StatedArm, i: int) -> Array:

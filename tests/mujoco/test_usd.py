@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from elastic_arm.errors import RobotError
 from elastic_arm.mujoco import export_usd
-from elastic_arm.robot import JointController, load_robot
+from elastic_arm.robot import Inertia, JointController, load_robot
 from elastic_arm.robot.kinematics import moved
 from elastic_arm.robot.urdf_export import bodies_with_components
 from tests.helpers.mujoco_arms import MODELS
@@ -80,3 +81,14 @@ def test_usds_own_reader_finds_the_arm(tmp_path, elastic: bool) -> None:
             pose.SetTranslateOnly(Gf.Vec3d(getattr(joint, f"GetLocalPos{k}Attr")().Get()))
             frames.append(pose * cache.GetLocalToWorldTransform(stage.GetPrimAtPath(link)))
         np.testing.assert_allclose(*map(np.array, frames), atol=1e-6)
+
+
+def test_a_base_without_mass_is_fixed_all_the_same(tmp_path) -> None:
+    """A URDF often gives its first link no mass; what does not move may have any. A link without is refused."""
+    robot = load_robot(MODELS / "arm.xml").with_(base_mass=0.0)
+    stage, _ = opened(robot, tmp_path)
+    (base,) = [p for p in stage.Traverse() if p.GetName() == "base"]
+    assert UsdPhysics.MassAPI(base).GetMassAttr().Get() > 0.0
+    light = Inertia(0.0, np.zeros(3), np.zeros((3, 3)))
+    with pytest.raises(RobotError, match="no mass"):
+        export_usd(robot.with_joint("joint3", link=light), None, tmp_path / "none.usda")
