@@ -71,7 +71,7 @@ class Elements:
         self.found: list[Element] = []
         self.left: list[tuple[EffectInstance, str]] = []
         for instance, reason in arm.left:
-            rule = RULES.get(instance.effect.id)
+            rule = (RULES if robot.elastic else RIGID).get(instance.effect.id)
             if rule is None:
                 self.left.append((instance, reason))
                 continue
@@ -178,12 +178,12 @@ def _play(elements: Elements, i: int, instance: EffectInstance) -> None:
 
 
 Rule = Callable[[Elements, int, EffectInstance], None]
+RIGID: Mapping[str, Rule] = {"stribeck_friction": _stribeck, "wrist_coupling": _wrist}  # of arms without drives, too
 RULES: Mapping[str, Rule] = {
+    **RIGID,
     "viscous_friction": _friction("damping", "coefficient"),
     "coulomb_friction": _friction("frictionloss", "torque"),
-    "stribeck_friction": _stribeck,
     "torque_ripple": _ripple,
-    "wrist_coupling": _wrist,
     "joint_spring": _spring,
     "stiffness_mismatch": _stiffness,
     "damping_mismatch": _damping,

@@ -23,7 +23,7 @@ from elastic_arm.mujoco.changes import (
     six,
     text_of,
 )
-from elastic_arm.mujoco.elements import RULES, delayed, sharp
+from elastic_arm.mujoco.elements import RIGID, delayed, sharp
 from elastic_arm.mujoco.left_out import Left, left_effects, left_numbers
 from elastic_arm.mujoco.mjcf_file import ShapedMjcf
 from elastic_arm.mujoco.stated_arm import StatedArm, stated_arm
@@ -114,7 +114,7 @@ def export_mjcf(
         written = read_mjcf(out, chain, at)
     stated = [instance.to_dict() for instance, _ in before.left]
     # What the base states by other numbers, such as gravcomp, stays as it is.
-    lacking = [(one, _NEW if one.effect.id in RULES else reason) for one, reason in after.left]
+    lacking = [(one, _NEW if one.effect.id in RIGID else reason) for one, reason in after.left]
     lacking = [(one, reason) for one, reason in lacking if one.to_dict() not in stated]
     left = [*left_effects(robot, (*lacking, *document.left), catalogue), *_controllers(robot, written)]
     return Exported(tuple(files), tuple(changes), tuple(left), (UNROLLED,) if unrolled else (), robot.units)

@@ -63,6 +63,14 @@ def test_a_native_law_moves_the_arm_as_in_the_simulator(effects: str, allowed: f
     assert apart < allowed * size
 
 
+def test_a_law_of_a_drive_is_left_out_of_an_arm_that_has_none() -> None:
+    """Ripple of a rotor whose ratio nobody states is listed; Stribeck friction needs no drive."""
+    rigid = parse_urdf(to_urdf(load_robot())).with_(effects=())
+    texts = ("torque_ripple:joint_1:amplitude=8,order=1", "stribeck_friction:joint_1:torque=2,speed=0.1")
+    _, left = to_mjcf(rigid.with_(effects=tuple(parse(text).to_dict() for text in texts)))
+    assert [one.effect.id for one, _ in left] == ["torque_ripple"]
+
+
 def test_a_servo_and_a_late_torque_are_of_the_new_file(tmp_path: Path) -> None:
     """Gains, delay and limit of a controller become a <position> actuator, a late motor torque its sensor's delay."""
     rigid = parse_urdf(to_urdf(load_robot())).with_(effects=())
