@@ -63,7 +63,7 @@ SUBCOMMANDS = {
     "export": Subcommand(
         "cli.mujoco.export",
         "export",
-        "Write an arm, such as the robot.yaml of a diagnosis, as MJCF or URDF, and list what changes and what is left.",
+        "Write an arm, such as a diagnosis' robot.yaml, as MJCF, URDF or USD, and list what changes and what is left.",
     ),
     "replay": Subcommand(
         "cli.mujoco.replay",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -38,6 +39,11 @@ class Explanation:
     best: Fit  # the most probable one
     trust: Mapping[str, float]  # probability of each trust in the description
     log: tuple[str, ...] = ()  # what was done, a line a step
+
+    @cached_property
+    def settled(self) -> Linearisation:
+        """The linearisation where the most probable set puts the numbers: it may have been met beside another set."""
+        return _moved(self.linear, self.best) if _far(self.best) else self.linear
 
 
 def explain(problem: Problem, *, refit: bool) -> Explanation:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,8 @@ from elastic_arm.diagnosis import Diagnosis, Question, diagnose
 from elastic_arm.diagnosis.corrected_robot import deviations, repaired_robot
 from elastic_arm.dynamics import build_model
 from elastic_arm.effects import Catalogue, parse
+from elastic_arm.evidence.linearisation import Linearisation
+from elastic_arm.evidence.relinearise import _again, linear_model
 from elastic_arm.excitation import MotionLimits, Shape, random_trajectories
 from elastic_arm.mujoco import Exported
 from elastic_arm.recording import Recording
@@ -107,6 +110,24 @@ def test_what_was_written_has_no_cause_left(tmp_path: Path, name: str, effects: 
     assert isinstance(written, Exported)
     again = diagnose([first], Question(load_robot(written.files[0])), [judge])
     assert causes(again) <= {left.what for left in written.left}
+
+
+def test_the_corrected_arm_has_the_numbers_of_the_answer(tmp_path: Path) -> None:
+    """Answered by a set that was met where a link is 6 deviations heavier, the arm has the mass that the set finds."""
+    base = tmp_path / "two.urdf"
+    base.write_text(FILES["two.urdf"])
+    first, judge = recorded(base, ["coulomb_friction:j1:torque=0.3"])
+    context = diagnose([first], Question(load_robot(base), refit=True), [judge]).context
+    explanation, linear = context.explanation, context.explanation.linear
+    heavier = [6.0 * ((one.what, one.joint) == ("link_mass", "j2")) for one in linear.problem.numbers]
+    there = Linearisation(linear.problem, linear.values + heavier, linear.acting)
+    best = linear_model(there, explanation.best.model.name).fit(_again(explanation.best, there))
+    beside = replace(
+        context, explanation=replace(explanation, linear=there, best=best), judging=replace(there, which=1)
+    )
+    own, moved = (one.model.robot.joints[1].link.mass for one in (context, beside))
+    assert there.model.robot.joints[1].link.mass > 1.2 * own
+    assert moved == pytest.approx(own, rel=0.02)
 
 
 def test_a_zero_that_is_another_one_in_a_second_recording_is_a_change(tmp_path: Path) -> None:
