@@ -65,7 +65,6 @@ class Parameter:
     inverse: bool = False  # whether the effect grows as the value falls, as the stiffness of what gives way
     # range from which the blind challenge draws it; None for the default, or the plausible range without one
     draw: tuple[float, float] | None = None
-    example: tuple[float, float] | None = None  # range that is clearly seen on an industrial arm, for demonstrations
     # what of the joint's motion bounds it, whatever the arm does: how far its "deflection", or the "error" of its
     # controller, is for the most part, the "torque" that it takes, or nothing
     bounded_by: Literal["", "deflection", "error", "torque"] = ""
@@ -94,9 +93,8 @@ class Parameter:
             raise self._wrong(f"its range is {self.low:g} to {self.high:g}", "Give a finite low below a finite high.")
         if self.above >= self.high:
             raise self._wrong(f"it must be above {self.above:g}, the end of its range", "Lower `above`.")
-        for what, span in (("draw", self.draw), ("example", self.example)):
-            if span is not None and not span[0] <= span[1]:
-                raise self._wrong(f"{what} is {span[0]:g} to {span[1]:g}", "Give the lower end first.")
+        if self.draw is not None and not self.draw[0] <= self.draw[1]:
+            raise self._wrong(f"draw is {self.draw[0]:g} to {self.draw[1]:g}", "Give the lower end first.")
 
     def _wrong(self, problem: str, remedy: str) -> EffectError:
         return EffectError(f"parameter {self.name}: {problem}", remedy)

@@ -11,12 +11,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import psutil
 import pytest
 import yaml
 
 from elastic_arm.cli import bag as bag_commands
-from elastic_arm.cli import processes
 from elastic_arm.cli.console import finite, out, print_json
 from tests.helpers.command_line import refusal, run
 from tests.helpers.motions import trajectory
@@ -216,23 +214,6 @@ module.load_arm = load_arm
     assert not done.stderr
 
 
-def test_a_demo_that_is_terminated_leaves_no_nodes() -> None:
-    """They are processes of their own sessions, which nothing else would end."""
-    before = """
-import os, signal, subprocess, sys, elastic_arm.cli.demo as module
-from pathlib import Path
-def make_room(folder):
-    with module.Nodes(Path("."), 1) as nodes:
-        nodes._running["node"] = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)"])
-        print(nodes._running["node"].pid, flush=True)
-        os.kill(os.getpid(), signal.SIGTERM)
-module._make_room = make_room
-"""
-    done = in_a_process(("demo",), before, capture_output=True)
-    assert done.returncode == 128 + signal.SIGTERM
-    assert not psutil.pid_exists(int(done.stdout))
-
-
 def test_an_interrupt_while_libraries_load_ends_the_process_quietly() -> None:
     """The second that this takes is one in which one may think better of it."""
     before = """
@@ -246,22 +227,6 @@ sys.meta_path.insert(0, Interrupt())
     done = in_a_process(("describe",), before, capture_output=True)
     assert done.returncode == -signal.SIGINT
     assert not done.stderr
-
-
-def test_nodes_that_do_not_end_are_not_waited_for_by_an_interrupt(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Of a demo that is stopped nothing is left behind, and nobody waits for half a minute."""
-    monkeypatch.setattr(processes, "ABANDONED", 0.3)
-    deaf = "import signal, time; signal.signal(signal.SIGINT, signal.SIG_IGN); print(flush=True); time.sleep(60)"
-    nodes = processes.Nodes(tmp_path, 1)
-    started = [subprocess.Popen([sys.executable, "-c", deaf], stdout=subprocess.PIPE, text=True) for _ in range(3)]
-    for node in started:
-        assert node.stdout is not None and node.stdout.readline()
-    with pytest.raises(KeyboardInterrupt), nodes:
-        nodes._running = {str(k): node for k, node in enumerate(started)}
-        raise KeyboardInterrupt
-    assert [node.poll() for node in started] == [-signal.SIGKILL] * 3
 
 
 def test_a_bag_whose_name_is_no_text_is_not_replayed(tmp_path: Path) -> None:
