@@ -44,7 +44,7 @@ from elastic_arm.excitation import (
     optimise,
     random_trajectories,
 )
-from elastic_arm.identification import Identification, chi_square, compare, identify, std_ratio
+from elastic_arm.identification import Identification, chi_square, compare, identify
 from elastic_arm.recording import read_recording, write_recording
 from elastic_arm.robot import Robot, load_robot, save_robot, varied
 from elastic_arm.simulation import SimulationSettings, simulate
@@ -266,7 +266,6 @@ def _compare(offline: Identification, live: dict[str, Any], truth: np.ndarray) -
     )
     apart = np.abs(values - offline.Psi_base) / np.hypot(stds, offline.std)
     out.print(f"online and offline apart: at most {apart.max():.2f} standard deviations")
-    out.print(escape(std_ratio(stds, offline).summary()))
 
 
 def _report(path: Path, search: ExcitationResult, offline: Identification) -> Path:

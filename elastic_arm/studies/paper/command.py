@@ -31,7 +31,7 @@ def paper(
     folder: Annotated[Path, typer.Option("--out", help="Folder for report.html, CSV and JSON.")] = Path("paper"),
     quick: Annotated[bool, typer.Option(help="Less of everything, in a minute.")] = False,
     workers: Annotated[int, typer.Option(min=1, help="Processes for the prototype's runs.")] = os.cpu_count() or 1,
-    seed: Annotated[int, typer.Option(min=0, help="Of noise, poses and searches.")] = 1,
+    seed: Annotated[int, typer.Option(min=0, help="Of noise and searches.")] = 1,
     json: Annotated[bool, typer.Option("--json", help="Print the claims as JSON, for scripts.")] = False,
     force: Force = False,
 ) -> None:
@@ -71,7 +71,6 @@ def paper(
         return
     _print_claims(claims)
     out.print(f"report: {escape(str(report))}; numbers beside it: {escape(', '.join(f.name for f in files))}")
-    out.print(f"the study took {result.seconds['whole study']:.0f} s")
 
 
 def _print_claims(claims: list[Claim]) -> None:
