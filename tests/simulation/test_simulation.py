@@ -2,12 +2,10 @@
 
 from dataclasses import replace
 
-import casadi as ca
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from elastic_arm.codegen.function_cache import stored
 from elastic_arm.dynamics import build_model
 from elastic_arm.effects import parse
 from elastic_arm.errors import EffectError, SimulationError
@@ -424,29 +422,3 @@ def test_any_number_of_joints_moves():
     assert np.abs(exact[:, :7] - truth.q).max() < 1e-9
     with pytest.raises(EffectError, match="transmission"):
         Simulator(robot, SimulationSettings(effects=[parse("backlash:joint_2:half_gap=1e-4")]))
-
-
-def test_derived_functions_are_found_again(tmp_path, monkeypatch):
-    """What one process derived another reads, also where the file was cut short."""
-    monkeypatch.setenv("ELASTIC_ARM_CACHE", str(tmp_path))
-    x = ca.SX.sym("x")
-    derived = []
-
-    def derive():
-        derived.append(1)
-        return [ca.Function("f", [x], [2 * x]), ca.Function("g", [x], [ca.sin(x)])]
-
-    stored("key", derive, ())
-    f, g = stored("key", derive, ())
-    assert len(derived) == 1 and float(f(3)) == 6 and float(g(0)) == 0
-    (file,) = tmp_path.glob("*.casadi")
-    file.write_bytes(file.read_bytes()[:40])
-    f, _ = stored("key", derive, ())
-    assert len(derived) == 2 and float(f(3)) == 6
-
-
-def test_straight_line_code_holds_no_number_of_the_arm(arm):
-    """Inertias and effects' parameters are inputs of the compiled code."""
-    system = Simulator(arm, SimulationSettings(effects=[parse("payload:mass=5,position=0/0/0.1")])).system
-    free = ca.symvar(system.accelerations.sx_in("constants"))
-    assert len(free) == system.constants.numel_out(0) > 30
