@@ -32,9 +32,9 @@ class Trust(NamedTuple):
 # A simulation is as measured, an identified arm as calibrated, drawings and catalogues are as built; convention.
 TRUST = {
     "as measured": Trust(1e-5, 0.3, 1e-2, 1e-3),
-    "as calibrated": Trust(0.2, 0.3, 1e-6, 0.1),
-    "as built": Trust(1.0, 0.3, 1e-6, 0.1),
-    "rough": Trust(4.0, 0.1, 1e-6, 0.1),
+    "as calibrated": Trust(0.2, 0.3, 1e-4, 0.1),
+    "as built": Trust(1.0, 0.3, 1e-4, 0.1),
+    "rough": Trust(4.0, 0.1, 1e-4, 0.1),
 }
 FORMLESS = 1e-3  # odds of a law without a form over those of an effect: the catalogue has what arms mostly have
 SCALES = np.array([1.0, 0.1, 0.01, 1e-3, 1e-4])  # of a size's range: effects are of all sizes
