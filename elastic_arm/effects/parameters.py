@@ -172,7 +172,8 @@ class Choice:
         chosen = (value,) if isinstance(value, str) else tuple(value)
         wrong = [v for v in chosen if v not in self.values]
         if wrong or not chosen or (len(chosen) > 1 and not self.several):
-            raise EffectError(f"{of}: {self.name} is {value!r}", f"Choose {self._offer()}.")
+            offer = ("any of " if self.several else "one of ") + ", ".join(self.values)
+            raise EffectError(f"{of}: {self.name} is {value!r}", f"Choose {offer}.")
         return tuple(v for v in self.values if v in chosen) if self.several else chosen[0]
 
     def combinations(self) -> Iterator[str | tuple[str, ...]]:
@@ -181,9 +182,6 @@ class Choice:
             yield (value,) if self.several else value
         if self.several:
             yield self.values
-
-    def _offer(self) -> str:
-        return ("any of " if self.several else "one of ") + ", ".join(self.values)
 
 
 def combinations(choices: tuple[Choice, ...]) -> Iterator[dict[str, Any]]:
