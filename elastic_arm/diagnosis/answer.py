@@ -335,7 +335,7 @@ class Answer:
             left, first = (float(power[own].sum()) / n - 1.0 for power in fitted)
             before, held, causes = (float(power[here].sum()) / m for power in judging)
             keeps = left > max(NOISY, LEFT * first) and _is_structured(model.bands, self.white_left, own)
-            noise = NOISY * max(1.0, left + 1.0)
+            noise = NOISY**2 * max(1.0, left + 1.0)  # each recording's is known so badly
             if keeps or (causes > NOISY and held - 1.0 > max(noise, LEFT * (before - 1.0))):
                 found.append(row)
         return found

@@ -33,11 +33,21 @@ class Fit:
     model: LinearModel
     terms: tuple[Term, ...]
     found: Posterior  # posterior of the numbers' coefficients and the terms'
+    elsewhere: float = 0.0  # what its score gains at another linearisation
 
     @property
     def score(self) -> float:
         """ln p(y, set) up to a constant of the data."""
-        return self.found.evidence - sum(t.price + self.model.doubt(t) for t in self.optional)
+        return self.found.evidence - sum(t.price + self.model.doubt(t) for t in self.optional) + self.elsewhere
+
+    def beside(self, other: Fit) -> Fit:
+        """Return it with its score comparable to that of a fit at another linearisation.
+
+        Where the predicted noise is another, the same residual is more or less likely: what is left of the other fit
+        says how much of its noise there is.
+        """
+        share = float(np.sum(other.found.left / other.found.v) / np.sum(self.model.bands.n))
+        return replace(self, elsewhere=other.elsewhere + share * (self.model.density - other.model.density))
 
     @cached_property
     def slices(self) -> dict[Ident, slice]:
@@ -295,6 +305,7 @@ class LinearModel:
     always: tuple[Term, ...] = ()  # terms that are known to be there
     shares: tuple[Term, ...] = ()  # what other terms add to columns of the numbers (:attr:`.Linearisation.shares`)
     name: str = ""  # the trust in the description
+    density: float = 0.0  # ln of the density of what was recorded over that of the rows (:attr:`.WhitenedData.density`)
     spreads: dict[object, tuple[Array, Array]] = field(default_factory=dict, init=False)  # of the last fit
     _fits: dict[object, Fit] = field(default_factory=dict, init=False)
 

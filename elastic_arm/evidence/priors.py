@@ -53,6 +53,7 @@ LISTED = 0.01  # probability of an alternative that is listed (contract)
 TRIED = 5  # proposals of a kind that are evaluated in full at each step of the search
 SHORT = 0.3  # share of what a move needs that its first-order gain must reach to be evaluated in full
 WORTH = 1.0  # nats of a move that is taken: less is an alternative
+COMPARED = 100.0  # nats up to which scores at different linearisations compare, as those of one set at several show
 RELATED = 0.1  # correlation of two terms from which one may stand for both
 MOST = 24  # terms of a set
 ROUNDS = 8  # of search and linearisation

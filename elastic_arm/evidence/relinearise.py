@@ -20,7 +20,7 @@ from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.model import KINDS, Fit, LinearModel, Screen
 from elastic_arm.evidence.nonlinear import components, moved, placed_anew, tangent_term
 from elastic_arm.evidence.pool import effect_terms, law_terms, linear_prior, number_terms
-from elastic_arm.evidence.priors import ELSEWHERE, MOST, NEAR, ROUNDS, STATED, TRUST, WORTH
+from elastic_arm.evidence.priors import COMPARED, ELSEWHERE, MOST, NEAR, ROUNDS, STATED, TRUST, WORTH
 from elastic_arm.evidence.problem import Problem
 from elastic_arm.evidence.search import ADDED, ALL, SIMPLE, Search, Thetas, words_of
 from elastic_arm.evidence.term import Key, Term
@@ -54,7 +54,7 @@ def explain(problem: Problem, *, refit: bool) -> Explanation:
         _explained(described, (), BUILT if refit else MEASURED, refit, thetas, moves=ADDED),
         _explained(_settled(described, None, BUILT), (), BUILT, refit, thetas, moves=ADDED),
     ]
-    first = max(starts, key=lambda found: found.best.score)
+    first = max(starts, key=lambda found: found.best.beside(starts[0].best).score)
     nothing = first.linear, first.search.model.fit(())
     found = _descended(first.linear, first.best, refit, thetas, taken=nothing)
     tried: set[frozenset[Key]] = set()
@@ -79,8 +79,8 @@ def _stated(problem: Problem) -> tuple[ActingEffect, ...]:
 
 def _better(one: Explanation, other: Explanation) -> Explanation:
     """Return the more probable of two explanations, with the sets and the steps of both."""
-    better, worse = (one, other) if one.best.score >= other.best.score else (other, one)
-    better.search.take(worse.search.met.values())
+    better, worse = (one, other) if one.best.score >= other.best.beside(one.best).score else (other, one)
+    better.search.take(fit.beside(better.best) for fit in worse.search.met.values())
     return replace(better, log=(*one.log, "elsewhere:", *other.log))
 
 
@@ -110,27 +110,29 @@ def _descended(
 
     taken: a set known before, at its own linearisation; best: the most probable one known.
 
-    A set is taken if it is more probable at its own linearisation, too; half as many moves are taken at once where it
-    is not. Laws without a form and the moves that take long come where the set stays: elsewhere they follow its error.
-    They do not come where it stays less probable than the best one known.
+    A set is taken unless it is less probable at its own linearisation; half as many moves are taken at once where it
+    is. Laws without a form and the moves that take long come where the set stays: elsewhere they follow its error. They
+    do not come where it stays less probable than the best one known.
     """
     log: list[str] = []
     moves, most = SIMPLE, MOST
-    refused: dict[frozenset[Key], Fit] = {}
+    refused: dict[frozenset[Key], float] = {}
     for n in range(ROUNDS):
         there, own = linear, before
         if taken is None or before.keys == taken[1].keys or _far(before, taken[1].numbers):
             there = _settled(linear, before, before.model.name)
             own = linear_model(there, before.model.name).fit(_again(before, there))
-        worse = taken is not None and own.score < taken[1].score - WORTH
+        compared = own if taken is None else own.beside(taken[1])
+        worse = taken is not None and compared.score < taken[1].score - COMPARED
         stays = taken is not None and taken[1].keys == own.keys
         if taken is None or not worse:
             taken, most = (there, own), MOST
         elif not stays:
-            log.append(f"{n}: {own.score - taken[1].score:+.1f} where it is linearised: {words_of(own, taken[1])}")
-            if most == 1 or len(own.keys ^ taken[1].keys) == 1:
-                refused[own.keys] = own
-            most = max(1, min(most, len(own.keys ^ taken[1].keys)) // 2)
+            log.append(f"{n}: {compared.score - taken[1].score:+.1f} where it is linearised: {words_of(own, taken[1])}")
+            changed = len(own.keys ^ taken[1].keys)
+            if changed == 1 or most == 1:
+                refused[own.keys] = compared.score
+            most = max(1, min(most, changed) // 2)
         start, name = taken[1].optional, taken[1].model.name
         found = _explained(taken[0], start, name, refit, thetas, moves=moves, most=most, refused=refused)
         log += [f"{n}: {line}" for line in found.log]
@@ -159,7 +161,7 @@ def _settled(linear: Linearisation, before: Fit | None, trust: str) -> Linearisa
             return linear
         model = linear_model(linear, trust)
         fit = model.fit([] if before is None else _again(before, linear))
-        if best is not None and fit.score < best[1].score - WORTH:
+        if best is not None and fit.beside(best[1]).score < best[1].score - WORTH:
             linear = _moved(best[0], best[1], share=0.3)  # too far
             best = None
             continue
@@ -201,6 +203,7 @@ def linear_model(linear: Linearisation, trust: str) -> LinearModel:
             tuple(known_terms(linear)[0]),
             linear.shares,
             trust,
+            linear.data.density,
         )
     return linear.cache["model"].trusting(trust)
 
@@ -223,11 +226,11 @@ def _explained(
     *,
     moves: int,
     most: int = MOST,
-    refused: Mapping[frozenset[Key], Fit] | None = None,
+    refused: Mapping[frozenset[Key], float] | None = None,
 ) -> Explanation:
     """Return the most probable set at a linearisation, some moves from one to start from.
 
-    refused: sets that are not taken, and what they are elsewhere.
+    refused: sets that are not taken, and their scores at their own linearisation.
     """
     trusts = {name: one for name, one in TRUST.items() if not (refit and name == MEASURED)}
     model, log = linear_model(linear, trust), []

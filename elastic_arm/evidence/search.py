@@ -42,7 +42,7 @@ class Search:
     screens: Sequence[Screen]
     # where one nonlinear number was most probable beside another set, by key of its term; what is found is added
     thetas: Thetas = field(default_factory=dict)
-    refused: Mapping[frozenset[Key], Fit] = field(default_factory=dict)  # sets that are not taken; elsewhere linearised
+    refused: Mapping[frozenset[Key], float] = field(default_factory=dict)  # scores of sets at their own linearisation
     met: dict[frozenset[Key], Fit] = field(default_factory=dict)
     _refined: dict[tuple[Key, frozenset[Key]], Term] = field(default_factory=dict)
     log: list[str] = field(default_factory=list)
@@ -137,7 +137,8 @@ class Search:
         return self._keep(self.model.fit([*terms, self._refined[key]], near))
 
     def _keep(self, fit: Fit) -> Fit:
-        fit = self.refused.get(fit.keys, fit)
+        if fit.keys in self.refused:
+            fit = replace(fit, elsewhere=fit.elsewhere + self.refused[fit.keys] - fit.score)
         known = self.met.get(fit.keys)
         if known is None or fit.score > known.score:
             self.met[fit.keys] = fit
