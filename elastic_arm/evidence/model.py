@@ -14,13 +14,14 @@ from elastic_arm.arrays import Array
 from elastic_arm.evidence.grams import Bands, Grams, kept
 from elastic_arm.evidence.pool import sized
 from elastic_arm.evidence.posterior import Posterior, Prior, mass, posterior
-from elastic_arm.evidence.priors import CHANGED, FORMLESS, RELATED, SCALES, SIZES, TRUST
+from elastic_arm.evidence.priors import CHANGED, FAR, FORMLESS, RELATED, SCALES, SIZES, TRUST
 from elastic_arm.evidence.term import Ident, Key, Term
 
 WIDEST = max(one.factor for one in TRUST.values())
 SCREENS, PRODUCTS = 4, 100  # screens and products with all terms that are kept; memory
+EXACT = 0.1  # factor of the trust below which the numbers of a description lie where it has them; numerical
 LOOKED_AT = 30  # terms of which first-order gains are made well; numerical
-# A rough description says nothing of sensors; details of how a law is met are in no description.
+# Of sensors, only a simulation's description says how they are; details of how a law is met are in no description.
 KINDS = "arm", "sensor", "detail"
 UNTOLD = 1e-3  # of a prior's precision: what data tell no more of, they tell nothing of; numerical
 
@@ -328,7 +329,7 @@ class LinearModel:
 
     def factors(self, kinds: NDArray[np.intp]) -> Array:
         """Return the factors of the trust on the standard deviations of numbers of some kinds."""
-        return np.array([self.trust, min(self.trust, 1.0), 1.0])[kinds]
+        return np.array([self.trust, self.trust if self.trust < EXACT else 1.0, 1.0])[kinds]
 
     @cached_property
     def grams(self) -> Grams:
@@ -345,6 +346,8 @@ class LinearModel:
         """Return -ln of the prior odds that one of the terms of a kind is there, nats."""
         if term.kind == "change":
             return -float(np.log(CHANGED))
+        if term.kind in ("number", "stated"):
+            return -float(np.log(FAR))
         return -float(np.log(TRUST[self.name].effect * (FORMLESS if term.kind == "law" else 1.0)))
 
     def lacking(self, terms: Sequence[Term]) -> tuple[Term, ...]:

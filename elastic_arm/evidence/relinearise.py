@@ -17,7 +17,7 @@ from elastic_arm.estimation.known_torques import ActingEffect
 from elastic_arm.evidence.changes import CHANGE, change_of
 from elastic_arm.evidence.grams import Bands
 from elastic_arm.evidence.linearisation import Linearisation
-from elastic_arm.evidence.model import KINDS, Fit, LinearModel, Screen
+from elastic_arm.evidence.model import EXACT, KINDS, Fit, LinearModel, Screen
 from elastic_arm.evidence.nonlinear import components, moved, placed_anew, tangent_term
 from elastic_arm.evidence.pool import effect_terms, law_terms, linear_prior, number_terms
 from elastic_arm.evidence.priors import COMPARED, ELSEWHERE, MOST, NEAR, ROUNDS, STATED, TRUST, WORTH
@@ -27,7 +27,6 @@ from elastic_arm.evidence.term import Key, Term
 
 STEPS = 6  # of Gauss and Newton beside a set
 MEASURED, BUILT = "as measured", "as built"  # of the kinds of trust, those from which a search starts
-EXACT = 0.1  # factor of the trust below which the numbers of a description lie where it has them; numerical
 
 
 @dataclass(frozen=True, eq=False)
