@@ -45,7 +45,7 @@ class Fit:
         """Return it with its score comparable to that of a fit at another linearisation.
 
         Where the predicted noise is another, the same residual is more or less likely: what is left of the other fit
-        says how much of its noise there is.
+        states how much of its noise there is.
         """
         share = float(np.sum(other.found.left / other.found.v) / np.sum(self.model.bands.n))
         return replace(self, elsewhere=other.elsewhere + share * (self.model.density - other.model.density))

@@ -174,7 +174,7 @@ def test_without_arguments_four_ways_in_are_shown() -> None:
     result = run()
     assert (result.exit_code, result.stderr) == (2, "")
     shown = re.findall(r"elastic-arm (\w.*)", result.stdout)
-    assert [line.split()[0] for line in shown] == ["simulate", "identify", "diagnose", "bag", "demo"]
+    assert [line.split()[0] for line in shown] == ["simulate", "identify", "diagnose", "bag"]
     for line in shown:
         words = line.split()
         told = run(*words[: 2 if words[0] == "bag" else 1], "--help")
