@@ -14,7 +14,7 @@ from elastic_arm.arrays import Array
 from elastic_arm.evidence.grams import Bands, Grams, kept
 from elastic_arm.evidence.pool import sized
 from elastic_arm.evidence.posterior import Posterior, Prior, mass, posterior
-from elastic_arm.evidence.priors import CHANGED, FAR, FORMLESS, RELATED, SCALES, SIZES, TRUST
+from elastic_arm.evidence.priors import CHANGED, FORMLESS, RELATED, SCALES, SIZES, TRUST
 from elastic_arm.evidence.term import Ident, Key, Term
 
 WIDEST = max(one.factor for one in TRUST.values())
@@ -45,7 +45,7 @@ class Fit:
         """Return it with its score comparable to that of a fit at another linearisation.
 
         Where the predicted noise is another, the same residual is more or less likely: what is left of the other fit
-        says how much of its noise there is.
+        states how much of its noise there is.
         """
         share = float(np.sum(other.found.left / other.found.v) / np.sum(self.model.bands.n))
         return replace(self, elsewhere=other.elsewhere + share * (self.model.density - other.model.density))
@@ -346,8 +346,6 @@ class LinearModel:
         """Return -ln of the prior odds that one of the terms of a kind is there, nats."""
         if term.kind == "change":
             return -float(np.log(CHANGED))
-        if term.kind in ("number", "stated"):
-            return -float(np.log(FAR))
         return -float(np.log(TRUST[self.name].effect * (FORMLESS if term.kind == "law" else 1.0)))
 
     def lacking(self, terms: Sequence[Term]) -> tuple[Term, ...]:

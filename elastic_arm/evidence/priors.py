@@ -22,8 +22,9 @@ class Trust(NamedTuple):
 
     factor: float  # on the standard deviations of the numbers
     prior: float  # probability of the kind
-    # prior odds that one of the effects that could be there is: where numbers, sensors and noise are exact, all that
-    # is left is an effect; elsewhere, most of what is left is what no model has
+    # prior odds that one of the effects that could be there is, and that one of the numbers is far off: where
+    # numbers, sensors and noise are exact, all that is left is an effect; elsewhere, most of what is left is what no
+    # model has
     effect: float
     coloured: float  # prior odds that the noise of a place has a spectrum of its own
 
@@ -35,7 +36,6 @@ TRUST = {
     "as built": Trust(1.0, 0.3, 1e-4, 0.1),
     "rough": Trust(4.0, 0.1, 1e-4, 0.1),
 }
-FAR = 1e-2  # prior odds that one of the numbers is far off: what else could be in its place has its ordinary prior
 FORMLESS = 1e-3  # odds of a law without a form over those of an effect: the catalogue has what arms mostly have
 SCALES = np.array([1.0, 0.1, 0.01, 1e-3, 1e-4])  # of a size's range: effects are of all sizes
 WIDE = 30.0  # standard deviation of a number that is far off, in ordinary ones: hardly any prior; convention

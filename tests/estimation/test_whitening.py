@@ -7,7 +7,6 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from scipy.integrate import trapezoid
 
 from elastic_arm.dynamics import build_model
 from elastic_arm.dynamics.bodies import TENSOR
@@ -16,7 +15,6 @@ from elastic_arm.equations.robot_at import calibrated_robot
 from elastic_arm.estimation.band import Band
 from elastic_arm.estimation.equations import EquationSet
 from elastic_arm.estimation.observation import Observation, observe, widest_band
-from elastic_arm.estimation.residuals import residuals
 from elastic_arm.estimation.whitening import EDGE, FLOOR, WhitenedData, noise_models
 from elastic_arm.recording import Side
 from elastic_arm.sensors import Encoder, Sensors, TorqueSensor
@@ -42,12 +40,6 @@ def mean_square(data: WhitenedData) -> float:
     """Return that of the whitened residuals over the independent rows, of which the band leaves a part."""
     count = sum(len(y) - 2 * EDGE for y in data.y) * data.layout.rows
     return float(data.white @ data.white / (count * 2 * data.band.cutoff / data.band.kept_rate))
-
-
-def test_the_channels_noise_is_found() -> None:
-    """Torque noise is estimated where no motion is, positive for each joint."""
-    noise = observation().noise
-    assert noise.tau_m is not None and noise.tau_m.shape == (MODEL.n,) and (noise.tau_m > 0).all()
 
 
 def test_whitened_residuals_of_a_clean_arm_are_white_noise_of_variance_one() -> None:
@@ -119,16 +111,6 @@ def test_the_floor_of_a_joint_is_a_part_of_its_own_sensors_noise() -> None:
         return np.asarray(found - 1.01 * own)
 
     np.testing.assert_allclose(floors([0.3, 0.29, 0.01]), [9e-4, 9e-4, 1.4e-6], rtol=0.3)
-
-
-def test_residuals_of_a_clean_arm_are_as_large_as_the_noise_model_states() -> None:
-    """Without the extra floor the model predicts the residuals' standard deviations, equation by equation."""
-    equations, band = setting()
-    (noise,) = noise_models(MODEL, observation(), equations, band, (0.0,))
-    values = np.concatenate([s.values for s in residuals(MODEL, observation(), equations, band)])
-    density = np.real(np.einsum("frr->fr", noise.covariance)) * band.gain(noise.f)[:, None] ** 2
-    expected = np.sqrt(trapezoid(density, noise.f, axis=0) * 2.0 / noise.rate)
-    np.testing.assert_allclose(values.std(axis=0), expected, rtol=0.3)
 
 
 def test_rows_of_a_motor_that_sticks_are_freed_of_its_friction() -> None:
