@@ -288,8 +288,8 @@ def observe(recording: Recording, band: float | None = None) -> Observation:
             f"{where} is too short: it has no {SHORTEST:g} s without a hole of {BRIDGED:g} s",
             "Record at least 10 s of motion",
         )
-    steps = np.diff(samples.t)
-    unknown = np.flatnonzero((steps * clock.rate > clock.longest_hole + 1.5) & (steps < BRIDGED + 2.0 / clock.rate))
+    apart = np.diff(samples.t)
+    unknown = np.flatnonzero((apart * clock.rate > clock.longest_hole + 1.5) & (apart < BRIDGED + 2.0 / clock.rate))
     holes = np.stack([samples.t[unknown], samples.t[unknown + 1]], axis=1)
     longest = max(grids, key=len)
     if longest.theta is None and longest.q is None:
