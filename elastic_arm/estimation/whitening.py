@@ -23,7 +23,7 @@ from elastic_arm.estimation.band import Band, LowPass
 from elastic_arm.estimation.convolution import CircularGains, Harmonics, circular_gains, filtered_circularly
 from elastic_arm.estimation.effect_columns import Feature, starting_state
 from elastic_arm.estimation.equations import EquationSet
-from elastic_arm.estimation.known_torques import ActingEffect, known_torques, true_load
+from elastic_arm.estimation.known_torques import ActingEffect, inertia_of, known_torques, true_load
 from elastic_arm.estimation.motion import drive_constants, wound_by_load
 from elastic_arm.estimation.observation import Observation
 from elastic_arm.estimation.regressors import Entries, Signals
@@ -79,12 +79,17 @@ class NoiseModel:
 
 
 def noise_models(
-    model: Model, observation: Observation, equations: EquationSet, band: Band, floors: Sequence[float]
+    model: Model,
+    observation: Observation,
+    equations: EquationSet,
+    band: Band,
+    floors: Sequence[float],
+    acting: Sequence[ActingEffect] = (),
 ) -> list[NoiseModel]:
     """Propagate the channels' noise into the usable residuals, for several floors.
 
     equations, band: usable equations, and where they are looked at; floors: shares of the torque noise that each
-    equation gets besides, 0 for the noise itself.
+    equation gets besides, 0 for the noise itself; acting: effects of which loads have inertia, too.
     """
     n, f = equations.n, np.linspace(0.0, band.kept_rate / 2, NOISE_FREQUENCIES)
     speed2 = (2 * np.pi * f[:, None, None]) ** 2
@@ -93,7 +98,7 @@ def noise_models(
     one, zero, none = np.eye(n), np.zeros((n, n)), np.zeros((n, 2 * n))
     torque = np.hstack([observation.torque_spectrum(c, f, n) for c in ("tau_J", "tau_m")])
     spectrum = np.hstack([torque, *(observation.position_spectrum(side, f) for side in ("link", "motor"))])
-    poses = _inertias(model, observation)
+    poses = _inertias(model, observation, acting)
     # What a joint lacks is made of its other encoder, with whose noise.
     made = block_diag(np.eye(2 * n), observation.pieces[0].encoders)
     # Rows link, drive, motor of the full three; columns tau_J, tau_m, q, theta. First what is the same at all poses.
@@ -133,7 +138,9 @@ def noise_models(
     return found
 
 
-def _inertias(model: Model, observation: Observation) -> list[tuple[Array, Array, Array]]:
+def _inertias(
+    model: Model, observation: Observation, acting: Sequence[ActingEffect] = ()
+) -> list[tuple[Array, Array, Array]]:
     """Return M, S, B at poses along the motion: the way of the encoders' noise changes with the pose."""
     n = model.n
     motion = max(observation.pieces, key=len)
@@ -141,11 +148,12 @@ def _inertias(model: Model, observation: Observation) -> list[tuple[Array, Array
     assert position is not None
     # 12 poses at which the inertia is looked up for the way of encoder noise into the residuals
     poses = position[:: max(1, len(motion) // 12)]
+    more = inertia_of(model, poses, acting)
     if not model.robot.elastic:
         none = np.zeros((n, n))
-        return [(M, none, none) for M in model.mass_matrix(poses)]
+        return [(M, none, none) for M in model.mass_matrix(poses) + more]
     whole = model.mass_matrix(np.hstack([poses, poses]))
-    return [(m[:n, :n], m[:n, n:], m[n:, n:]) for m in whole]
+    return [(m[:n, :n] + M, m[:n, n:], m[n:, n:]) for m, M in zip(whole, more, strict=True)]
 
 
 @dataclass(frozen=True)
@@ -199,7 +207,7 @@ class WhitenedData:
         others = iter(near._free if near is not None else ())
         moves, fastest = _moving(observations)
         for number, observation in enumerate(observations):
-            noise, pure = noise_models(model, observation, layout, band, (FLOOR, 0.0))
+            noise, pure = noise_models(model, observation, layout, band, (FLOOR, 0.0), acting)
             untold = _velocity_noise(observation, noise.f, model.n)
             standstill = _standstill(observation, untold)
             standing = np.where(moves, standing_speed(fastest, untold[1]), 0.0)

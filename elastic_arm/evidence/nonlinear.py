@@ -109,9 +109,10 @@ def start_of(term: Term, fit: Fit) -> tuple[Feature, tuple[float, ...], float]:
     feature = term.feature
     assert feature is not None
     beta = fit.beta(term)
-    if np.isnan(term.theta).any():  # linear in size and size times numbers
+    if np.isnan(term.theta).any():  # linear in size and size times monomials, numbers first
         size = float(beta[0]) if beta[0] else TINY
-        theta = [float(np.clip(b / size, p.low, p.high)) for b, p in zip(beta[1:], components(feature), strict=True)]
+        own = components(feature)
+        theta = [float(np.clip(b / size, p.low, p.high)) for b, p in zip(beta[1 : 1 + len(own)], own, strict=True)]
         return feature, tuple(theta), size
     if feature.bends:
         values = feature.parameters([float(b) for b in beta], term.theta)

@@ -89,18 +89,22 @@ def effect_terms(linear: Linearisation, features: Sequence[Feature]) -> list[Ter
 
 
 def _relaxed(columns: Columns, feature: Feature, largest: float) -> Term:
-    """Return a term linear in (size, size times each nonlinear number), where the law is a polynomial in them."""
+    """Return a term linear in size times all monomials of the nonlinear numbers, in which the law is a polynomial.
+
+    It holds what the law can do and more: what it gains is proposed, and the law at its best numbers decides.
+    """
     count = sum(p.size for p in feature.searched)
     points = quadratic_points(count)
     values = np.hstack([columns(feature, tuple(point)) for point in points]) @ np.linalg.inv(monomials(points).T)
     (std,), (low,), (high,) = linear_prior(feature, largest)
     reach = np.array([max(abs(p.low), abs(p.high)) for p in feature.searched for _ in range(p.size)])
-    free = np.full(count, np.inf)
+    reaches = monomials(reach[None])[0]
+    free = np.full(len(reaches) - 1, np.inf)
     return Term(
         feature.key,
         "effect",
-        values[:, : 1 + count],
-        std * np.append(1.0, reach),
+        values,
+        std * reaches,
         low=np.append(low, -free),
         high=np.append(high, free),
         feature=feature,
