@@ -60,3 +60,7 @@ class _Interrupts:
         self.came = self.came or number
         signal.setitimer(signal.ITIMER_REAL, AGAIN)
         raise KeyboardInterrupt
+
+
+if __name__ == "__main__":
+    main()

@@ -20,7 +20,7 @@ from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.motion import Motion, rates_of, with_filtered_deflection
 from elastic_arm.estimation.noise import HIGHEST_CUTOFF, ORDER, Telegraph, encoder_steps, estimate_noise
 from elastic_arm.estimation.resampling import Clock, Grid, extended
-from elastic_arm.estimation.smoother import Smoother
+from elastic_arm.estimation.smoother import Smoother, left_out
 from elastic_arm.recording import Recording
 from elastic_arm.recording.inspection.torque_spectrum import TorqueSpectrum, torque_spectra
 from elastic_arm.recording.sides import Lacking
@@ -36,6 +36,8 @@ CHANNELS = {
 }
 
 SHORTEST = 2.0  # s
+# s without samples, up to which the motion is bridged: laws with a memory go on, and no row within is looked at.
+BRIDGED = 0.5
 NARROWEST_BAND = 1.0  # Hz; the motion of an arm is slower than that nowhere
 # Of a torque's rms: noise of one that was low-passed, within its band, and of a drive by which a torque is made, where
 # nothing shows it; convention.
@@ -84,6 +86,7 @@ class Observation:
     # at present
     made_by: Mapping[int, JointController] = field(default_factory=dict)
     driven_by: Mapping[int, JointController] = field(default_factory=dict)
+    holes: Array = field(default_factory=lambda: np.empty((0, 2)))  # s, from when to when nothing was recorded
     _splines: dict[tuple[int, str], list[CubicSpline]] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )
@@ -278,11 +281,16 @@ def observe(recording: Recording, band: float | None = None) -> Observation:
             f"{where} holds no torque", f"Record the effort of /motor_states, of /joint_states, or both; {CONTROLLED}"
         )
     clock = Clock.of(samples, where)
-    grids = [grid for grid in clock.place(samples) if len(grid) > SHORTEST * grid.rate]
+    placed = clock.place(samples, max(clock.longest_hole, int(BRIDGED * clock.rate)))
+    grids = [grid for grid in placed if len(grid) > SHORTEST * grid.rate]
     if not grids:
         raise DiagnosisError(
-            f"{where} is too short: it has no {SHORTEST:g} s without a hole", "Record at least 10 s of motion"
+            f"{where} is too short: it has no {SHORTEST:g} s without a hole of {BRIDGED:g} s",
+            "Record at least 10 s of motion",
         )
+    apart = np.diff(samples.t)
+    unknown = np.flatnonzero((apart * clock.rate > clock.longest_hole + 1.5) & (apart < BRIDGED + 2.0 / clock.rate))
+    holes = np.stack([samples.t[unknown], samples.t[unknown + 1]], axis=1)
     longest = max(grids, key=len)
     if longest.theta is None and longest.q is None:
         raise DiagnosisError(f"{where} holds no positions", "Record /motor_states or /joint_states with positions")
@@ -317,7 +325,11 @@ def observe(recording: Recording, band: float | None = None) -> Observation:
     # a column made of it would be correlated with them.
     calm = replace(smoother, cutoff=min(smoother.cutoff, designed.cutoff))
     quiet = pieces if calm == smoother else tuple(calm(extended(grid, calm.lag)) for grid in grids)
-    notes = (*recording.notes, *samples.notes, *([f"{where}: {clock.note}"] if clock.note else []))
+    said = [*([clock.note] if clock.note else []), *left_out(placed, grids)]
+    if len(holes):
+        longest_hole = 1e3 * float(np.ptp(holes, axis=1).max())
+        said.append(f"{len(holes)} holes of up to {longest_hole:.0f} ms are bridged, and nothing is taken from them")
+    notes = (*recording.notes, *samples.notes, *(f"{where}: {words}" for words in said))
     span = (0.0, float(samples.t[-1]))
     pieces, quiet = (tuple(replace(piece, span=span) for piece in some) for some in (pieces, quiet))
     steps = {"link": encoder_steps(samples.q, noise.q), "motor": encoder_steps(samples.theta, noise.theta)}
@@ -342,6 +354,7 @@ def observe(recording: Recording, band: float | None = None) -> Observation:
         torque_band=torque_band,
         made_by=made_by,
         driven_by=made_by,
+        holes=holes,
     )
     return replace(found, quiet=tuple(found.with_filtered_deflection(piece) for piece in quiet))
 

@@ -13,6 +13,7 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.polynomial.legendre import legvander
 from numpy.typing import NDArray
 
 from elastic_arm.arrays import Array
@@ -38,13 +39,13 @@ _OF_ALL = ("notes", "clock", "lacking")  # what samples have once for all of the
 
 # Up to this many missing samples in a row are interpolated; the smoother would hardly notice them.
 LONGEST_HOLE = 4
-# Or up to so many seconds of them where the times between samples differ anyway: an arm does little in that time.
-LONGEST_HOLE_SECONDS = 0.01
+# Or up to so many seconds of them: half a period of 40 Hz, up to which residuals are looked at.
+LONGEST_HOLE_SECONDS = 0.0125
 POINTS = 6
-# Samples beyond a point that it takes to interpolate there, and one for rounding.
-AROUND = POINTS // 2 + 1
-# A piece of fewer samples is left out.
+# A piece of fewer samples is left out, and as many on either side carry the motion across a long hole.
 SHORTEST = 2 * POINTS
+# Samples beyond a point that it takes to interpolate there, and one for rounding.
+AROUND = SHORTEST + 1
 
 
 @dataclass(frozen=True)
@@ -127,9 +128,14 @@ class Clock:
             rate = 1.0 / bunched(samples.t)
         return Clock(rate, mode, note, missing)
 
-    def place(self, samples: Samples) -> list[Grid]:
-        """Return the regular pieces of the samples."""
-        return [segment.grid for segment in Placing(self).add(samples, last=True) if segment.grid is not None]
+    @property
+    def longest_hole(self) -> int:
+        """Samples missing in a row of which nothing is lost that an arm does."""
+        return max(LONGEST_HOLE, int(LONGEST_HOLE_SECONDS * self.rate))
+
+    def place(self, samples: Samples, longest: int | None = None) -> list[Grid]:
+        """Return the regular pieces of the samples; up to `longest` missing ones are bridged."""
+        return [segment.grid for segment in Placing(self, longest).add(samples, last=True) if segment.grid is not None]
 
 
 class Segment(NamedTuple):
@@ -146,10 +152,9 @@ class Placing:
     begins with the first sample of its piece.
     """
 
-    def __init__(self, clock: Clock) -> None:
+    def __init__(self, clock: Clock, longest: int | None = None) -> None:
         self.clock = clock
-        loose = int(LONGEST_HOLE_SECONDS * clock.rate) if clock.mode == "stamps" else 0
-        self._longest = max(LONGEST_HOLE, loose)
+        self._longest = longest or clock.longest_hole
         self._kept: Samples | None = None
         self._begin()
 
@@ -203,7 +208,7 @@ class Placing:
         rate, lacking = self.clock.rate, piece.lacking
         if self.clock.mode == "stamps":
             t = (self._origin or 0.0) + points / rate
-            there = {name: interpolate(piece.t, values, t) for name, values in channels.items()}
+            there = {name: interpolate(piece.t, values, t, 1.0 / rate) for name, values in channels.items()}
             return Grid(t, rate, **there, lacking=lacking)
         begin, end = np.searchsorted(position, points[[0, -1]])
         # The last point is a sample.
@@ -217,15 +222,17 @@ class Placing:
         for name, values in channels.items():
             column = np.empty((len(points), values.shape[1]))
             column[k - points[0]] = values[inside]
-            column[missing - points[0]] = interpolate(position.astype(float), values, missing.astype(float))
+            column[missing - points[0]] = interpolate(position.astype(float), values, missing.astype(float), 1.0)
             filled[name] = column
         return Grid(np.interp(points, position, piece.t), rate, **filled, lacking=lacking)
 
 
-def interpolate(known: Array, values: Array, wanted: Array) -> Array:
+def interpolate(known: Array, values: Array, wanted: Array, step: float) -> Array:
     """Interpolate columns (N, n), known at increasing times, by the polynomial through the six nearest points.
 
-    known: (N,) increasing times, s; values: (N, n) at these times; wanted: (M,) times, s.
+    Across a hole it is that of least squares through more on either side, the more are missing: noise does not grow.
+
+    known: (N,) increasing times; values: (N, n) at these times; wanted: (M,) times; step: between samples.
     """
     first = np.clip(np.searchsorted(known, wanted) - POINTS // 2, 0, len(known) - POINTS)
     index = first[:, None] + np.arange(POINTS)
@@ -235,7 +242,16 @@ def interpolate(known: Array, values: Array, wanted: Array) -> Array:
         for i in range(POINTS):
             if i != j:
                 weights[:, j] *= (wanted - node[:, i]) / (node[:, j] - node[:, i])
-    return np.einsum("kj,kjn->kn", weights, values[index])
+    found = np.einsum("kj,kjn->kn", weights, values[index])
+    missing = np.rint(np.diff(known) / step).astype(int) - 1
+    for hole in np.flatnonzero(missing > POINTS // 2):
+        inside = slice(*np.searchsorted(wanted, known[hole : hole + 2]))
+        count = min(missing[hole], SHORTEST)
+        near = slice(max(hole + 1 - count, 0), hole + 1 + count)
+        middle, half = known[hole : hole + 2].mean(), np.ptp(known[near]) / 2.0
+        there, at = (legvander((t - middle) / half, POINTS - 1) for t in (known[near], wanted[inside]))
+        found[inside] = at @ np.linalg.lstsq(there, values[near])[0]
+    return found
 
 
 def part(samples: Samples, piece: slice | NDArray[Any]) -> Samples:
@@ -289,7 +305,7 @@ def _mode(samples: Samples, k: NDArray[np.int64], rate: float, jitter: Array) ->
     regular = _roughness(position[piece])
     t = samples.t[piece]
     wanted = t[0] + np.arange(POINTS, len(t) - POINTS) / rate
-    stamped = _roughness(interpolate(t, position[piece], wanted[wanted < t[-1]]))
+    stamped = _roughness(interpolate(t, position[piece], wanted[wanted < t[-1]], 1.0 / rate))
     mode = "stamps" if stamped < 0.8 * regular else "regular"
     why = f"the motion does not tell, its roughness is {stamped:.2g} by stamps and {regular:.2g} without"
     return mode, f"{size}; taken for {mode}: {why} (--clock overrules it)"

@@ -29,6 +29,7 @@ STICKING = 0.01  # s; a reversal without sticking is shorter but for acceleratio
 # Mean square of what is left where a joint sticks over that elsewhere, from which friction's law fails there.
 # Convention: where the law holds, few rows that are noise give up to 2.4; true sticking gave 6.
 FAILS = 4.0
+NO_HOLES = np.empty((0, 2))
 AROUND = 0.03  # s before and after, in which the smoothed motion is none of either
 
 
@@ -112,8 +113,8 @@ class FreeTorques:
     """What is removed of the rows of a stretch: torques that no law states at certain times.
 
     While a joint sticks, its dry friction takes any value. While an encoder hardly moves, it holds one code, and its
-    error is no noise but one value, which turns up in the torques of spring and inertia. Their prior variance is
-    infinite: they are projected out of residuals and columns alike.
+    error is no noise but one value, which turns up in the torques of spring and inertia. Where nothing was recorded,
+    nothing is known. Their prior variance is infinite: they are projected out of residuals and columns alike.
     """
 
     found: tuple[FreeTorque, ...] = ()  # all of them
@@ -127,6 +128,7 @@ class FreeTorques:
         band: Band,
         layout: EquationSet,
         steps: Mapping[str, Array],
+        holes: Array = NO_HOLES,
         *,
         friction: bool,
         standing: Array,
@@ -135,14 +137,16 @@ class FreeTorques:
         """Return what is removed of a stretch.
 
         band: its filter carries what happens at some time over to rows around; steps: "link", "motor" -> (n,)
-        rad, steps of the encoders; friction: whether the friction of a joint that sticks is removed; standing: (n,)
-        rad/s, below which a joint sticks; near: those of the same stretch with other numbers of the arm, in the same
-        band: most bases are the same. Steps and standing are zero for joints that never move.
+        rad, steps of the encoders; holes: (k, 2) s, from when to when nothing was recorded; friction: whether the
+        friction of a joint that sticks is removed; standing: (n,) rad/s, below which a joint sticks; near: those of
+        the same stretch with other numbers of the arm, in the same band: most bases are the same. Steps and standing
+        are zero for joints that never move.
         """
         t, dq, dtheta = stretch.quiet.t, stretch.quiet.dq, stretch.quiet.dtheta
         link, motor = _held(t, dq, band, steps["link"]), _held(t, dtheta, band, steps["motor"])
         stuck = motor | sticking(t, dtheta, standing) if friction else motor
-        times = {LINK: link, DRIVE: link | motor, MOTOR: stuck}
+        unknown = (np.searchsorted(holes[:, 0], t) > np.searchsorted(holes[:, 1], t))[:, None]
+        times = {LINK: link | unknown, DRIVE: link | motor | unknown, MOTOR: stuck | unknown}
         known = {} if near is None else near.bases
         bases: dict[FreeTimes, Array] = {}
         courses = {part: [_courses(stretch, band, one, bases, known) for one in when.T] for part, when in times.items()}

@@ -55,10 +55,14 @@ def explain(problem: Problem, *, refit: bool) -> Explanation:
     # Where the description is exact, all that is left is an effect. Where it is off everywhere, there is less to
     # mistake for one where its numbers lie alone; but beside a large effect they lie far off there.
     thetas: Thetas = {}
+    built = _settled(described, None, BUILT)
     starts = [
         _explained(described, (), BUILT if refit else MEASURED, refit, thetas, moves=ADDED),
-        _explained(_settled(described, None, BUILT), (), BUILT, refit, thetas, moves=ADDED),
+        _explained(built, (), BUILT, refit, thetas, moves=ADDED),
     ]
+    if not refit and all(one.best.model.name != MEASURED for one in starts):
+        # One number that is far off may have found its place among those that are a little.
+        starts.append(_explained(built, (), MEASURED, refit, thetas, moves=ADDED))
     first = max(starts, key=lambda found: found.best.compared_with(starts[0].best).score)
     nothing = first.linear, first.search.model.fit(())
     found = _descended(first.linear, first.best, refit, thetas, taken=nothing)

@@ -40,6 +40,14 @@ def test_true_stamps_are_believed(std: float, velocity: bool) -> None:
     assert "ms" in clock.note and "±" in clock.note
 
 
+def test_true_stamps_are_believed_beside_missing_samples() -> None:
+    """One sample in thirty is lost, and no velocity was recorded: differences between the holes tell."""
+    _, irregular = jittered(1e-4)
+    at = irregular[np.random.default_rng(2).random(len(irregular)) > 0.03]
+    clock = Clock.of(recorded(at, at, velocity=False))
+    assert clock.mode == "stamps" and "smooth" in clock.note
+
+
 @pytest.mark.parametrize("velocity", [True, False])
 @pytest.mark.parametrize("std", [1e-4, 3e-4])
 def test_late_stamps_of_regular_samples_are_not(std: float, velocity: bool) -> None:

@@ -48,6 +48,16 @@ def test_whitened_residuals_of_a_clean_arm_are_white_noise_of_variance_one() -> 
     assert mean_square(data) == pytest.approx(1.0, abs=0.15)
 
 
+def test_holes_are_bridged_and_nothing_is_taken_from_them() -> None:
+    """Of every 1.5 s the last 0.3 s are lost: one motion, with no more than noise in what is left of the rows."""
+    whole = record(motions()[0], seed=0, sensors=Sensors.real())
+    lost = {name: s.at(np.mod(s.stamp_ns, 1_500_000_000) < 1_200_000_000) for name, s in whole.measured().items()}
+    seen = observe(replace(whole, **lost))
+    assert len(seen.pieces) == 1
+    assert any("ms are bridged" in note for note in seen.notes), seen.notes
+    assert mean_square(WhitenedData(MODEL, [seen], *setting())) < 1.15
+
+
 def test_a_torque_sensor_noisier_than_stated_spoils_its_own_row_alone() -> None:
     """Three times the noise of tau_J makes that of the drives' whitened rows nine times as strong in the mean square.
     The links' stay as they are, and the motors' nearly so at low frequency."""

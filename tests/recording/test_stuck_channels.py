@@ -219,6 +219,18 @@ def test_a_cycle_missed_now_and_then_is_named_with_its_share() -> None:
     assert "motor effort of all joints repeats the value before in 1.99 to 2.09 % of the samples" in finding.message
 
 
+def test_velocities_of_a_coarse_encoder_are_zero_by_right() -> None:
+    """Differences of rounded angles by stamps that jitter are zero wherever the encoder takes no step."""
+    whole = recording()
+    assert whole.link is not None and whole.link.position is not None
+    jitter = np.random.default_rng(0).integers(-100_000, 100_000, COUNT)
+    q = 0.004 * np.rint(whole.link.position / 0.004)
+    link = Side(whole.link.stamp_ns + jitter, q)
+    velocity = np.diff(q, axis=0, prepend=q[:1]) / (1e-9 * np.diff(link.stamp_ns, prepend=0))[:, None]
+    assert np.mean(velocity == 0.0) > 0.2
+    assert found(replace(whole, link=replace(link, velocity=velocity)), "zeros") == []
+
+
 def test_zeros_between_the_values_of_a_channel_are_named() -> None:
     """A velocity that is zero two samples of three is no velocity that is held; one that passes zero has none."""
     whole = recording()

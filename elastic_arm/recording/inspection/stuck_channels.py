@@ -84,7 +84,11 @@ def _of_channel(
                 said["stuck"].append(f"{joint} at {float(column[0]) + 0.0:.3g}")
             continue
         turning = np.ones(len(side), np.bool_) if position is None else _changing(position[:, j])
-        zeros = filled_in(column[middle], turning[middle])
+        unlike = turning
+        if channel == "velocity" and position is not None:  # which is zero by right where the encoder takes no step
+            steps = np.diff(position[:, j]) != 0.0
+            unlike = turning & np.append(steps, True) & np.append(True, steps)
+        zeros = filled_in(column[middle], unlike[middle])
         if zeros > HELD:
             said["zeros"].append(f"{joint} in {100 * zeros:.2g} % of the samples")
         else:

@@ -171,12 +171,13 @@ def _by_smoothness(position: Array, k: NDArray[np.int64], jitter: Array, rate: f
     # Of the wander only what the differences see counts; a speed averaged over some samples is less noisy.
     width = 9
     smooth = np.apply_along_axis(lambda x: np.convolve(x, np.ones(width) / width, mode="same"), 0, speed)
-    regular = np.all(np.diff(k) == 1)
-    if not regular:
+    # Differences of neighbours are correlated: one of so many is independent. None reaches over a missing sample.
+    own = np.arange(0, len(k) - ROUGHNESS, ROUGHNESS + 1)
+    own = own[k[own + ROUGHNESS] - k[own] == ROUGHNESS]
+    if not len(own):
         return Evidence(0.0, np.inf, "")
-    rough, expected = (np.diff(x, ROUGHNESS, axis=0) for x in (position, smooth * jitter[:, None]))
-    # Differences of neighbours are correlated: one of so many is independent.
-    return _share(rough[:: ROUGHNESS + 1], expected[:: ROUGHNESS + 1], "the motion is smooth")
+    rough, expected = (np.diff(x, ROUGHNESS, axis=0)[own] for x in (position, smooth * jitter[:, None]))
+    return _share(rough, expected, "the motion is smooth")
 
 
 def _share(left: Array, expected: Array, words: str) -> Evidence:
