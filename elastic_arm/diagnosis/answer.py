@@ -318,25 +318,26 @@ class Answer:
     def open_rows(self) -> list[int]:
         """Return the residuals that keep more power than their sensors may have as noise, and much of their own gap.
 
-        Of the recordings that were fitted, where what is left looks like motion; and of those that judge, where a
-        cause acts and more is left than the noise that the fit has found.
+        Either in the recordings that were fitted, where what is left follows a motion; or in those that judge, where
+        causes act and more is left than the noise that the fit has found.
         """
-        model, bands = self.explanation.search.model, Bands(self.judging.data)
-        white = [self.judging.data.whiten([r[:, :, None] for r in one])[:, 0] for one in (self.before, self.after)]
-        judging = [bands.powers(w) for w in (*white, white[0] - white[1])]
-        fitted = [model.bands.powers(self.white_left), model.fit(()).found.left]
+        model, data = self.explanation.search.model, self.judging.data
+        fitted, judging = model.bands, Bands(data)
+        white = [data.whiten([r[:, :, None] for r in one])[:, 0] for one in (self.before, self.after)]
+        of_fitted = [model.fit(()).found.left, fitted.powers(self.white_left)]
+        of_judging = [judging.powers(w) for w in (*white, white[0] - white[1])]
         found = []
-        for row in range(bands.places):
-            own, here = _slow(model.bands, row), _slow(bands, row)
-            n, m = float(model.bands.n[own].sum()), float(bands.n[here].sum())
+        for row in range(judging.places):
+            own, other = _slow(fitted, row), _slow(judging, row)
+            n, m = float(fitted.n[own].sum()), float(judging.n[other].sum())
             if not n or not m:
                 continue
-            # Of the noise's powers, over the noise.
-            left, first = (float(power[own].sum()) / n - 1.0 for power in fitted)
-            before, held, causes = (float(power[here].sum()) / m for power in judging)
-            keeps = left > max(NOISY, LEFT * first) and _is_structured(model.bands, self.white_left, own)
-            noise = NOISY**2 * max(1.0, left + 1.0)  # each recording's is known so badly
-            if keeps or (causes > NOISY and held - 1.0 > max(noise, LEFT * (before - 1.0))):
+            # Mean powers, in those of the sensors' noise: without any term, with those of the best set, of the causes.
+            first, left = (float(power[own].sum()) / n - 1.0 for power in of_fitted)
+            before, after, causes = (float(power[other].sum()) / m for power in of_judging)
+            follows = left > max(NOISY, LEFT * first) and _is_structured(fitted, self.white_left, own)
+            noise = NOISY**2 * max(1.0, left + 1.0)  # it is known to NOISY in either recording
+            if follows or (causes > NOISY and after - 1.0 > max(noise, LEFT * (before - 1.0))):
                 found.append(row)
         return found
 

@@ -51,7 +51,7 @@ class NoiseModel:
     apart: Array
     # (F, n) of the load that the model predicts for the quiet motion, Nm², in units as `covariance`
     load: Array | None = None
-    # (F,) ln of the density of what was recorded, beside the motion, over that of the whitened rows
+    # (F,) ln of the density of the recorded values z over that of the whitened rows: ln |dr/dz|² - ln |covariance|
     density: Array | None = None
     _whiteners: dict[bytes, NDArray[np.complex128]] = field(default_factory=dict, init=False, repr=False, compare=False)
     _gains: dict[int, CircularGains] = field(default_factory=dict, init=False, repr=False, compare=False)
@@ -122,8 +122,8 @@ def noise_models(
     level = largest * 2.0 ** np.ceil(np.log2(np.maximum(noise / largest, 1e-9)))
     accelerations = (2 * np.pi * f[:, None]) ** 4 * observation.quiet_link_spectrum(f)
     load = accelerations @ np.mean([M**2 for M, _, _ in poses], axis=0)
-    # The latent motion is that of one encoder, where no controller makes the torque of it; a torque that was divided by
-    # its gain is less of what was recorded.
+    # In z are torques as recorded, before they were divided by their gains, and one of two encoders: the other is the
+    # motion. Where a controller makes the torque of angles, z has both of them and no torque.
     follows = np.isin(np.arange(n), list(observation.made_by))
     gains = [1.0 / observation.gains.get(c, np.ones(n)) for c in ("tau_J", "tau_m")]
     shown = np.concatenate([gains[0], gains[1] * ~follows, follows, follows | made[:, 2 * n : 3 * n].any(axis=0)])
@@ -294,7 +294,7 @@ class WhitenedData:
 
     @property
     def density(self) -> float:
-        """Ln of the density of what was recorded over that of the whitened rows: it differs between linearisations."""
+        """Ln of the density of the recorded values over that of the whitened rows: it depends on the linearisation."""
         found = 0.0
         for part, own in zip(self.parts, self.harmonics, strict=True):
             assert part.noise.density is not None

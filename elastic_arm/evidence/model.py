@@ -34,21 +34,21 @@ class Fit:
     model: LinearModel
     terms: tuple[Term, ...]
     found: Posterior  # posterior of the numbers' coefficients and the terms'
-    elsewhere: float = 0.0  # what its score gains at another linearisation
+    correction: float = 0.0  # of the score, by which it compares with scores at another linearisation
 
     @property
     def score(self) -> float:
         """ln p(y, set) up to a constant of the data."""
-        return self.found.evidence - sum(t.price + self.model.doubt(t) for t in self.optional) + self.elsewhere
+        return self.found.evidence - sum(t.price + self.model.doubt(t) for t in self.optional) + self.correction
 
-    def beside(self, other: Fit) -> Fit:
-        """Return it with its score comparable to that of a fit at another linearisation.
+    def compared_with(self, other: Fit) -> Fit:
+        """Return the fit with a score that compares with that of a fit at another linearisation.
 
-        Where the predicted noise is another, the same residual is more or less likely: what is left of the other fit
-        states how much of its noise there is.
+        Linearisations predict different noise, so that the same recorded values have different densities. Where the
+        other fit leaves less than its noise, these differ by as much less.
         """
         share = float(np.sum(other.found.left / other.found.v) / np.sum(self.model.bands.n))
-        return replace(self, elsewhere=other.elsewhere + share * (self.model.density - other.model.density))
+        return replace(self, correction=other.correction + share * (self.model.density - other.model.density))
 
     @cached_property
     def slices(self) -> dict[Ident, slice]:

@@ -42,7 +42,7 @@ class Explanation:
 
     @cached_property
     def settled(self) -> Linearisation:
-        """The linearisation where the most probable set puts the numbers: it may have been met beside another set."""
+        """The linearisation at the numbers of the most probable set, which may have been met beside another."""
         return _moved(self.linear, self.best) if _far(self.best) else self.linear
 
 
@@ -63,7 +63,7 @@ def explain(problem: Problem, *, refit: bool) -> Explanation:
     if not refit and all(one.best.model.name != MEASURED for one in starts):
         # One number that is far off may have found its place among those that are a little.
         starts.append(_explained(built, (), MEASURED, refit, thetas, moves=ADDED))
-    first = max(starts, key=lambda found: found.best.beside(starts[0].best).score)
+    first = max(starts, key=lambda found: found.best.compared_with(starts[0].best).score)
     nothing = first.linear, first.search.model.fit(())
     found = _descended(first.linear, first.best, refit, thetas, taken=nothing)
     tried: set[frozenset[Key]] = set()
@@ -88,8 +88,8 @@ def _stated(problem: Problem) -> tuple[ActingEffect, ...]:
 
 def _better(one: Explanation, other: Explanation) -> Explanation:
     """Return the more probable of two explanations, with the sets and the steps of both."""
-    better, worse = (one, other) if one.best.score >= other.best.beside(one.best).score else (other, one)
-    better.search.take(fit.beside(better.best) for fit in worse.search.met.values())
+    better, worse = (one, other) if one.best.score >= other.best.compared_with(one.best).score else (other, one)
+    better.search.take(fit.compared_with(better.best) for fit in worse.search.met.values())
     return replace(better, log=(*one.log, "elsewhere:", *other.log))
 
 
@@ -115,13 +115,14 @@ def _descended(
     taken: tuple[Linearisation, Fit] | None = None,
     best: Fit | None = None,
 ) -> Explanation:
-    """Return the most probable set beside which the linearisation stays, from one to start from.
+    """Return the most probable set, linearised at its own numbers, from one that was found at another linearisation.
 
-    taken: a set known before, at its own linearisation; best: the most probable one known.
+    taken: a set that is known at its own linearisation; best: the most probable set known.
 
-    A set is taken unless it is less probable at its own linearisation; half as many moves are taken at once where it
-    is. Laws without a form and the moves that take long come where the set stays: elsewhere they follow its error. They
-    do not come where it stays less probable than the best one known.
+    Each set that a search finds is linearised for itself, and taken if it is not much less probable there than the one
+    taken before; if it is, the next search may differ by half as many terms. Laws without a form and the moves that
+    take long come once the set stays, as before they would fit the linearisation's error; not at all where a set stays
+    that is less probable than the best one known.
     """
     log: list[str] = []
     moves, most = SIMPLE, MOST
@@ -131,32 +132,33 @@ def _descended(
         if taken is None or before.keys == taken[1].keys or _far(before, taken[1].numbers):
             there = _settled(linear, before, before.model.name)
             own = linear_model(there, before.model.name).fit(_again(before, there))
-        known = own.score if taken is None else taken[1].score
-        compared = own if taken is None else own.beside(taken[1])
-        worse = taken is not None and compared.score < taken[1].score - COMPARED
-        stays = taken is not None and taken[1].keys == own.keys
+        known = own if taken is None else taken[1]
+        score = own.compared_with(known).score
+        worse = score < known.score - COMPARED
+        stays = taken is not None and known.keys == own.keys
         if taken is None or not worse:
             taken, most = (there, own), MOST
         elif not stays:
-            log.append(f"{n}: {compared.score - taken[1].score:+.1f} where it is linearised: {words_of(own, taken[1])}")
-            changed = len(own.keys ^ taken[1].keys)
+            log.append(f"{n}: {score - known.score:+.1f} where it is linearised: {words_of(own, known)}")
+            changed = len(own.keys ^ known.keys)
             if changed == 1 or most == 1:
-                refused[own.keys] = compared.score
+                refused[own.keys] = score
             most = max(1, min(most, changed) // 2)
-        start, name = taken[1].optional, taken[1].model.name
-        found = _explained(taken[0], start, name, refit, thetas, moves=moves, most=most, refused=refused)
+        linear, last = taken
+        found = _explained(
+            linear, last.optional, last.model.name, refit, thetas, moves=moves, most=most, refused=refused
+        )
         log += [f"{n}: {line}" for line in found.log]
-        linear, before = taken[0], found.best
-        gains = max(before.score, compared.score) > known + WORTH  # its nonlinear numbers move on
-        if before.keys == taken[1].keys and not gains and (stays or worse or not _far(before)):
+        before = found.best
+        gains = max(before.score, score) > known.score + WORTH  # its nonlinear numbers move on
+        if before.keys == last.keys and not gains and (stays or worse or not _far(before)):
             if moves == ALL or (best is not None and before.score < best.score + WORTH):
                 break
             moves = ALL
         elif n == ROUNDS - 2:
             moves = ALL
-    assert taken is not None
-    # What was not taken is no more probable than what was, whatever it would gain by this linearisation.
-    met, last = found.search.met, taken[1]
+    # A set that was not taken is no more probable than the one that was, whatever it would gain at this linearisation.
+    met = found.search.met
     for keys in [keys for keys, fit in met.items() if fit.score > last.score + WORTH and keys != last.keys]:
         del met[keys]
     return replace(found, best=max(met.values(), key=lambda fit: fit.score), log=tuple(log))
@@ -172,7 +174,7 @@ def _settled(linear: Linearisation, before: Fit | None, trust: str) -> Linearisa
             return linear
         model = linear_model(linear, trust)
         fit = model.fit([] if before is None else _again(before, linear))
-        gain = np.inf if best is None else fit.beside(best[1]).score - best[1].score
+        gain = np.inf if best is None else fit.compared_with(best[1]).score - best[1].score
         if best is not None and gain < -COMPARED:
             linear = _moved(best[0], best[1], share=0.3)  # too far
             best = None
@@ -190,7 +192,7 @@ def _moving(problem: Problem) -> NDArray[np.bool_]:
 
 
 def _far(fit: Fit, numbers: Array | float = 0.0) -> bool:
-    """Whether a number is further from others, or from the linearisation, than its deviation."""
+    """Whether one of a fit's numbers is further from others, or from the linearisation, than its deviation."""
     steps = np.abs(fit.numbers - numbers) / np.sqrt(np.diag(fit.number_covariance))
     return bool(np.max(steps[fit.model.moving], initial=0.0) > 1.0)
 
@@ -240,9 +242,9 @@ def _explained(
     most: int = MOST,
     refused: Mapping[frozenset[Key], float] | None = None,
 ) -> Explanation:
-    """Return the most probable set at a linearisation, some moves from one to start from.
+    """Return the most probable set at a linearisation, from one to start from.
 
-    refused: sets that are not taken, and their scores at their own linearisation.
+    most: terms by which it may differ; refused: sets that were not taken, with their scores where they are linearised.
     """
     trusts = {name: one for name, one in TRUST.items() if not (refit and name == MEASURED)}
     model, log = linear_model(linear, trust), []

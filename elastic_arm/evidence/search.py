@@ -48,9 +48,9 @@ class Search:
     log: list[str] = field(default_factory=list)
 
     def run(self, start: Sequence[Term] = (), *, moves: int = ALL, most: int = MOST) -> Fit:
-        """Return the most probable set, at most some terms other than a set to start from.
+        """Return the most probable set met on the way from one to start from.
 
-        moves: :data:`ADDED` alone, :data:`SIMPLE` ones, or :data:`ALL`.
+        moves: :data:`ADDED` alone, :data:`SIMPLE` ones, or :data:`ALL`; most: terms by which it may differ.
         """
         first = best = self._keep(self.model.fit(start))
         while len(best.keys ^ first.keys) < most and (better := self._better(best, moves)) is not None:
@@ -138,7 +138,7 @@ class Search:
 
     def _keep(self, fit: Fit) -> Fit:
         if fit.keys in self.refused:
-            fit = replace(fit, elsewhere=fit.elsewhere + self.refused[fit.keys] - fit.score)
+            fit = replace(fit, correction=fit.correction + self.refused[fit.keys] - fit.score)
         known = self.met.get(fit.keys)
         if known is None or fit.score > known.score:
             self.met[fit.keys] = fit

@@ -84,6 +84,7 @@ class Elements:
         mj = engine()
         kinds = {"fixed": mj.mjtObj.mjOBJ_TENDON, "dcmotor": mj.mjtObj.mjOBJ_ACTUATOR}
         absent = [e.of for e in self.found if mj.mj_name2id(model, kinds[e.tag], str(e.attributes["name"])) < 0]
+        # One effect may have an element at each of several joints.
         return [*(instance for instance, _ in self.left), *(e for k, e in enumerate(absent) if e not in absent[:k])]
 
     def link(self, i: int) -> dict[str, float]:

@@ -52,12 +52,8 @@ def left_effects(
     state = _Swing(robot)
     for instance, reason in left:
         units = {p.name: p.unit_at(instance.joint, robot.units) for p in instance.effect.parameters}
-        # What sensors make of the truth is no torque that the arm lacks.
-        scaled = (
-            [one for one in robot_effects(robot, catalogue) if one.effect.friction]
-            if instance.effect.scales_friction
-            else []
-        )
+        stated = robot_effects(robot, catalogue) if instance.effect.scales_friction else ()
+        scaled = [one for one in stated if one.effect.friction]
         missing = state.of_effects([*scaled, instance]) - state.of_effects(scaled)
         # What sensors make of the truth is no torque that the arm lacks.
         costs = {} if isinstance(instance.effect, SensorEffect) else state.cost(missing)
