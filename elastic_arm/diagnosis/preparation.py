@@ -12,6 +12,7 @@ from elastic_arm.arrays import Array
 from elastic_arm.codegen.parallel import share_out
 from elastic_arm.diagnosis.common_equations import common_equations
 from elastic_arm.diagnosis.encoder_zeros import with_common_zeros
+from elastic_arm.diagnosis.events import Event
 from elastic_arm.diagnosis.preprocessing import needs_motion, standing, usable
 from elastic_arm.diagnosis.question import Question
 from elastic_arm.diagnosis.split import independent, split
@@ -24,7 +25,7 @@ from elastic_arm.effects.model import Scope
 from elastic_arm.equations.numbers import Number
 from elastic_arm.equations.places import feature_of, features, recorded_features
 from elastic_arm.estimation.effect_columns import Feature
-from elastic_arm.estimation.equations import EquationSet
+from elastic_arm.estimation.equations import SIDES, EquationSet
 from elastic_arm.estimation.observation import Observation, continued, observe
 from elastic_arm.evidence.problem import Problem, uncertain_numbers
 from elastic_arm.identification.batch.mounting import Mounting, other_mounting
@@ -49,6 +50,23 @@ class Prepared:
     notes: tuple[str, ...]  # on the data
     mounting: Mounting | None  # how the arm is mounted, where that is not as described
     made: tuple[str, ...]  # joints whose motor torques are made of commands
+    events: tuple[Event, ...] = ()  # that are left out
+
+    def begins(self, which: int, source: str) -> float:
+        """Return where a part of a recording begins in it, s."""
+        return self.judged[source][0] if which else 0.0
+
+    def without(self, events: Sequence[Event]) -> Prepared:
+        """Return it with these events, and no others, left out."""
+        names = self.problem.robot.joint_names
+
+        def lacking(which: int, one: Observation) -> Observation:
+            first, there = self.begins(which, one.source), (e for e in events if e.recording == one.source)
+            at = ((SIDES.index(e.side), names.index(e.joint), e.begin - first, e.end - first) for e in there)
+            return replace(one, events=tuple(at))
+
+        first, rest = (tuple(lacking(k, one) for one in part) for k, part in enumerate(self.problem.observed))
+        return replace(self, problem=replace(self.problem, observed=(first, rest)), events=tuple(events))
 
 
 def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], question: Question) -> Prepared:

@@ -12,6 +12,7 @@ from elastic_arm.formatting import JointUnits, rounded
 
 if TYPE_CHECKING:
     from elastic_arm.diagnosis.estimates import ParameterEstimate
+    from elastic_arm.diagnosis.events import Event
     from elastic_arm.diagnosis.prediction import Prediction
     from elastic_arm.diagnosis.result import Alternative, Cause, Change, Diagnosis
     from elastic_arm.effects import EffectInstance
@@ -100,6 +101,20 @@ def _pair(value: float, std: float | None) -> tuple[str, str]:
 def standing_note(joint: str) -> str:
     """Return the note on a joint that does not move."""
     return f"{joint} stands still: nothing can be said of what its motion would show."
+
+
+def event_notes(events: Sequence[Event]) -> list[str]:
+    """Return a note for each recording with events."""
+    found = []
+    for recording in dict.fromkeys(event.recording for event in events):
+        each = [
+            f"{e.joint} ({e.side} side) from {e.begin:.1f} to {e.end:.1f} s, {e.rmse:.2g} Nm rms"
+            for e in events
+            if e.recording == recording
+        ]
+        what = "an event, such as a contact, a payload that is picked up or a brake, which the rest contradicts"
+        found.append(f"{recording or 'the recording'}: {what}, is left out: {'; '.join(each)}.")
+    return found
 
 
 def bare_note(joints: Sequence[str]) -> str:

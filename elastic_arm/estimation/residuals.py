@@ -112,8 +112,8 @@ class FreeTorques:
     """What is removed of the rows of a stretch: torques that no law states at certain times.
 
     While a joint sticks, its dry friction takes any value. While an encoder hardly moves, it holds one code, and its
-    error is no noise but one value, which turns up in the torques of spring and inertia. Their prior variance is
-    infinite: they are projected out of residuals and columns alike.
+    error is no noise but one value, which turns up in the torques of spring and inertia. What acts during an event is
+    not known. Their prior variance is infinite: they are projected out of residuals and columns alike.
     """
 
     found: tuple[FreeTorque, ...] = ()  # all of them
@@ -127,6 +127,7 @@ class FreeTorques:
         band: Band,
         layout: EquationSet,
         steps: Mapping[str, Array],
+        events: Sequence[tuple[int, int, float, float]] = (),
         *,
         friction: bool,
         standing: Array,
@@ -136,13 +137,16 @@ class FreeTorques:
 
         band: its filter carries what happens at some time over to rows around; steps: "link", "motor" -> (n,)
         rad, steps of the encoders; friction: whether the friction of a joint that sticks is removed; standing: (n,)
-        rad/s, below which a joint sticks; near: those of the same stretch with other numbers of the arm, in the same
-        band: most bases are the same. Steps and standing are zero for joints that never move.
+        rad/s, below which a joint sticks; events: those of an :class:`.Observation`; near: those of the same stretch
+        with other numbers of the arm, in the same band: most bases are the same. Steps and standing are zero for joints
+        that never move.
         """
         t, dq, dtheta = stretch.quiet.t, stretch.quiet.dq, stretch.quiet.dtheta
         link, motor = _held(t, dq, band, steps["link"]), _held(t, dtheta, band, steps["motor"])
         stuck = motor | sticking(t, dtheta, standing) if friction else motor
         times = {LINK: link, DRIVE: link | motor, MOTOR: stuck}
+        for equation, joint, begin, end in events:
+            times[equation][:, joint] |= (t >= begin) & (t <= end)
         known = {} if near is None else near.bases
         bases: dict[FreeTimes, Array] = {}
         courses = {part: [_courses(stretch, band, one, bases, known) for one in when.T] for part, when in times.items()}
