@@ -24,18 +24,25 @@ from elastic_arm.effects.library.base_tilt import TILT
 from elastic_arm.effects.model import Scope
 from elastic_arm.equations.numbers import Number
 from elastic_arm.equations.places import feature_of, features, recorded_features
+from elastic_arm.errors import DiagnosisError
+from elastic_arm.estimation.band import Band
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.equations import SIDES, EquationSet
 from elastic_arm.estimation.observation import Observation, continued, observe
 from elastic_arm.evidence.problem import Problem, uncertain_numbers
 from elastic_arm.identification.batch.mounting import Mounting, other_mounting
 from elastic_arm.identification.batch.turning import turning_speeds
+from elastic_arm.memory import available_memory
 from elastic_arm.recording import Recording
 from elastic_arm.recording.inspection.plausibility import smoothed_torques
 from elastic_arm.recording.inspection.two_encoders import by_motor_encoders
 from elastic_arm.recording.made_torque import with_made_torque
 from elastic_arm.recording.standstill import without_standstill
 from elastic_arm.robot import Robot
+
+# Bytes of products of columns for each joint cubed, and of columns for each joint and whitened row; measured with
+# three and six joints of which all sides are recorded.
+OF_JOINTS, OF_ROW = 13e6, 11e3
 
 
 @dataclass(frozen=True)
@@ -92,6 +99,7 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
     made = tuple(name for name in names if name in parts[0][0].made_by)
     priors = question.priors.of_currents(currents)
     layout, band = common_equations([*observed[0], *observed[1]], build_model(robot, question.model))
+    _check_memory(observed[0], layout, band)
     still = [joint for joint in names if all(joint in standing(r) for r in parts[0])]
     equations = ArmEquations(robot, question.model)
     own = {(instance.effect.id, instance.joint) for instance in question.known}
@@ -136,6 +144,18 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
         mounting=mounting,
         made=made,
     )
+
+
+def _check_memory(observed: Sequence[Observation], layout: EquationSet, band: Band) -> None:
+    """Refuse what memory is too small for, before it is taken."""
+    seconds = sum(one.duration for one in observed)
+    need = OF_JOINTS * layout.n**3 + OF_ROW * layout.n * layout.rows * 2.0 * band.cutoff * seconds
+    if need > (there := available_memory()):
+        raise DiagnosisError(
+            f"{seconds:.0f} s of {layout.n} joints take about {need / 1e9:.2g} GB of memory, and {there / 1e9:.2g} GB "
+            "are free",
+            "Take less motion (--motion 20), fewer recordings or more memory",
+        )
 
 
 def _span(part: Recording, whole: Recording) -> tuple[float, float]:
