@@ -33,7 +33,7 @@ from elastic_arm.effects import EFFECTS, EffectInstance
 from elastic_arm.effects.library.base_tilt import TILT
 from elastic_arm.errors import DiagnosisError, require_kind
 from elastic_arm.evidence.changes import CHANGE, bends
-from elastic_arm.evidence.grams import OCTAVES
+from elastic_arm.evidence.grams import OCTAVES, Bands
 from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.model import Fit
 from elastic_arm.evidence.priors import LEFT, LISTED, MOTION, NOISY
@@ -350,34 +350,29 @@ class Answer:
         return [max(each, key=lambda one: one[0]) for each in at_place.values() if sum(p for p, _ in each) > 0.5]
 
     def open_rows(self) -> list[int]:
-        """Return the residuals that keep more power than their sensors may have as noise, and much of their own gap."""
-        model, fit = self.explanation.search.model, self.best
-        bands, empty = model.bands, model.fit(())
-        slow = OCTAVES[np.minimum(bands.octave, len(OCTAVES) - 1)] <= MOTION
+        """Return the residuals that keep more power than their sensors may have as noise, and much of their own gap.
+
+        Of the recordings that were fitted, where what is left looks like motion; and of those that judge, where a
+        cause acts and more is left than the noise that the fit has found.
+        """
+        model, bands = self.explanation.search.model, Bands(self.judging.data)
+        white = [self.judging.data.whiten([r[:, :, None] for r in one])[:, 0] for one in (self.before, self.after)]
+        judging = [bands.powers(w) for w in (*white, white[0] - white[1])]
+        fitted = [model.bands.powers(self.white_left), model.fit(()).found.left]
         found = []
         for row in range(bands.places):
-            own = (bands.place == row) & slow
-            n = float(bands.n[own].sum())
-            left, first = (float(np.sum(bands.n[own] * (f.found.v[own] - 1.0))) for f in (fit, empty))
-            if n and left > NOISY * n and left > LEFT * first and self._is_structured(own):
+            own, here = _slow(model.bands, row), _slow(bands, row)
+            n, m = float(model.bands.n[own].sum()), float(bands.n[here].sum())
+            if not n or not m:
+                continue
+            # Of the noise's powers, over the noise.
+            left, first = (float(power[own].sum()) / n - 1.0 for power in fitted)
+            before, held, causes = (float(power[here].sum()) / m for power in judging)
+            keeps = left > max(NOISY, LEFT * first) and _is_structured(model.bands, self.white_left, own)
+            noise = NOISY**2 * max(1.0, left + 1.0)  # each recording's is known so badly
+            if keeps or (causes > NOISY and held - 1.0 > max(noise, LEFT * (before - 1.0))):
                 found.append(row)
         return found
-
-    def _is_structured(self, bands: NDArray[np.bool_]) -> bool:
-        """Whether what is left in some bands is likelier of a motion than noise.
-
-        Noise spreads its power p over the harmonics of an octave exponentially, p(p) = exp(-p/m)/m; what follows a
-        motion has much of it in few, p(p) = s/(s + p)². Each is taken at its most probable m and s.
-        """
-        model = self.explanation.search.model
-        left = self.white_left.reshape(-1, 2)
-        power = np.sum(left**2, axis=1)
-        of_pairs, odds = model.bands.of_rows[::2], 0.0
-        for band in model.bands.used[bands]:
-            p = power[of_pairs == band] + 1e-12
-            m, s = float(np.mean(p)), float(np.median(p))
-            odds += float(np.sum(np.log(s) - 2.0 * np.log(s + p) + np.log(m) + p / m))
-        return odds > 0.0
 
     @cached_property
     def white_left(self) -> Array:
@@ -511,6 +506,26 @@ class Answer:
         robot = self.prepared.problem.robot
         gear = robot.joints[row % robot.n].transmission
         return (gear.harmonic_drive_ratio, gear.r_tot) if gear else (1.0, 1.0)
+
+
+def _slow(bands: Bands, row: int) -> NDArray[np.bool_]:
+    """Return which bands are those of a residual at the frequencies of motion."""
+    return (bands.place == row) & (OCTAVES[np.minimum(bands.octave, len(OCTAVES) - 1)] <= MOTION)
+
+
+def _is_structured(bands: Bands, white: Array, among: NDArray[np.bool_]) -> bool:
+    """Whether what is left in some bands of whitened rows is likelier of a motion than noise.
+
+    Noise spreads its power p over the harmonics of an octave exponentially, p(p) = exp(-p/m)/m; what follows a
+    motion has much of it in few, p(p) = s/(s + p)². Each is taken at its most probable m and s.
+    """
+    power = np.sum(white.reshape(-1, 2) ** 2, axis=1)
+    of_pairs, odds = bands.of_rows[::2], 0.0
+    for band in bands.used[among]:
+        p = power[of_pairs == band] + 1e-12
+        m, s = float(np.mean(p)), float(np.median(p))
+        odds += float(np.sum(np.log(s) - 2.0 * np.log(s + p) + np.log(m) + p / m))
+    return odds > 0.0
 
 
 def _name(key: Key) -> Name:

@@ -51,6 +51,8 @@ class NoiseModel:
     apart: Array
     # (F, n) of the load that the model predicts for the quiet motion, Nm², in units as `covariance`
     load: Array | None = None
+    # (F,) ln of the density of what was recorded, beside the motion, over that of the whitened rows
+    density: Array | None = None
     _whiteners: dict[bytes, NDArray[np.complex128]] = field(default_factory=dict, init=False, repr=False, compare=False)
     _gains: dict[int, CircularGains] = field(default_factory=dict, init=False, repr=False, compare=False)
 
@@ -115,11 +117,19 @@ def noise_models(
     level = largest * 2.0 ** np.ceil(np.log2(np.maximum(noise / largest, 1e-9)))
     accelerations = (2 * np.pi * f[:, None]) ** 4 * observation.quiet_link_spectrum(f)
     load = accelerations @ np.mean([M**2 for M, _, _ in poses], axis=0)
+    # The latent motion is that of one encoder, where no controller makes the torque of it; a torque that was divided by
+    # its gain is less of what was recorded.
+    follows = np.isin(np.arange(n), list(observation.made_by))
+    gains = [1.0 / observation.gains.get(c, np.ones(n)) for c in ("tau_J", "tau_m")]
+    shown = np.concatenate([gains[0], gains[1] * ~follows, follows, follows | made[:, 2 * n : 3 * n].any(axis=0)])
+    recorded = (way + speed2 * inertial.mean(axis=0)) * shown
+    measure = np.linalg.slogdet(recorded @ recorded.conj().transpose(0, 2, 1))[1]
     found = []
     for floor in floors:
         own = covariance * (1.0 + floor**2 * np.eye(equations.rows))
         own += np.diag(np.tile(floor**2 * level + 1e-8, equations.rows // n))
-        found.append(NoiseModel(f, own, observation.rate, equations.apart, load))
+        density = measure - np.linalg.slogdet(own)[1]
+        found.append(NoiseModel(f, own, observation.rate, equations.apart, load, density))
     return found
 
 
@@ -273,6 +283,16 @@ class WhitenedData:
         ]
         # Each column stands in memory as a whole.
         return (white[0] if len(white) == 1 else np.concatenate(white, axis=2)).reshape(len(white[0]), -1).T
+
+    @property
+    def density(self) -> float:
+        """Ln of the density of what was recorded over that of the whitened rows: it differs between linearisations."""
+        found = 0.0
+        for part, own in zip(self.parts, self.harmonics, strict=True):
+            assert part.noise.density is not None
+            f = np.arange(own.size // 2) * self.band.kept_rate / own.samples
+            found += float(np.interp(f, part.noise.f, part.noise.density).sum())
+        return found
 
     def of_stretches(self, values: Sequence[Any]) -> NDArray[Any]:
         """Return a value of each stretch at its whitened rows, (rows,)."""

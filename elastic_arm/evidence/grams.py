@@ -5,9 +5,9 @@ All that is decided needs no more of the data. Each pair of columns is multiplie
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -16,6 +16,18 @@ from elastic_arm.estimation.whitening import WhitenedData
 from elastic_arm.evidence.term import Ident, Term
 
 OCTAVES = np.array([0.5, 1, 2, 4, 8, 16, 32])  # Hz; edges of the octaves in which noise has a power of its own
+
+K = TypeVar("K")
+V = TypeVar("V")
+
+
+def kept(cache: dict[K, V], key: K, made: Callable[[], V], most: int) -> V:
+    """Return a value that is made once, of those that were made last."""
+    if key not in cache:
+        while len(cache) >= most:
+            del cache[next(iter(cache))]
+        cache[key] = made()
+    return cache[key]
 
 
 class Products(NamedTuple):
@@ -47,6 +59,10 @@ class Bands:
     def products(self, A: Array, B: Array) -> Array:
         """Return (bands, a, b) of columns whose rows are in the order of the bands."""
         return np.stack([A[s].T @ B[s] for s in self.slices])
+
+    def powers(self, white: Array) -> Array:
+        """Return the sum of squares of rows in each band (B,)."""
+        return np.asarray(np.bincount(self.of_rows, white**2, len(self.counts))[self.used], dtype=float)
 
 
 class Grams:

@@ -11,13 +11,14 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from elastic_arm.arrays import Array
-from elastic_arm.evidence.grams import Bands, Grams
+from elastic_arm.evidence.grams import Bands, Grams, kept
 from elastic_arm.evidence.pool import sized
 from elastic_arm.evidence.posterior import Posterior, Prior, mass, posterior
 from elastic_arm.evidence.priors import CHANGED, FORMLESS, RELATED, SCALES, SIZES, TRUST
 from elastic_arm.evidence.term import Ident, Key, Term
 
 WIDEST = max(one.factor for one in TRUST.values())
+SCREENS, PRODUCTS = 4, 100  # screens and products with all terms that are kept; memory
 LOOKED_AT = 30  # terms of which first-order gains are made well; numerical
 # A rough description says nothing of sensors; details of how a law is met are in no description.
 KINDS = "arm", "sensor", "detail"
@@ -32,11 +33,21 @@ class Fit:
     model: LinearModel
     terms: tuple[Term, ...]
     found: Posterior  # posterior of the numbers' coefficients and the terms'
+    elsewhere: float = 0.0  # what its score gains at another linearisation
 
     @property
     def score(self) -> float:
         """ln p(y, set) up to a constant of the data."""
-        return self.found.evidence - sum(t.price + self.model.doubt(t) for t in self.optional)
+        return self.found.evidence - sum(t.price + self.model.doubt(t) for t in self.optional) + self.elsewhere
+
+    def beside(self, other: Fit) -> Fit:
+        """Return it with its score comparable to that of a fit at another linearisation.
+
+        Where the predicted noise is another, the same residual is more or less likely: what is left of the other fit
+        says how much of its noise there is.
+        """
+        share = float(np.sum(other.found.left / other.found.v) / np.sum(self.model.bands.n))
+        return replace(self, elsewhere=other.elsewhere + share * (self.model.density - other.model.density))
 
     @cached_property
     def slices(self) -> dict[Ident, slice]:
@@ -47,9 +58,8 @@ class Fit:
             at += t.count
         return found
 
-    @cached_property
     def spread(self) -> tuple[Array, Array]:
-        """Products of its columns (B, p, p), and of what is left with them (B, p)."""
+        """Return the products of its columns (B, p, p), and of what is left with them (B, p)."""
         products, p = self.model.grams.of(self.terms, self.model.lacking(self.terms)), len(self.found.x)
         H = np.zeros((len(products.yy), p, p))
         rows, columns = np.tril_indices(p)
@@ -165,16 +175,13 @@ class Screen:
         self._whole: tuple[Fit, Array, Array] | None = None  # of the last fit
 
     def _apart(self, terms: tuple[Term, ...]) -> Screen:
-        """Return the screen of terms without some shares of their columns; made once."""
-        idents = tuple(t.ident for t in terms)
-        if idents not in self._screens:
-            self._screens[idents] = Screen(self.grams, terms)
-        return self._screens[idents]
+        """Return the screen of terms without some shares of their columns."""
+        return kept(self._screens, tuple(t.ident for t in terms), lambda: Screen(self.grams, terms), SCREENS)
 
     def _with_term(self, term: Term) -> Array:
-        if term.ident not in self._with:
-            self._with[term.ident] = self.grams.bands.products(self.grams.columns(term), self.X)
-        return self._with[term.ident]
+        return kept(
+            self._with, term.ident, lambda: self.grams.bands.products(self.grams.columns(term), self.X), PRODUCTS
+        )
 
     def _columns(self, among: NDArray[np.intp]) -> NDArray[np.intp] | slice:
         if len(among) == len(self.terms):
@@ -257,7 +264,7 @@ class Screen:
         rough = first + self._quieter(fit, less)
         short = np.unique(np.concatenate([np.argsort(-first)[:LOOKED_AT], np.argsort(-rough)[:LOOKED_AT]]))
         # What is there already moves with it.
-        H, own_left = fit.spread
+        H, own_left = kept(fit.model.spreads, fit.terms, fit.spread, 1)
         changes = [(slice(at[t], at[t + 1]), mean[int(t)]) for t in short]
         back = -np.stack([SC[:, own] @ beta for own, beta in changes], axis=1)
         X = np.concatenate(
@@ -298,6 +305,8 @@ class LinearModel:
     always: tuple[Term, ...] = ()  # terms that are known to be there
     shares: tuple[Term, ...] = ()  # what other terms add to columns of the numbers (:attr:`.Linearisation.shares`)
     name: str = ""  # the trust in the description
+    density: float = 0.0  # ln of the density of what was recorded over that of the rows (:attr:`.WhitenedData.density`)
+    spreads: dict[object, tuple[Array, Array]] = field(default_factory=dict, init=False)  # of the last fit
     _fits: dict[object, Fit] = field(default_factory=dict, init=False)
 
     @cached_property

@@ -32,9 +32,9 @@ class Trust(NamedTuple):
 # A simulation is as measured, an identified arm as calibrated, drawings and catalogues are as built; convention.
 TRUST = {
     "as measured": Trust(1e-5, 0.3, 1e-2, 1e-3),
-    "as calibrated": Trust(0.2, 0.3, 1e-6, 0.1),
-    "as built": Trust(1.0, 0.3, 1e-6, 0.1),
-    "rough": Trust(4.0, 0.1, 1e-6, 0.1),
+    "as calibrated": Trust(0.2, 0.3, 1e-4, 0.1),
+    "as built": Trust(1.0, 0.3, 1e-4, 0.1),
+    "rough": Trust(4.0, 0.1, 1e-4, 0.1),
 }
 FORMLESS = 1e-3  # odds of a law without a form over those of an effect: the catalogue has what arms mostly have
 SCALES = np.array([1.0, 0.1, 0.01, 1e-3, 1e-4])  # of a size's range: effects are of all sizes
@@ -57,6 +57,7 @@ LISTED = 0.01  # probability of an alternative that is listed (contract)
 TRIED = 5  # proposals of a kind that are evaluated in full at each step of the search
 SHORT = 0.3  # share of what a move needs that its first-order gain must reach to be evaluated in full
 WORTH = 1.0  # nats of a move that is taken: less is an alternative
+COMPARED = 100.0  # nats up to which scores at different linearisations compare, as those of one set at several show
 RELATED = 0.1  # correlation of two terms from which one may stand for both
 MOST = 24  # terms of a set
 ROUNDS = 8  # of search and linearisation

@@ -20,9 +20,9 @@ from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.model import KINDS, Fit, LinearModel, Screen
 from elastic_arm.evidence.nonlinear import components, moved, placed_anew, tangent_term
 from elastic_arm.evidence.pool import effect_terms, law_terms, linear_prior, number_terms
-from elastic_arm.evidence.priors import ELSEWHERE, NEAR, ROUNDS, STATED, TRUST, WORTH
+from elastic_arm.evidence.priors import COMPARED, ELSEWHERE, MOST, NEAR, ROUNDS, STATED, TRUST, WORTH
 from elastic_arm.evidence.problem import Problem
-from elastic_arm.evidence.search import ADDED, ALL, SIMPLE, Search, Thetas
+from elastic_arm.evidence.search import ADDED, ALL, SIMPLE, Search, Thetas, words_of
 from elastic_arm.evidence.term import Key, Term
 
 STEPS = 6  # of Gauss and Newton beside a set
@@ -37,7 +37,6 @@ class Explanation:
     linear: Linearisation  # where
     search: Search  # all sets met
     best: Fit  # the most probable one
-    own: float  # score of the set beside which it was linearised
     trust: Mapping[str, float]  # probability of each trust in the description
     log: tuple[str, ...] = ()  # what was done, a line a step
 
@@ -52,11 +51,12 @@ def explain(problem: Problem, *, refit: bool) -> Explanation:
     # mistake for one where its numbers lie alone; but beside a large effect they lie far off there.
     thetas: Thetas = {}
     starts = [
-        _explained(described, None, BUILT if refit else MEASURED, refit, thetas, moves=ADDED),
-        _explained(_settled(described, None, BUILT), None, BUILT, refit, thetas, moves=ADDED),
+        _explained(described, (), BUILT if refit else MEASURED, refit, thetas, moves=ADDED),
+        _explained(_settled(described, None, BUILT), (), BUILT, refit, thetas, moves=ADDED),
     ]
-    first = max(starts, key=lambda found: found.best.score)
-    found = _descended(first.linear, first.best, refit, thetas)
+    first = max(starts, key=lambda found: found.best.beside(starts[0].best).score)
+    nothing = first.linear, first.search.model.fit(())
+    found = _descended(first.linear, first.best, refit, thetas, taken=nothing)
     tried: set[frozenset[Key]] = set()
     for _ in range(ELSEWHERE):
         # Exchanged at this linearisation, a set whose numbers lie elsewhere is judged by columns that are not its own.
@@ -64,7 +64,7 @@ def explain(problem: Problem, *, refit: bool) -> Explanation:
         if other is None:
             break
         tried.add(other.keys)
-        found = _better(found, _descended(found.linear, other, refit, thetas, found.best))
+        found = _better(found, _descended(found.linear, other, refit, thetas, best=found.best))
     return replace(found, log=(*(line for one in starts for line in one.log), *found.log))
 
 
@@ -79,8 +79,8 @@ def _stated(problem: Problem) -> tuple[ActingEffect, ...]:
 
 def _better(one: Explanation, other: Explanation) -> Explanation:
     """Return the more probable of two explanations, with the sets and the steps of both."""
-    better, worse = (one, other) if one.best.score >= other.best.score else (other, one)
-    better.search.take(worse.search.met.values())
+    better, worse = (one, other) if one.best.score >= other.best.beside(one.best).score else (other, one)
+    better.search.take(fit.beside(better.best) for fit in worse.search.met.values())
     return replace(better, log=(*one.log, "elsewhere:", *other.log))
 
 
@@ -97,27 +97,58 @@ def _elsewhere(found: Explanation, tried: Set[frozenset[Key]]) -> Fit | None:
     return max(sets, key=lambda fit: fit.score, default=None)
 
 
-def _descended(linear: Linearisation, before: Fit, refit: bool, thetas: Thetas, best: Fit | None = None) -> Explanation:
+def _descended(
+    linear: Linearisation,
+    before: Fit,
+    refit: bool,
+    thetas: Thetas,
+    *,
+    taken: tuple[Linearisation, Fit] | None = None,
+    best: Fit | None = None,
+) -> Explanation:
     """Return the most probable set beside which the linearisation stays, from one to start from.
 
-    Laws without a form and the moves that take long come where the set stays: elsewhere they follow its error. They do
-    not come where it stays less probable than the best one known.
+    taken: a set known before, at its own linearisation; best: the most probable one known.
+
+    A set is taken unless it is less probable at its own linearisation; half as many moves are taken at once where it
+    is. Laws without a form and the moves that take long come where the set stays: elsewhere they follow its error. They
+    do not come where it stays less probable than the best one known.
     """
     log: list[str] = []
-    moves, own = SIMPLE, -np.inf
+    moves, most = SIMPLE, MOST
+    refused: dict[frozenset[Key], float] = {}
     for n in range(ROUNDS):
-        linear = _settled(linear, before, before.model.name)
-        found = _explained(linear, before, before.model.name, refit, thetas, moves=moves)
+        there, own = linear, before
+        if taken is None or before.keys == taken[1].keys or _far(before, taken[1].numbers):
+            there = _settled(linear, before, before.model.name)
+            own = linear_model(there, before.model.name).fit(_again(before, there))
+        compared = own if taken is None else own.beside(taken[1])
+        worse = taken is not None and compared.score < taken[1].score - COMPARED
+        stays = taken is not None and taken[1].keys == own.keys
+        if taken is None or not worse:
+            taken, most = (there, own), MOST
+        elif not stays:
+            log.append(f"{n}: {compared.score - taken[1].score:+.1f} where it is linearised: {words_of(own, taken[1])}")
+            changed = len(own.keys ^ taken[1].keys)
+            if changed == 1 or most == 1:
+                refused[own.keys] = compared.score
+            most = max(1, min(most, changed) // 2)
+        start, name = taken[1].optional, taken[1].model.name
+        found = _explained(taken[0], start, name, refit, thetas, moves=moves, most=most, refused=refused)
         log += [f"{n}: {line}" for line in found.log]
-        # Numbers of which the recordings tell little need not stay where the score does.
-        same = before.keys == found.best.keys
-        stays = same and (not _far(found.best) or found.own < own + WORTH)
-        before, own = found.best, found.own if same else -np.inf
-        if stays and (moves == ALL or (best is not None and before.score < best.score + WORTH)):
-            break
-        if stays or n == ROUNDS - 2:
+        linear, before = taken[0], found.best
+        if before.keys == taken[1].keys and (stays or worse or not _far(before)):
+            if moves == ALL or (best is not None and before.score < best.score + WORTH):
+                break
             moves = ALL
-    return replace(found, best=max(found.search.met.values(), key=lambda fit: fit.score), log=tuple(log))
+        elif n == ROUNDS - 2:
+            moves = ALL
+    assert taken is not None
+    # What was not taken is no more probable than what was, whatever it would gain by this linearisation.
+    met, last = found.search.met, taken[1]
+    for keys in [keys for keys, fit in met.items() if fit.score > last.score + WORTH and keys != last.keys]:
+        del met[keys]
+    return replace(found, best=max(met.values(), key=lambda fit: fit.score), log=tuple(log))
 
 
 def _settled(linear: Linearisation, before: Fit | None, trust: str) -> Linearisation:
@@ -130,7 +161,7 @@ def _settled(linear: Linearisation, before: Fit | None, trust: str) -> Linearisa
             return linear
         model = linear_model(linear, trust)
         fit = model.fit([] if before is None else _again(before, linear))
-        if best is not None and fit.score < best[1].score - WORTH:
+        if best is not None and fit.beside(best[1]).score < best[1].score - WORTH:
             linear = _moved(best[0], best[1], share=0.3)  # too far
             best = None
             continue
@@ -146,9 +177,9 @@ def _moving(problem: Problem) -> NDArray[np.bool_]:
     return np.array([p.moves_model for p in problem.numbers], dtype=bool)
 
 
-def _far(fit: Fit) -> bool:
-    """Whether a number is further from the linearisation than its deviation."""
-    steps = np.abs(fit.numbers) / np.sqrt(np.diag(fit.number_covariance))
+def _far(fit: Fit, numbers: Array | float = 0.0) -> bool:
+    """Whether a number is further from others, or from the linearisation, than its deviation."""
+    steps = np.abs(fit.numbers - numbers) / np.sqrt(np.diag(fit.number_covariance))
     return bool(np.max(steps[fit.model.moving], initial=0.0) > 1.0)
 
 
@@ -172,6 +203,7 @@ def linear_model(linear: Linearisation, trust: str) -> LinearModel:
             tuple(known_terms(linear)[0]),
             linear.shares,
             trust,
+            linear.data.density,
         )
     return linear.cache["model"].trusting(trust)
 
@@ -186,19 +218,29 @@ def _screens(linear: Linearisation, model: LinearModel, *, laws: bool) -> list[S
 
 
 def _explained(
-    linear: Linearisation, before: Fit | None, trust: str, refit: bool, thetas: Thetas, *, moves: int
+    linear: Linearisation,
+    start: Sequence[Term],
+    trust: str,
+    refit: bool,
+    thetas: Thetas,
+    *,
+    moves: int,
+    most: int = MOST,
+    refused: Mapping[frozenset[Key], float] | None = None,
 ) -> Explanation:
-    """Return the most probable set at a linearisation, from the one found at another."""
+    """Return the most probable set at a linearisation, some moves from one to start from.
+
+    refused: sets that are not taken, and their scores at their own linearisation.
+    """
     trusts = {name: one for name, one in TRUST.items() if not (refit and name == MEASURED)}
     model, log = linear_model(linear, trust), []
     screens = _screens(linear, model, laws=moves == ALL)
-    first = [] if before is None else _again(before, linear)
-    terms: Sequence[Term] = first
+    terms = start
     # The trust in the description that is most probable beside the set, and the set beside it, until both stay.
     tried: dict[str, Search] = {}
     while trust not in tried:
-        search = Search(linear, model.trusting(trust), screens, thetas)
-        tried[trust], best = search, search.run(terms, moves=moves)
+        search = Search(linear, model.trusting(trust), screens, thetas, refused or {})
+        tried[trust], best = search, search.run(terms, moves=moves, most=most)
         log += [f"{trust}: {line}" for line in search.log]
         terms = best.optional
         scores = {
@@ -206,11 +248,11 @@ def _explained(
         }
         trust = max(scores, key=lambda name: scores[name])
     search = tried[trust]
-    best = search.run(terms, moves=moves)
+    best = search.run(terms if most == MOST else start, moves=moves, most=most)
     total = np.logaddexp.reduce(list(scores.values()))
     log.append(f"{trust}, {best.score:.1f}: {', '.join(f'{k[0]} {k[1]}' for k in best.keys) or 'nothing'}")
     shares = {k: float(np.exp(v - total)) for k, v in scores.items()}
-    return Explanation(linear, search, best, search.model.fit(first).score, shares, tuple(log))
+    return Explanation(linear, search, best, shares, tuple(log))
 
 
 def pool_of(linear: Linearisation) -> list[Term]:

@@ -6,7 +6,7 @@ the present fit proposes; the score of the whole set decides. All sets met are k
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
 from typing import NamedTuple
@@ -42,19 +42,19 @@ class Search:
     screens: Sequence[Screen]
     # where one nonlinear number was most probable beside another set, by key of its term; what is found is added
     thetas: Thetas = field(default_factory=dict)
+    refused: Mapping[frozenset[Key], float] = field(default_factory=dict)  # scores of sets at their own linearisation
     met: dict[frozenset[Key], Fit] = field(default_factory=dict)
     _refined: dict[tuple[Key, frozenset[Key]], Term] = field(default_factory=dict)
     log: list[str] = field(default_factory=list)
 
-    def run(self, start: Sequence[Term] = (), *, moves: int = ALL) -> Fit:
-        """Return the most probable set, from a set to start from.
+    def run(self, start: Sequence[Term] = (), *, moves: int = ALL, most: int = MOST) -> Fit:
+        """Return the most probable set, at most some terms other than a set to start from.
 
         moves: :data:`ADDED` alone, :data:`SIMPLE` ones, or :data:`ALL`.
         """
-        best = self._keep(self.model.fit(start))
-        while (better := self._better(best, moves)) is not None:
-            came, went = better.keys - best.keys, best.keys - better.keys
-            self.log.append(f"{better.score - best.score:+.1f}: {_words(came, went)}")
+        first = best = self._keep(self.model.fit(start))
+        while len(best.keys ^ first.keys) < most and (better := self._better(best, moves)) is not None:
+            self.log.append(f"{better.score - best.score:+.1f}: {words_of(better, best)}")
             best = better
         return best
 
@@ -137,6 +137,8 @@ class Search:
         return self._keep(self.model.fit([*terms, self._refined[key]], near))
 
     def _keep(self, fit: Fit) -> Fit:
+        if fit.keys in self.refused:
+            fit = replace(fit, elsewhere=fit.elsewhere + self.refused[fit.keys] - fit.score)
         known = self.met.get(fit.keys)
         if known is None or fit.score > known.score:
             self.met[fit.keys] = fit
@@ -197,5 +199,7 @@ def _without(fit: Fit, *terms: Term) -> list[Term]:
     return [u for u in fit.optional if u not in terms and not (u.kind == CHANGE and u.what in keys)]
 
 
-def _words(came: frozenset[Key], went: frozenset[Key]) -> str:
+def words_of(now: Fit, before: Fit) -> str:
+    """Return which terms came and went."""
+    came, went = now.keys - before.keys, before.keys - now.keys
     return " ".join([*(f"+{k[0]}/{k[1]}" for k in came), *(f"-{k[0]}/{k[1]}" for k in went)])
