@@ -14,7 +14,7 @@ from elastic_arm.arrays import Array
 from elastic_arm.diagnosis.changes import changes_between
 from elastic_arm.diagnosis.context import DiagnosisContext
 from elastic_arm.diagnosis.estimates import ParameterEstimate, averaged, estimated
-from elastic_arm.diagnosis.events import Blocks, Event, blocks_of, events_of
+from elastic_arm.diagnosis.events import Event, blocks_of, events_of
 from elastic_arm.diagnosis.gap import Gap, Shrink, shrink
 from elastic_arm.diagnosis.preparation import Prepared, prepare
 from elastic_arm.diagnosis.question import Question
@@ -130,13 +130,14 @@ class Answer:
         problem, found = whole.problem, []
         for number, source in problem.sources.items():
             parts = [
-                blocks_of(look.judging.data, look.after, own.index(number), whole.begins(look.which, source))
+                blocks
                 for look, own in zip(looks, problem.indices, strict=True)
                 if number in own
+                for blocks in blocks_of(
+                    look.judging.data, look.after, own.index(number), whole.begins(look.which, source)
+                )
             ]
-            found += events_of(
-                Blocks(*map(np.concatenate, zip(*parts, strict=True))), source, self.places, problem.layout.live
-            )
+            found += events_of(parts, source, self.places, problem.layout.live)
         return tuple(found)
 
     @cached_property

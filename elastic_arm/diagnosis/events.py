@@ -12,7 +12,7 @@ programming; a torque that no law states acts during them (:class:`.FreeTorques`
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -56,9 +56,8 @@ class Blocks(NamedTuple):
     square: Array  # (M, R) mean squares, Nm²
 
 
-def blocks_of(data: WhitenedData, left: Sequence[Array], recording: int, offset: float) -> Blocks:
-    """Return what is left (N', R) of each stretch of a recording in blocks, by times that begin at `offset` s."""
-    found = []
+def blocks_of(data: WhitenedData, left: Sequence[Array], recording: int, offset: float) -> Iterator[Blocks]:
+    """Yield what is left (N', R) of each stretch of a recording in blocks, by times that begin at `offset` s."""
     for part, own in zip(data.parts, left, strict=True):
         if part.recording != recording:
             continue
@@ -72,15 +71,16 @@ def blocks_of(data: WhitenedData, left: Sequence[Array], recording: int, offset:
         sums = [np.add.reduceat(one**2, edges[:-1], axis=0) for one in (white, own)]
         count = n * 2.0 * data.band.cutoff / data.band.kept_rate
         squares = np.maximum(sums[0], count[:, None]), sums[1] / n[:, None]
-        found.append(Blocks(t[edges[:-1]], t[edges[1:] - 1], count, *squares))
-    return Blocks(*map(np.concatenate, zip(*found, strict=True)))
+        yield Blocks(t[edges[:-1]], t[edges[1:] - 1], count, *squares)
 
 
 def events_of(
-    blocks: Blocks, recording: str, places: Sequence[tuple[str, str]], live: NDArray[np.bool_]
+    stretches: Sequence[Blocks], recording: str, places: Sequence[tuple[str, str]], live: NDArray[np.bool_]
 ) -> list[Event]:
-    """Return the most probable events in the blocks of a recording, by joint and side of each row."""
-    found = []
+    """Return the most probable events in the stretches of a recording, by joint and side of each row."""
+    if not stretches:
+        return []
+    blocks, found = Blocks(*map(np.concatenate, zip(*stretches, strict=True))), []
     for row in np.flatnonzero(live).tolist():
         for i, j in runs_of(blocks.values, blocks.white[:, row], len(places)):
             rmse = float(np.sqrt(np.mean(blocks.square[i:j, row])))
