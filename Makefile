@@ -13,7 +13,7 @@ help:
 	@grep -E '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
 
 demo: $(DONE)/packages ## set up, run the live arm, identify it, diagnose another
-	@$(RUN) elastic-arm demo
+	@$(RUN) OPENBLAS_NUM_THREADS=1 python -m examples.demo
 
 test: lint types unit ## set up, then lint, type check and run all tests
 

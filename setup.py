@@ -61,6 +61,7 @@ setup(
     extras_require={
         "test": ["pytest", "pytest-xdist", "hypothesis"],
         "notebook": ["pandas"],
+        "usd": ["usd-core"],
         # One installation has it all; these names stay for whoever asks by them.
         **{name: [] for name in ("all", "challenge", "learning", "mujoco", "paper")},
     },

@@ -1,17 +1,18 @@
-"""All examples of real robots in one run, and the tables of docs/results/real_robots.md.
+"""All examples of real robots in one run, and the tables of docs/results.
 
-    python examples/gallery.py DATA --out gallery [--only kuka_kr300 …] [--markdown docs/results/real_robots.md]
+    python examples/gallery.py DATA --out gallery [--only kuka_kr300 …] [--tables docs/results]
 
 DATA has a folder for each robot, named as in `examples/`. Every example's `run.sh` is run in a folder of its own below
 `--out`, or taken as it is there if it ran to its end; the tables are made of the `identification.json` and
-`diagnosis.json` that are there afterwards, and of the processor time of each command in `times.tsv`. With `--markdown`,
-a picture of each robot's residuals goes to `docs/pictures/real_ROBOT.png`. Rows and pictures of robots that
-have no results below `--out` stay as they are, so that the robots can be run one after another.
+`diagnosis.json` that are there afterwards, and of the processor time of each command in `times.tsv`. With `--tables`,
+they replace those of that folder, and a picture of each robot's residuals goes to `docs/pictures/real_ROBOT.png`. Rows
+and pictures of robots that have no results below `--out` stay as they are, so that robots can be run one after another.
 """
 
 from __future__ import annotations
 
 import argparse
+import csv
 import json
 import math
 import os
@@ -28,7 +29,6 @@ from matplotlib.ticker import LogLocator, NullLocator
 from elastic_arm.report.style import BLUE, GREEN, GREY, SKY, VERMILION, new_figure, style
 
 HERE = Path(__file__).resolve().parent
-BEGIN, END = "<!-- table: examples/gallery.py -->", "<!-- end of table -->"
 TIMES, ENDED = "times.tsv", "exit_status"
 # Runs a command and notes its processor time beside the folder that it wrote to.
 TIMED = """
@@ -69,7 +69,7 @@ def rows(folder: Path) -> Iterator[list[str]]:
     """Yield the rows of the table for one example."""
     times = _times(folder)
     if not _results(folder):
-        yield [folder.name, "checks alone", "", "", "its `run.sh` makes no fit", ""]
+        yield [folder.name, "checks alone", "", "", "its run.sh makes no fit", ""]
     for file in _results(folder):
         found, seconds = json.loads(file.read_text()), times.get(file.parent.resolve(), "")
         for model, side, values in residuals(found):
@@ -94,7 +94,7 @@ def _ended(folder: Path) -> bool:
 
 def _command(file: Path) -> str:
     """Return what made a result."""
-    return "`identify`" if file.name == "identification.json" else f"`{file.parent.name}`"
+    return "identify" if file.name == "identification.json" else file.parent.name
 
 
 def residuals(found: dict[str, Any]) -> Iterator[tuple[str, str, list[float | None]]]:
@@ -123,7 +123,7 @@ def picture(folder: Path, path: Path) -> None:
     cases: dict[str, dict[str, list[float | None]]] = {}
     for file in _results(folder):
         for model, side, values in residuals(json.loads(file.read_text())):
-            case = f"{_case(folder, file)}: {_command(file).strip('`')}, {side} side"
+            case = f"{_case(folder, file)}: {_command(file)}, {side} side"
             cases.setdefault(case, {})[model] = values
     if not cases:
         return
@@ -205,24 +205,29 @@ def _prediction(found: dict[str, Any], when: str) -> str:
     return ", ".join([*each, *(["beyond 1 rad later"] if len(known) < len(horizons) else [])])
 
 
-def table(folders: list[Path], before: str = "") -> str:
-    """Return the tables of all examples in Markdown; rows of examples without results are those of `before`."""
-    head = ["robot", "model and side", "held-out rms a joint, Nm", "largest prediction error, mrad", "verdict", "s"]
-    both = ["robot", "parameter", "`identify`", "`diagnose --refit`", "apart, deviations"]
-    first, _, second = before.strip().partition("\n\n")
-    return _markdown(head, folders, rows, first) + "\n\n" + _markdown(both, folders, agreement, second)
+TABLES = {
+    "real_robots.csv": (
+        ["robot", "model and side", "held-out rms a joint, Nm", "largest prediction error, mrad", "verdict", "s"],
+        rows,
+    ),
+    "real_robots_parameters.csv": (
+        ["robot", "parameter", "identify", "diagnose --refit", "apart, deviations"],
+        agreement,
+    ),
+}
 
 
-def _markdown(head: list[str], folders: list[Path], rows_of: Callable[[Path], Iterator[list[str]]], before: str) -> str:
-    lines = [f"| {' | '.join(line)} |" for line in (head, ["---"] * len(head))]
+def write_table(
+    path: Path, head: list[str], folders: list[Path], rows_of: Callable[[Path], Iterator[list[str]]]
+) -> None:
+    """Write a table; rows of examples without results stay as they are."""
+    before = list(csv.reader(path.read_text(encoding="utf-8").splitlines())) if path.exists() else []
+    found = [head]
     for folder in folders:
-        if _ended(folder):
-            lines += [f"| {' | '.join(row)} |" for row in rows_of(folder)]
-        else:
-            lines += [
-                line for line in before.splitlines() if line.startswith((f"| {folder.name} |", f"| {folder.name} /"))
-            ]
-    return "\n".join(lines)
+        stated = (row for row in before[1:] if row[0].partition(" / ")[0] == folder.name)
+        found += rows_of(folder) if _ended(folder) else stated
+    with path.open("w", encoding="utf-8", newline="") as file:
+        csv.writer(file, lineterminator="\n").writerows(found)
 
 
 def main() -> None:
@@ -231,7 +236,7 @@ def main() -> None:
     parser.add_argument("data", type=Path, help="folder with a folder of recordings for each robot")
     parser.add_argument("--out", type=Path, default=Path("gallery"))
     parser.add_argument("--only", nargs="+", help="names of examples; all by default")
-    parser.add_argument("--markdown", type=Path, help="page whose table is replaced")
+    parser.add_argument("--tables", type=Path, help="folder whose tables are replaced")
     asked = parser.parse_args()
     examples = sorted(path.parent for path in HERE.glob("*/run.sh"))
     names = [example.name for example in examples]
@@ -249,14 +254,14 @@ def main() -> None:
             else:
                 print(f"{example.name}: left out, as {data} is no folder", flush=True)
     folders = [out / example.name for example in examples]
-    if asked.markdown is None:
-        print(table(folders))
+    if asked.tables is None:
+        for head, rows_of in TABLES.values():
+            csv.writer(sys.stdout, lineterminator="\n").writerows([head, *(r for f in folders for r in rows_of(f))])
         return
     for folder in filter(_ended, folders):
         picture(folder, HERE.parent / "docs" / "pictures" / f"real_{folder.name}.png")
-    before, rest = asked.markdown.read_text(encoding="utf-8").split(BEGIN)
-    old, after = rest.split(END)
-    asked.markdown.write_text(f"{before}{BEGIN}\n{table(folders, old)}\n{END}{after}", encoding="utf-8")
+    for name, (head, rows_of) in TABLES.items():
+        write_table(asked.tables / name, head, folders, rows_of)
 
 
 if __name__ == "__main__":

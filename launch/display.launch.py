@@ -43,13 +43,14 @@ def generate_launch_description() -> LaunchDescription:
 def _state_publisher(context: LaunchContext) -> list[Node]:
     """Return what makes transforms of joint states; the simulator publishes the description itself."""
     robot, namespace = (LaunchConfiguration(name).perform(context) for name in ("robot", "namespace"))
+    description = ros_description(load_robot(robot or None), namespace)
     prefix = f"{namespace.strip('/')}/" if namespace.strip("/") else ""
     return [
         Node(
             package="robot_state_publisher",
             executable="robot_state_publisher",
             namespace=namespace,
-            parameters=[{"robot_description": ros_description(load_robot(robot or None)), "frame_prefix": prefix}],
+            parameters=[{"robot_description": description, "frame_prefix": prefix}],
             remappings=[("robot_description", "~/robot_description")],
         )
     ]

@@ -26,6 +26,7 @@ KEPT_TO: dict[str, tuple[str, ...]] = {
     "typer": ("cli", "app.py", "studies/paper/command.py", "studies/blind_challenge/command.py"),
     "mujoco": ("studies/paper", "robot/mjcf", "mujoco"),
     "lxml": ("mujoco",),
+    "pxr": ("mujoco",),
     "pinocchio": ("studies/blind_challenge",),
 }
 # Packages that only some others may import.

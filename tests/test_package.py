@@ -62,11 +62,11 @@ def test_all_that_the_code_reads_is_installed(wheel: zipfile.ZipFile) -> None:
     assert needed <= set(wheel.namelist())
 
 
-@pytest.mark.parametrize("folder", ["launch", "config", "layouts"])
-def test_launch_files_and_parameters_are_installed(wheel: zipfile.ZipFile, folder: str) -> None:
+def test_launch_files_and_parameters_are_installed(wheel: zipfile.ZipFile) -> None:
     """Every launch file and parameter file is found where `ros2 launch` looks."""
-    installed = {Path(name).name for name in wheel.namelist() if f"share/elastic_arm/{folder}/" in name}
-    assert installed == {path.name for path in (ROOT / folder).iterdir() if path.is_file()}
+    for folder in ("launch", "config", "layouts"):
+        installed = {Path(name).name for name in wheel.namelist() if f"share/elastic_arm/{folder}/" in name}
+        assert installed == {path.name for path in (ROOT / folder).iterdir() if path.is_file()}
 
 
 def test_every_console_script_names_a_function_that_exists(wheel: zipfile.ZipFile) -> None:
@@ -80,7 +80,8 @@ def test_every_console_script_names_a_function_that_exists(wheel: zipfile.ZipFil
 
 
 def test_one_version_everywhere() -> None:
-    """The package, its ROS manifest and the messages' manifest carry the same version."""
+    """The package, its ROS manifests and its citation carry the same version."""
+    assert yaml.safe_load((ROOT / "CITATION.cff").read_text())["version"] == elastic_arm.__version__
     for manifest in (ROOT / "package.xml", ROOT / "msg_defs" / "package.xml"):
         assert ElementTree.parse(manifest).getroot().findtext("version") == elastic_arm.__version__, manifest
 
@@ -111,17 +112,11 @@ def requirements(name: str) -> list[str]:
 PINNED = ("requirements.txt", "requirements-ros.txt", "requirements-dev.txt", "constraints.txt")
 
 
-@pytest.mark.parametrize("name", PINNED)
-def test_requirements_are_pinned_and_name_no_registry(name: str) -> None:
-    """Every line is `name==version`: nothing floats, nothing points to a server."""
-    for line in requirements(name):
-        assert re.fullmatch(r"[A-Za-z0-9._-]+==[A-Za-z0-9.]+", line), line
-
-
-def test_pins_do_not_contradict_each_other() -> None:
-    """What a requirements file pins is what the constraints say."""
+def test_requirements_are_pinned_as_the_constraints_say() -> None:
+    """Every line is `name==version`: nothing floats, nothing points to a server, nothing contradicts another."""
     pins = dict(line.lower().split("==") for line in requirements("constraints.txt"))
     for line in (line for name in PINNED for line in requirements(name)):
+        assert re.fullmatch(r"[A-Za-z0-9._-]+==[A-Za-z0-9.]+", line), line
         name, version = line.lower().split("==")
         assert pins[name] == version, line
 
@@ -183,13 +178,6 @@ def test_environments_name_what_the_package_asks_for() -> None:
     assert ros - {"ros-jazzy-pinocchio"} <= has
     for name in ("pixi.toml", "Dockerfile", "setup.py", "pyproject.toml", *PINNED, "requirements-jazzy.txt"):
         assert "://" not in (ROOT / name).read_text(), name
-
-
-def test_the_citation_is_of_this_version() -> None:
-    """CITATION.cff has what the format asks for, and the version of the package."""
-    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
-    assert {"cff-version", "message", "title", "authors"} <= set(citation)
-    assert citation["version"] == elastic_arm.__version__
 
 
 WITHOUT = {

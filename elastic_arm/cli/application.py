@@ -63,7 +63,7 @@ SUBCOMMANDS = {
     "export": Subcommand(
         "cli.mujoco.export",
         "export",
-        "Write an arm, such as the robot.yaml of a diagnosis, as MJCF or URDF, and list what changes and what is left.",
+        "Write an arm, such as a diagnosis' robot.yaml, as MJCF, URDF or USD, and list what changes and what is left.",
     ),
     "replay": Subcommand(
         "cli.mujoco.replay",
@@ -79,11 +79,6 @@ SUBCOMMANDS = {
         "studies.paper.command",
         "paper",
         "Reproduce the paper: mod1, mod2, mod3 against a virtual prototype, over the ratios, down to the parameters.",
-    ),
-    "demo": Subcommand(
-        "cli.demo",
-        "demo",
-        "Move an arm in a live ROS 2 graph, record it, and identify it: live, and again from the bag.",
     ),
 }
 
@@ -103,7 +98,7 @@ Robot arms with elastic joints: where a model and a real arm differ, and why. Fo
       of your own arm, from a table:  elastic-arm bag import run.csv --guess --robot arm.urdf --out import.yaml
 
   live      the same in a running ROS 2 graph
-      elastic-arm demo
+      ros2 launch elastic_arm identify.launch.py trajectory:=traj.yaml
 
 `--help` lists all commands, and behind a command its options."""
 

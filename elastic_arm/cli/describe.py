@@ -75,7 +75,8 @@ def base_of(model: Any) -> BaseParameters:
 def _print_robot(robot: Robot) -> None:
     kind = "elastic" if robot.elastic else "rigid (no transmissions)"
     gravity = " ".join(f"{g:g}" for g in robot.gravity)
-    out.print(f"[bold]{escape(robot.name)}[/]: {robot.n} joints, {kind}, {robot.mass:.4g} kg, gravity {gravity} m/s²")
+    joints = "1 joint" if robot.n == 1 else f"{robot.n} joints"
+    out.print(f"[bold]{escape(robot.name)}[/]: {joints}, {kind}, {robot.mass:.4g} kg, gravity {gravity} m/s²")
     table = Table(box=None, header_style="bold")
     slide = bool(robot.units.prismatic)
     mixed = slide and len(robot.units.prismatic) < robot.n

@@ -22,6 +22,7 @@ from elastic_arm.cli.options import (
     MotionOption,
     Namespace,
     RobotFile,
+    completions,
     load_arm,
     read_motion,
     require_bags,
@@ -46,7 +47,11 @@ COLOURS = {"well": "green", "poorly": "yellow", "not": "red"}
 
 Laws = Annotated[
     list[str] | None,
-    typer.Option("--with", help="Law identified too: EFFECT[:JOINT][:side=link]; may be given again."),
+    typer.Option(
+        "--with",
+        help="Law identified too: EFFECT[:JOINT][:side=link]; may be given again.",
+        autocompletion=completions,
+    ),
 ]
 HeldOut = Annotated[list[Path] | None, typer.Option(help="Recording that no fit may see; may be given again.")]
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from elastic_arm.errors import EffectError, RecordingError
+from elastic_arm.errors import EffectError, ElasticArmError, RecordingError
 from elastic_arm.robot import Robot, load_robot
 
 if TYPE_CHECKING:
@@ -61,6 +61,26 @@ AtOption = Annotated[
         show_default=False,
     ),
 ]
+
+
+def completions(ctx: typer.Context, incomplete: str) -> list[str]:
+    """Return what a shell offers for an effect: its id; behind a colon joints of --robot; then its parameters."""
+    from elastic_arm.effects import EFFECTS
+
+    *given, last = incomplete.split(":")
+    offered = list(EFFECTS)
+    if len(given) == 1:
+        try:
+            offered = list(load_robot(ctx.params.get("robot_file")).joint_names)
+        except ElasticArmError:
+            offered = []  # a file that is refused is so when the command runs
+    elif given:
+        stated, comma, _ = last.rpartition(",")
+        names = [entry.name for entry in EFFECTS[given[0]].parameters] if given[0] in EFFECTS else []
+        offered = [f"{stated}{comma}{name}=" for name in names]
+    return [text for one in offered if (text := ":".join([*given, one])).startswith(incomplete)]
+
+
 PriorsFile = Annotated[
     Path | None,
     typer.Option(
@@ -73,6 +93,7 @@ KnownEffects = Annotated[
     typer.Option(
         "--with",
         metavar="EFFECT[:JOINT][:NAME=VALUE]",
+        autocompletion=completions,
         help="Effects that are known: fitted first, part of the model. NAME=VALUE says where the fit starts.",
     ),
 ]

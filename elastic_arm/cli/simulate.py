@@ -14,7 +14,7 @@ from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from elastic_arm.cli.console import out, print_json, progress_bar, reports_errors
-from elastic_arm.cli.options import AtOption, ChainOption, EffectsFiles, load_arm
+from elastic_arm.cli.options import AtOption, ChainOption, EffectsFiles, completions, load_arm
 from elastic_arm.cli.outputs import claim_bag
 from elastic_arm.diagnosis.words import instance_text
 from elastic_arm.dynamics import build_model
@@ -63,7 +63,8 @@ def simulate(
         str, typer.Option(help="Trajectory file, or 'default': a random Fourier motion within the limits.")
     ] = DEFAULT_TRAJECTORY,
     effect: Annotated[
-        list[str] | None, typer.Option("--effect", help="EFFECT[:JOINT][:NAME=VALUE,…]; may be given again.")
+        list[str] | None,
+        typer.Option("--effect", help="EFFECT[:JOINT][:NAME=VALUE,…]; may be given again.", autocompletion=completions),
     ] = None,
     effects_files: EffectsFiles = None,
     list_effects: Annotated[

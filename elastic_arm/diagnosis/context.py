@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -42,12 +43,18 @@ class DiagnosisContext:
         t = np.concatenate([self.validate.parts[k].stretch.t for k in own])
         return t, np.concatenate([self.before[k] for k in own]), np.concatenate([self.after[k] for k in own])
 
+    @cached_property
+    def found(self) -> Linearisation:
+        """The recordings that judge, where the numbers were found."""
+        settled = self.explanation.settled
+        return self.judging if settled is self.explanation.linear else replace(settled, which=1, near=None)
+
     @property
     def model(self) -> Model:
         """The arm at the numbers that were found."""
-        return self.judging.model
+        return self.found.model
 
     @property
     def seen(self) -> tuple[Observation, ...]:
         """The recordings that judge, late channels moved back, torques without their gains."""
-        return self.judging.observed
+        return self.found.observed

@@ -31,7 +31,7 @@ from elastic_arm.estimation.equations import SIDES, EquationSet
 from elastic_arm.estimation.observation import Observation, continued, observe
 from elastic_arm.evidence.problem import Problem, uncertain_numbers
 from elastic_arm.identification.batch.mounting import Mounting, other_mounting
-from elastic_arm.identification.batch.turning import turning_speeds
+from elastic_arm.identification.batch.selection import turning_speeds
 from elastic_arm.memory import available_memory
 from elastic_arm.recording import Recording
 from elastic_arm.recording.inspection.plausibility import smoothed_torques

@@ -42,9 +42,9 @@ def searched(name: str, unit: str, low: float, high: float, meaning: str, **more
     return Parameter(name, unit, low, high, role=Role.SEARCHED, meaning=meaning, **more)
 
 
-def phase(example: tuple[float, float] | None = None) -> Parameter:
+def phase() -> Parameter:
     """Return the phase of a sine, whose amplitude is the parameter before it."""
-    return Parameter("phase", "rad", -pi, pi, role=Role.PHASE, default=0.0, example=example, meaning="phi")
+    return Parameter("phase", "rad", -pi, pi, role=Role.PHASE, default=0.0, meaning="phi")
 
 
 __all__ = [

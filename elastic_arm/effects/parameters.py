@@ -65,7 +65,6 @@ class Parameter:
     inverse: bool = False  # whether the effect grows as the value falls, as the stiffness of what gives way
     # range from which the blind challenge draws it; None for the default, or the plausible range without one
     draw: tuple[float, float] | None = None
-    example: tuple[float, float] | None = None  # range that is clearly seen on an industrial arm, for demonstrations
     # what of the joint's motion bounds it, whatever the arm does: how far its "deflection", or the "error" of its
     # controller, is for the most part, the "torque" that it takes, or nothing
     bounded_by: Literal["", "deflection", "error", "torque"] = ""
@@ -94,9 +93,8 @@ class Parameter:
             raise self._wrong(f"its range is {self.low:g} to {self.high:g}", "Give a finite low below a finite high.")
         if self.above >= self.high:
             raise self._wrong(f"it must be above {self.above:g}, the end of its range", "Lower `above`.")
-        for what, span in (("draw", self.draw), ("example", self.example)):
-            if span is not None and not span[0] <= span[1]:
-                raise self._wrong(f"{what} is {span[0]:g} to {span[1]:g}", "Give the lower end first.")
+        if self.draw is not None and not self.draw[0] <= self.draw[1]:
+            raise self._wrong(f"draw is {self.draw[0]:g} to {self.draw[1]:g}", "Give the lower end first.")
 
     def _wrong(self, problem: str, remedy: str) -> EffectError:
         return EffectError(f"parameter {self.name}: {problem}", remedy)
@@ -174,7 +172,8 @@ class Choice:
         chosen = (value,) if isinstance(value, str) else tuple(value)
         wrong = [v for v in chosen if v not in self.values]
         if wrong or not chosen or (len(chosen) > 1 and not self.several):
-            raise EffectError(f"{of}: {self.name} is {value!r}", f"Choose {self._offer()}.")
+            offer = ("any of " if self.several else "one of ") + ", ".join(self.values)
+            raise EffectError(f"{of}: {self.name} is {value!r}", f"Choose {offer}.")
         return tuple(v for v in self.values if v in chosen) if self.several else chosen[0]
 
     def combinations(self) -> Iterator[str | tuple[str, ...]]:
@@ -183,9 +182,6 @@ class Choice:
             yield (value,) if self.several else value
         if self.several:
             yield self.values
-
-    def _offer(self) -> str:
-        return ("any of " if self.several else "one of ") + ", ".join(self.values)
 
 
 def combinations(choices: tuple[Choice, ...]) -> Iterator[dict[str, Any]]:

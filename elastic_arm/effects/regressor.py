@@ -7,7 +7,10 @@ recording (tilts that swing, a state that is filtered), the effect's file comput
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Any, Protocol, TypeVar
+
+import numpy as np
 
 from elastic_arm.arrays import Array
 from elastic_arm.effects.equations import ArmEquations
@@ -29,43 +32,21 @@ class Once:
         return found
 
 
-class MotionSignals(Protocol):
-    """The motion of a recording.
+@dataclass(frozen=True)
+class MotionSignals:
+    """The motion of a recording, or of a part of it, at its rate."""
 
-    `t` is (N,) s; `values` holds (N, dof) x, dx, ddx and (N, n) tau_J, tau_m, dtau_J, dtau_m, sign_link, sign_motor;
-    `cutoff` is the frequency in Hz up to which accelerations are motion rather than noise. `predicted` states whether
-    the torques are those that the model predicts instead of the recorded ones; `torque_noise` holds the variances (n,)
-    of a sample's white noise of recorded torques, Nm², and `model_torques` the torques (N, n) that the model predicts,
-    both by name. `once` keeps what is made of these signals alone.
-    """
-
-    @property
-    def t(self) -> Array:
-        """Times (N,), s."""
-
-    @property
-    def values(self) -> Mapping[str, Array]:
-        """Signals (N, …) by name."""
-
-    @property
-    def cutoff(self) -> float:
-        """Hz."""
-
-    @property
-    def predicted(self) -> bool:
-        """Whether torques are the model's."""
-
-    @property
-    def torque_noise(self) -> Mapping[str, Array]:
-        """Variances (n,) of recorded torques, Nm²."""
-
-    @property
-    def model_torques(self) -> Mapping[str, Array]:
-        """Predicted torques (N, n), Nm."""
-
-    @property
-    def once(self) -> Once:
-        """What was made of these signals."""
+    t: Array  # (N,) s
+    # (N, …) each, by name: x, dx, ddx, tau_J, tau_m, dtau_J, dtau_m, sign_link, sign_motor and more
+    values: Mapping[str, Array]
+    cutoff: float = np.inf  # Hz up to which accelerations are motion rather than noise
+    predicted: bool = False  # whether torques are those that the model predicts instead of the recorded ones
+    # variances (n,) of a sample's white noise of the recorded torques, Nm², by name
+    torque_noise: Mapping[str, Array] = field(default_factory=dict)
+    # (N, n) Nm, tau_J and tau_m as predicted, and tau_J where it is "clear" of noise; empty where nobody asked
+    model_torques: Mapping[str, Array] = field(default_factory=dict)
+    # what is made of these signals alone
+    once: Once = field(default_factory=Once, init=False, repr=False, compare=False)
 
 
 class Regressor(Protocol):

@@ -286,7 +286,10 @@ def observe(recording: Recording, band: float | None = None) -> Observation:
             f"{where} is too short: it has no {SHORTEST:g} s without a hole", "Record at least 10 s of motion"
         )
     longest = max(grids, key=len)
-    _check_motion(longest, where)
+    if longest.theta is None and longest.q is None:
+        raise DiagnosisError(f"{where} holds no positions", "Record /motor_states or /joint_states with positions")
+    if not longest.moves():
+        raise DiagnosisError(f"{where} holds no motion", "Record an excitation: `elastic-arm excite` makes one")
     band = band or widest_band(clock.rate)
     link = None if longest.q is None else estimate_noise(longest.q, longest.dq, longest.rate)
     motor = None if longest.theta is None else estimate_noise(longest.theta, longest.dtheta, longest.rate)
@@ -417,10 +420,3 @@ def torque_noise(grids: Sequence[Grid], channel: str) -> Array | None:
         levels.append(np.median(flat, axis=0) / np.log(2.0))
     weights = [len(grid) for grid in grids]
     return np.sqrt(np.average(levels, axis=0, weights=weights))
-
-
-def _check_motion(grid: Grid, where: str) -> None:
-    if grid.theta is None and grid.q is None:
-        raise DiagnosisError(f"{where} holds no positions", "Record /motor_states or /joint_states with positions")
-    if not grid.moves():
-        raise DiagnosisError(f"{where} holds no motion", "Record an excitation: `elastic-arm excite` makes one")

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 from operator import add
 from typing import Any
@@ -25,7 +25,7 @@ from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.effects.model import Effect
 from elastic_arm.effects.motion import Contribution
 from elastic_arm.effects.parameters import Parameter
-from elastic_arm.effects.regressor import Once
+from elastic_arm.effects.regressor import MotionSignals
 from elastic_arm.estimation.motion import CompletedMotion, rates_of
 from elastic_arm.estimation.smoother import Smoother
 
@@ -37,20 +37,11 @@ INPUTS = (
 
 
 @dataclass(frozen=True)
-class Signals:
-    """Arguments of the laws at the recording's rate."""
+class Signals(MotionSignals):
+    """Arguments of the laws at the recording's rate; `values` by the names of :data:`INPUTS`."""
 
-    t: Array  # (N,) s
-    values: Mapping[str, Array]  # (N, …) each, by the names of :data:`INPUTS`
-    cutoff: float = np.inf  # Hz up to which accelerations are motion rather than noise
     # the same up to the first sample; None where the motion that came before is not known
     before: Signals | None = None
-    predicted: bool = False  # whether torques are those that the model predicts instead of the recorded ones
-    # variances (n,) of a sample's white noise of the recorded torques, Nm², by name
-    torque_noise: Mapping[str, Array] = field(default_factory=dict)
-    # (N, n) Nm, tau_J and tau_m as predicted, and tau_J where it is "clear" of noise; empty where nobody asked
-    model_torques: Mapping[str, Array] = field(default_factory=dict)
-    once: Once = field(default_factory=Once, init=False, repr=False, compare=False)
 
     @staticmethod
     def of(
@@ -79,7 +70,7 @@ class Signals:
         if smoother is not None:
             of_sides = {"sign_link": (motion.dq, standstill[0]), "sign_motor": (motion.dtheta, standstill[1])}
             values |= {name: smoother.sign(motion.t, *side) for name, side in of_sides.items()}
-        return Signals(motion.t, {**values, **(made or {})}, cutoff, before, predicted)
+        return Signals(motion.t, {**values, **(made or {})}, cutoff, predicted, before=before)
 
     @staticmethod
     def of_samples(motion: CompletedMotion, standstill: tuple[Array, Array], *, elastic: bool = True) -> Signals:

@@ -19,8 +19,9 @@ from elastic_arm.evidence.term import Ident, Key, Term
 
 WIDEST = max(one.factor for one in TRUST.values())
 SCREENS, PRODUCTS = 4, 100  # screens and products with all terms that are kept; memory
+EXACT = 0.1  # factor of the trust below which the numbers of a description lie where it has them; numerical
 LOOKED_AT = 30  # terms of which first-order gains are made well; numerical
-# A rough description says nothing of sensors; details of how a law is met are in no description.
+# Of sensors, only a simulation's description says how they are; details of how a law is met are in no description.
 KINDS = "arm", "sensor", "detail"
 UNTOLD = 1e-3  # of a prior's precision: what data tell no more of, they tell nothing of; numerical
 
@@ -44,7 +45,7 @@ class Fit:
         """Return it with its score comparable to that of a fit at another linearisation.
 
         Where the predicted noise is another, the same residual is more or less likely: what is left of the other fit
-        says how much of its noise there is.
+        states how much of its noise there is.
         """
         share = float(np.sum(other.found.left / other.found.v) / np.sum(self.model.bands.n))
         return replace(self, elsewhere=other.elsewhere + share * (self.model.density - other.model.density))
@@ -328,7 +329,7 @@ class LinearModel:
 
     def factors(self, kinds: NDArray[np.intp]) -> Array:
         """Return the factors of the trust on the standard deviations of numbers of some kinds."""
-        return np.array([self.trust, min(self.trust, 1.0), 1.0])[kinds]
+        return np.array([self.trust, self.trust if self.trust < EXACT else 1.0, 1.0])[kinds]
 
     @cached_property
     def grams(self) -> Grams:

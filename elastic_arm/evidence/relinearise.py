@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from elastic_arm.estimation.known_torques import ActingEffect
 from elastic_arm.evidence.changes import CHANGE, change_of
 from elastic_arm.evidence.grams import Bands
 from elastic_arm.evidence.linearisation import Linearisation
-from elastic_arm.evidence.model import KINDS, Fit, LinearModel, Screen
+from elastic_arm.evidence.model import EXACT, KINDS, Fit, LinearModel, Screen
 from elastic_arm.evidence.nonlinear import components, moved, placed_anew, tangent_term
 from elastic_arm.evidence.pool import effect_terms, law_terms, linear_prior, number_terms
 from elastic_arm.evidence.priors import COMPARED, ELSEWHERE, MOST, NEAR, ROUNDS, STATED, TRUST, WORTH
@@ -27,7 +28,6 @@ from elastic_arm.evidence.term import Key, Term
 
 STEPS = 6  # of Gauss and Newton beside a set
 MEASURED, BUILT = "as measured", "as built"  # of the kinds of trust, those from which a search starts
-EXACT = 0.1  # factor of the trust below which the numbers of a description lie where it has them; numerical
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +39,11 @@ class Explanation:
     best: Fit  # the most probable one
     trust: Mapping[str, float]  # probability of each trust in the description
     log: tuple[str, ...] = ()  # what was done, a line a step
+
+    @cached_property
+    def settled(self) -> Linearisation:
+        """The linearisation where the most probable set puts the numbers: it may have been met beside another set."""
+        return _moved(self.linear, self.best) if _far(self.best) else self.linear
 
 
 def explain(problem: Problem, *, refit: bool) -> Explanation:
@@ -122,6 +127,7 @@ def _descended(
         if taken is None or before.keys == taken[1].keys or _far(before, taken[1].numbers):
             there = _settled(linear, before, before.model.name)
             own = linear_model(there, before.model.name).fit(_again(before, there))
+        known = own.score if taken is None else taken[1].score
         compared = own if taken is None else own.beside(taken[1])
         worse = taken is not None and compared.score < taken[1].score - COMPARED
         stays = taken is not None and taken[1].keys == own.keys
@@ -137,7 +143,8 @@ def _descended(
         found = _explained(taken[0], start, name, refit, thetas, moves=moves, most=most, refused=refused)
         log += [f"{n}: {line}" for line in found.log]
         linear, before = taken[0], found.best
-        if before.keys == taken[1].keys and (stays or worse or not _far(before)):
+        gains = max(before.score, compared.score) > known + WORTH  # its nonlinear numbers move on
+        if before.keys == taken[1].keys and not gains and (stays or worse or not _far(before)):
             if moves == ALL or (best is not None and before.score < best.score + WORTH):
                 break
             moves = ALL
@@ -161,12 +168,13 @@ def _settled(linear: Linearisation, before: Fit | None, trust: str) -> Linearisa
             return linear
         model = linear_model(linear, trust)
         fit = model.fit([] if before is None else _again(before, linear))
-        if best is not None and fit.beside(best[1]).score < best[1].score - WORTH:
+        gain = np.inf if best is None else fit.beside(best[1]).score - best[1].score
+        if best is not None and gain < -COMPARED:
             linear = _moved(best[0], best[1], share=0.3)  # too far
             best = None
             continue
         best = linear, fit
-        if not _far(fit):
+        if not _far(fit) or abs(gain) < WORTH:
             break
         linear = _moved(linear, fit)
     return linear if best is None else best[0]

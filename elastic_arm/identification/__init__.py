@@ -18,10 +18,8 @@ if TYPE_CHECKING:
         Comparison,
         Estimate,
         Identification,
-        StdRatio,
         chi_square,
         compare,
-        std_ratio,
     )
     from elastic_arm.identification.stream import Identifier
 
@@ -32,14 +30,12 @@ __all__ = [
     "Identification",
     "IdentificationSettings",
     "Identifier",
-    "StdRatio",
     "chi_square",
     "compare",
     "identifier_of",
     "identify",
     "identify_with",
     "parse_laws",
-    "std_ratio",
 ]
 
 _MODULES = {
@@ -49,14 +45,12 @@ _MODULES = {
     "Identification": "elastic_arm.identification.result",
     "IdentificationSettings": "elastic_arm.identification.batch.settings",
     "Identifier": "elastic_arm.identification.stream",
-    "StdRatio": "elastic_arm.identification.result",
     "chi_square": "elastic_arm.identification.result",
     "compare": "elastic_arm.identification.result",
     "identifier_of": "elastic_arm.identification.batch.identify",
     "identify": "elastic_arm.identification.batch.identify",
     "identify_with": "elastic_arm.identification.batch.identify",
     "parse_laws": "elastic_arm.effects.text",
-    "std_ratio": "elastic_arm.identification.result",
 }
 
 __getattr__, __dir__ = lazily(__name__, _MODULES)

@@ -7,7 +7,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from elastic_arm.formatting import JointUnits
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.least_squares import Fit
 from elastic_arm.identification.verdict import Excitation, checked, directions, relative_std, remarks, verdicts
-from elastic_arm.output_files import write_result
+from elastic_arm.output_files import plain, write_result
 from elastic_arm.results import Result, Row
 from elastic_arm.robot import Robot, save_robot
 
@@ -179,9 +179,10 @@ class Identification(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as plain data; numbers that are not finite become null."""
-        plain = {name: getattr(self, name) for name in self.__dataclass_fields__ if name != "identified"}
-        plain["estimates"] = [asdict(e) for e in self.estimates]
-        return {"schema": SCHEMA, **{name: _plain(value) for name, value in plain.items()}}
+        return {
+            "schema": SCHEMA,
+            **plain({f: getattr(self, f) for f in self.__dataclass_fields__ if f != "identified"}),
+        }
 
     def to_json(self, path: str | Path | None = None) -> str:
         """Return it as JSON text, and write it to `path` when given.
@@ -274,37 +275,6 @@ def chi_square(identification: Identification, true: Array) -> float:
     return float(error @ np.linalg.solve(identification.covariance / np.outer(std, std), error))
 
 
-class StdRatio(NamedTuple):
-    """Ratios of the standard deviations of two estimates from the same recording.
-
-    Parameters
-    ----------
-    median, largest
-        Over the base parameters; above one where the second estimate is the more precise.
-    name
-        Of the base parameter with the largest ratio.
-    ratios
-        (B,) of each.
-    """
-
-    median: float
-    largest: float
-    name: str
-    ratios: Array
-
-    def summary(self) -> str:
-        """Return it as text, for a stream and an estimate made offline."""
-        return f"online over offline standard deviations: {self.median:.3g} (median), {self.largest:.3g} ({self.name})"
-
-
-def std_ratio(std: Array, other: Identification) -> StdRatio:
-    """Compare the standard deviations (B,) of an estimate with those of another one of the same recording."""
-    finite = np.isfinite(std) & np.isfinite(other.std)
-    ratios = np.where(finite, std / other.std, 1.0)
-    best = int(np.argmax(ratios))
-    return StdRatio(float(np.median(ratios)), float(ratios[best]), other.estimates[best].name, ratios)
-
-
 def result_of(
     fit: Fit,
     equations: BaseRegression,
@@ -363,18 +333,6 @@ def _from_dict(data: dict[str, Any]) -> Identification:
         data[name] = None if data[name] is None else np.array(data[name], dtype=float)
     data["condition"] = np.inf if data["condition"] is None else data["condition"]
     return Identification(**data)
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _plain(v) for key, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(v) for v in value]
-    if isinstance(value, np.ndarray):
-        return _plain(value.tolist())
-    if isinstance(value, float | np.floating):
-        return float(value) if np.isfinite(value) else None
-    return value.item() if isinstance(value, np.generic) else value
 
 
 def _numbers(entry: dict[str, Any]) -> dict[str, Any]:

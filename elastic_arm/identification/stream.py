@@ -282,7 +282,7 @@ class Identifier:
             return run
         if not ends:
             ready -= ready % self.smoother.thinning
-        standing = standing_speed(0.0, velocity_noise(self.smoother)) if self._dry else None
+        standing = standing_speed(0.0, velocity_noise(self.smoother)) if any(c.dry for c in self.columns) else None
         motion = smoothed(self.smoother, run[: ready + self._window], self.equations, standing)
         for moving in self._moving(motion):
             self.add_motion(moving)
@@ -303,11 +303,6 @@ class Identifier:
         edges = np.flatnonzero(np.diff(kept, prepend=False, append=False))
         for first, stop in edges.reshape(-1, 2).tolist():
             yield motion[first:stop]
-
-    @property
-    def _dry(self) -> bool:
-        """Whether laws of dry friction are identified."""
-        return any(column.dry for column in self.columns)
 
     @property
     def _window(self) -> int:

@@ -6,6 +6,7 @@ from elastic_arm.mujoco.new_model import export_new_mjcf, to_mjcf
 from elastic_arm.mujoco.recorder import record
 from elastic_arm.mujoco.replaying import Replay, replay
 from elastic_arm.mujoco.urdf_file import export_urdf
+from elastic_arm.mujoco.usd_file import export_usd
 
 __all__ = [
     "Attachment",
@@ -15,6 +16,7 @@ __all__ = [
     "export_mjcf",
     "export_new_mjcf",
     "export_urdf",
+    "export_usd",
     "record",
     "replay",
     "to_mjcf",

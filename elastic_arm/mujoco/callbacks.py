@@ -15,14 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.arrays import Array
-from elastic_arm.effects import Catalogue, EffectInstance, SensorEffect, StructuralEffect
+from elastic_arm.effects import Catalogue, EffectInstance, StructuralEffect, robot_effects
 from elastic_arm.effects.effect_set import EffectSet
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.errors import EffectError, RobotError
-from elastic_arm.mujoco.new_model import DEFLECTION
-from elastic_arm.mujoco.stated_arm import stated_arm
+from elastic_arm.mujoco.elements import DEFLECTION, Elements
+from elastic_arm.mujoco.stated_arm import acts_by_law, stated_arm
 from elastic_arm.robot import Robot, load_robot
 from elastic_arm.robot.mjcf import engine
+from elastic_arm.robot.mjcf.drives import passive
 from elastic_arm.simulation.assembly import law_rows
 from elastic_arm.simulation.simulator import SIGN_SPEED, STEEPEST
 
@@ -41,6 +42,8 @@ class Attachment:
         The arm in it, by the names of its joints.
     instances
         Effects that act by their laws.
+    stated
+        Effects that the model has of itself, where the laws of others may follow what they do.
 
     Raises
     ------
@@ -48,13 +51,28 @@ class Attachment:
         If the model lacks a joint.
     """
 
-    def __init__(self, model: Any, robot: Robot, instances: Sequence[EffectInstance]) -> None:
+    def __init__(
+        self,
+        model: Any,
+        robot: Robot,
+        instances: Sequence[EffectInstance],
+        stated: Sequence[EffectInstance] = (),
+    ) -> None:
         self.model, self.robot, self.instances = model, robot, tuple(instances)
         self._theta, self._wound = _addresses(model, robot)
-        equations, effects = ArmEquations(robot), EffectSet(self.instances, robot)
-        self._law = law_rows(equations, effects)
-        self._numbers = equations.nominal, effects.numbers()
-        self._states = int(effects.z.numel())
+        equations = ArmEquations(robot)
+        # What all of them do, less what the model does of itself: a law may scale friction, or follow tau_J.
+        self._acting = (*self.instances, *stated)
+        self._sets = [EffectSet(one, robot) for one in ((self._acting, stated) if stated else (self._acting,))]
+        self._laws = [(law_rows(equations, one), (equations.nominal, one.numbers())) for one in self._sets]
+        self._states = sum(int(one.z.numel()) for one in self._sets)
+        # Motors that nobody commands: their torque is friction, not what drives the joint.
+        joints = enumerate(zip(model.actuator_trntype, model.actuator_trnid, strict=True))
+        self._passive = [
+            (k, int(model.jnt_dofadr[joint]))
+            for k, (kind, (joint, _)) in joints
+            if passive(model, k) and int(kind) == int(engine().mjtTrn.mjTRN_JOINT)
+        ]
         self._memory: dict[int, tuple[float, Array, Array]] = {}
         self._speed = np.full(2 * robot.n, SIGN_SPEED)
         self._speed = self._followable()
@@ -91,9 +109,16 @@ class Attachment:
         if self.robot.elastic:
             apart = (data.qpos[wound], data.qvel[wound_dofs], data.qacc[wound_dofs])
             values = [np.concatenate([own + more, own]) for own, more in zip(values, apart, strict=True)]
-        torque = np.array(data.qfrc_actuator[dofs] + data.qfrc_applied[dofs])
-        rows, rates = self._law(*values, z, torque, *self._numbers, self._speed)
-        return np.array(rows).ravel(), np.array(rates).ravel()
+        torque = data.qfrc_actuator + data.qfrc_applied
+        for k, dof in self._passive:
+            torque[dof] -= float(self.model.actuator_gear[k, 0]) * float(data.actuator(k).force[0])
+        rows, rates, first = np.zeros(self.robot.n * (2 if self.robot.elastic else 1)), [], 0
+        for sign, effects, (law, numbers) in zip((1.0, -1.0), self._sets, self._laws, strict=False):
+            last = first + int(effects.z.numel())
+            added, changing = law(*values, z[first:last], torque[dofs], *numbers, self._speed)
+            rows, first = rows + sign * np.array(added).ravel(), last
+            rates.append(np.array(changing).ravel())
+        return rows, np.concatenate(rates)
 
     def _state(self, data: Any) -> Array:
         """Return the internal states at the time of `data`: explicit Euler from where the laws were last evaluated."""
@@ -115,7 +140,7 @@ class Attachment:
         for k in range(2 * n):
             i, side = k % n, "link" if k < n else "motor"
             mass = least[(self._wound if side == "link" and self.robot.elastic else self._theta)[1][i]]
-            dry = [e for e in self.instances if i in e.joint_indices(self.robot) and side in e.sides]
+            dry = [e for e in self._acting if i in e.joint_indices(self.robot) and side in e.sides]
             torque = sum(abs(float(v)) for e in dry for p, v in e.numbers.items() if e.effect.parameter(p).unit == "Nm")
             found[k] = max(found[k], torque * float(model.opt.timestep) / float(mass) / STEEPEST)
         return found
@@ -150,14 +175,16 @@ def attach(
         If the model lacks a joint of the arm.
     """
     arm = robot if isinstance(robot, Robot) else load_robot(robot, chain)
-    left = [instance for instance, _ in stated_arm(arm, catalogue).left]
+    left = Elements(arm, stated_arm(arm, catalogue), float(model.opt.timestep)).left_by(model)
     structural = [e for e in left if isinstance(e.effect, StructuralEffect)]
     if structural:
         raise EffectError(
             f"{structural[0].effect.id} changes what the arm is made of", "Leave it out, or model it in the MJCF."
         )
-    instances = [e for e in left if not isinstance(e.effect, SensorEffect)]
-    attachment = Attachment(model, arm, instances)
+    known = [e for e in robot_effects(arm, catalogue) if e.effect.friction or "drive" in e.sides]
+    stated = [e for e in known if e not in left and acts_by_law(e.effect)]
+    instances = [e for e in left if acts_by_law(e.effect)]
+    attachment = Attachment(model, arm, instances, stated if instances else ())
     if not _attached:
         mj = engine()
         earlier = mj.get_mjcb_passive()

@@ -13,7 +13,7 @@ import numpy as np
 
 from elastic_arm.arrays import Array
 from elastic_arm.dynamics import build_model
-from elastic_arm.effects import EffectInstance, SensorEffect
+from elastic_arm.effects import Catalogue, EffectInstance, SensorEffect, robot_effects
 from elastic_arm.effects.effect_set import EffectSet
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.errors import EffectError
@@ -45,13 +45,22 @@ class Left:
         return named | {"reason": self.reason, "cost_nm": dict(self.cost)}
 
 
-def left_effects(robot: Robot, left: Iterable[tuple[EffectInstance, str]]) -> Iterator[Left]:
+def left_effects(
+    robot: Robot, left: Iterable[tuple[EffectInstance, str]], catalogue: Catalogue | None = None
+) -> Iterator[Left]:
     """Yield effects that a file of an arm does not hold, each with its reason."""
     state = _Swing(robot)
     for instance, reason in left:
         units = {p.name: p.unit_at(instance.joint, robot.units) for p in instance.effect.parameters}
         # What sensors make of the truth is no torque that the arm lacks.
-        costs = {} if isinstance(instance.effect, SensorEffect) else state.cost(state.of_effect(instance))
+        scaled = (
+            [one for one in robot_effects(robot, catalogue) if one.effect.friction]
+            if instance.effect.scales_friction
+            else []
+        )
+        missing = state.of_effects([*scaled, instance]) - state.of_effects(scaled)
+        # What sensors make of the truth is no torque that the arm lacks.
+        costs = {} if isinstance(instance.effect, SensorEffect) else state.cost(missing)
         yield Left(instance.effect.id, instance.joint, dict(instance.parameters), reason, units, costs)
 
 
@@ -113,12 +122,14 @@ class _Swing:
         found[:, i] = torque
         return found
 
-    def of_effect(self, instance: EffectInstance) -> Array:
-        """Return what an effect adds to the left side of (1), (N, dof); nothing where it does not act by a law."""
-        none = np.zeros((SAMPLES, self.robot.n))
+    def of_effects(self, instances: Sequence[EffectInstance]) -> Array:
+        """Return what effects add to the left side of (1), (N, dof); nothing where they do not act by laws."""
+        none = np.zeros_like(self.motion[0])
+        if not instances:
+            return none
         try:
             equations = ArmEquations(self.robot)
-            effects = EffectSet([instance], self.robot, duration=1.0)
+            effects = EffectSet(instances, self.robot, duration=1.0)
             law = law_rows(equations, effects)
         except EffectError:
             return none

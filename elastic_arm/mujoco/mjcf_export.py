@@ -23,6 +23,7 @@ from elastic_arm.mujoco.changes import (
     six,
     text_of,
 )
+from elastic_arm.mujoco.elements import RIGID, delayed, sharp
 from elastic_arm.mujoco.left_out import Left, left_effects, left_numbers
 from elastic_arm.mujoco.mjcf_file import ShapedMjcf
 from elastic_arm.mujoco.stated_arm import StatedArm, stated_arm
@@ -37,6 +38,7 @@ from elastic_arm.robot.urdf_tree import Chain
 # What is read back from a written file is what was meant, to this share: nine digits are written.
 READ_BACK = 1e-6
 UNROLLED = "bodies of the arm come from <attach> or <replicate>: the file is as MuJoCo saves it, without your layout"
+_NEW = "a new file (without --base) states it; to this one elastic_arm.mujoco.attach adds its law"
 _ORIENTATIONS = ("quat", "axisangle", "xyaxes", "zaxis", "euler")
 
 
@@ -112,8 +114,9 @@ def export_mjcf(
         written = read_mjcf(out, chain, at)
     stated = [instance.to_dict() for instance, _ in before.left]
     # What the base states by other numbers, such as gravcomp, stays as it is.
-    lacking = [(one, reason) for one, reason in after.left if one.to_dict() not in stated]
-    left = [*left_effects(robot, (*lacking, *document.left)), *_controllers(robot, written)]
+    lacking = [(one, _NEW if one.effect.id in RIGID else reason) for one, reason in after.left]
+    lacking = [(one, reason) for one, reason in lacking if one.to_dict() not in stated]
+    left = [*left_effects(robot, (*lacking, *document.left), catalogue), *_controllers(robot, written)]
     return Exported(tuple(files), tuple(changes), tuple(left), (UNROLLED,) if unrolled else (), robot.units)
 
 
@@ -223,17 +226,14 @@ class _Document:
                 self.file.set(elements[0], nsample=str(samples))
 
     def _sharp(self, element: Any, name: str) -> list[Change]:
-        """Let new friction loss turn over with the velocity: by MuJoCo's default it does some 10 ms earlier.
-
-        Its force follows a + b v with b = 2 / time constant, which changes sign before v does.
-        """
+        """Let new friction loss turn over with the velocity: by MuJoCo's default it does some 10 ms earlier."""
         if element.get("solreffriction") is not None:
             return []
         own = tuple(float(v) for v in self.arm.model.dof_solref[int(self.arm.model.jnt_dofadr[self._id(name)])])
         new = (2.0 * float(self.arm.model.opt.timestep), 1.0)
         if not 0.0 < new[0] < own[0]:
             return []
-        self.file.set(element, solreffriction=" ".join(map(text_of, new)))
+        self.file.set(element, solreffriction=sharp(float(self.arm.model.opt.timestep)))
         return [Change(name, "solreffriction", "s, 1", own, new)]
 
     def _angle(self, i: int) -> float:
@@ -271,8 +271,7 @@ class _Document:
         delay, name = self.after.joints[i].delay, self.arm.robot.joint_names[i]
         for element in self.file.elements("jointactuatorfrc"):
             if element.get("joint") == name:
-                samples = str(int(np.ceil(delay / self.arm.model.opt.timestep)) + 2)
-                self.file.set(element, delay=text_of(delay), nsample=samples)
+                self.file.set(element, **delayed(delay, float(self.arm.model.opt.timestep)))
                 return True
         return False
 

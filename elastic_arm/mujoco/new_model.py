@@ -17,6 +17,7 @@ import numpy as np
 from elastic_arm.arrays import Array
 from elastic_arm.effects import Catalogue, EffectInstance
 from elastic_arm.mujoco.changes import six, text_of
+from elastic_arm.mujoco.elements import DEFLECTION, Elements, delayed, servo, sharp
 from elastic_arm.mujoco.left_out import left_coupling, left_effects, left_numbers
 from elastic_arm.mujoco.mjcf_export import Exported
 from elastic_arm.mujoco.stated_arm import StatedArm, stated_arm
@@ -25,7 +26,6 @@ from elastic_arm.robot import Inertia, Robot
 from elastic_arm.robot.kinematics import link_radius
 from elastic_arm.robot.urdf_export import bodies_with_components
 
-DEFLECTION = "_deflection"  # joint that a drive winds by, after the name of its motor joint
 TIMESTEP = 1e-3
 
 
@@ -53,7 +53,9 @@ def export_new_mjcf(
         If the file cannot be written.
     """
     text, effects = to_mjcf(robot, catalogue=catalogue, timestep=timestep)
-    left = [*left_effects(robot, effects), *left_numbers(robot, "the new file has no such number")]
+    others = [replace(one, controller=None) if servo(one.controller) else one for one in robot.joints]
+    numbers = left_numbers(robot.with_(joints=tuple(others)), "the new file has no such number")
+    left = [*left_effects(robot, effects, catalogue), *numbers]
     if robot.elastic:
         left += left_coupling(robot, "the new file is mod2, whose rotors spin on the ground")
     write_result(out, text)
@@ -75,6 +77,7 @@ def to_mjcf(
         Of MuJoCo, s.
     """
     arm = stated_arm(robot, catalogue)
+    elements = Elements(robot, arm, timestep)
     root = ET.Element("mujoco", model=robot.name)
     root.append(
         ET.Comment(" elastic: a motor joint and a spring joint a drive " if robot.elastic else " rigid joints ")
@@ -95,16 +98,16 @@ def to_mjcf(
         body = ET.SubElement(parent, "body", {"name": joint.link_name, **_placed(place)})
         _inertial(body, bodies[i + 1])
         for k, frame in waiting:
-            _joints(body, robot, arm, k, np.linalg.inv(place) @ frame)
+            _joints(body, robot, arm, elements, k, np.linalg.inv(place) @ frame)
         waiting = []
         onward = robot.joints[i + 1].before[:3, 3] if i + 1 < robot.n else np.zeros(3)
         start = np.linalg.inv(joint.after)[:3, 3]
         _capsule(body, start, onward, radius)
         parent, place = body, np.eye(4)
-    _drives(root, robot)
+    _drives(root, arm, robot, timestep)
+    _elements(root, elements)
     ET.indent(root)
-    left = (*arm.left, *((one, "the new file's torque sensors are not late") for one in arm.delays))
-    return ET.tostring(root, encoding="unicode") + "\n", left
+    return ET.tostring(root, encoding="unicode") + "\n", tuple(elements.left)
 
 
 def _bodies(robot: Robot, arm: StatedArm) -> list[Inertia]:
@@ -115,7 +118,7 @@ def _bodies(robot: Robot, arm: StatedArm) -> list[Inertia]:
     return bodies_with_components(changed)
 
 
-def _joints(body: ET.Element, robot: Robot, arm: StatedArm, i: int, frame: Array) -> None:
+def _joints(body: ET.Element, robot: Robot, arm: StatedArm, elements: Elements, i: int, frame: Array) -> None:
     """Add joint i, whose frame stands at `frame` in the body's, and the joint that its drive winds by."""
     joint, numbers = robot.joints[i], arm.joints[i]
     where = {"pos": _words(frame[:3, 3]), "axis": _words(frame[:3, 2])}
@@ -125,27 +128,49 @@ def _joints(body: ET.Element, robot: Robot, arm: StatedArm, i: int, frame: Array
         ranged = {"range": f"{text_of(limits.position_min)} {text_of(limits.position_max)}"}
     stated = {"armature": numbers.armature, "damping": numbers.damping, "frictionloss": numbers.friction_loss}
     stated |= {"stiffness": numbers.stiffness, "springref": numbers.rest, "ref": numbers.zero}
-    if joint.transmission is not None:
-        turns = joint.transmission.components.values()
-        nominal = sum(ratio**2 * component.izz for component, ratio in turns)
-        stated["armature"] += nominal
     words = {name: text_of(value) for name, value in stated.items() if value}
+    if numbers.friction_loss:
+        words["solreffriction"] = sharp(elements.timestep)
     kind = "slide" if joint.prismatic else "hinge"
     ET.SubElement(body, "joint", {"name": joint.name, "type": kind, **where, **ranged, **words})
     if joint.transmission is not None:
-        spring = {"stiffness": joint.transmission.stiffness, "damping": joint.transmission.damping}
-        texts = {name: text_of(value) for name, value in spring.items()}
+        a, b, c = elements.springs[i]
+        spring = " ".join(map(text_of, (a, b, c) if c else (a,)))
+        texts = {"stiffness": spring, "damping": text_of(elements.dampings[i])}
         ET.SubElement(body, "joint", {"name": f"{joint.name}{DEFLECTION}", "type": kind, **where, **texts})
 
 
-def _drives(root: ET.Element, robot: Robot) -> None:
+def _drives(root: ET.Element, arm: StatedArm, robot: Robot, timestep: float) -> None:
     actuators, sensors = ET.SubElement(root, "actuator"), ET.SubElement(root, "sensor")
-    for joint in robot.joints:
-        torque = joint.limits.torque
-        limit = {} if torque is None else {"ctrlrange": f"{text_of(-torque)} {text_of(torque)}"}
-        ET.SubElement(actuators, "motor", {"name": f"{joint.name}_motor", "joint": joint.name, **limit})
+    for joint, numbers in zip(robot.joints, arm.joints, strict=True):
+        motor, torque = f"{joint.name}_motor", joint.limits.torque
+        drive = servo(joint.controller)
+        if drive is None:
+            limit = {} if torque is None else {"ctrlrange": f"{text_of(-torque)} {text_of(torque)}"}
+            ET.SubElement(actuators, "motor", {"name": motor, "joint": joint.name, **limit})
+        else:
+            limits = [one for one in (torque, drive.torque) if one is not None]
+            limit = {"forcerange": f"{text_of(-min(limits))} {text_of(min(limits))}"} if limits else {}
+            gains = {"kp": text_of(drive.kp), "kv": text_of(drive.kd)}
+            late = delayed(drive.delay, timestep) if drive.delay else {}
+            ET.SubElement(actuators, "position", {"name": motor, "joint": joint.name, **gains, **limit, **late})
         ET.SubElement(sensors, "jointpos", name=f"{joint.name}_theta", joint=joint.name)
-        ET.SubElement(sensors, "jointactuatorfrc", name=f"{joint.name}_tau_m", joint=joint.name)
+        # Of the motor, not of the joint: what friction and cogging take from it is not recorded.
+        late = delayed(numbers.delay, timestep) if numbers.delay else {}
+        ET.SubElement(sensors, "actuatorfrc", {"name": f"{joint.name}_tau_m", "actuator": motor, **late})
+
+
+def _elements(root: ET.Element, elements: Elements) -> None:
+    """Add tendons and motors to a file."""
+    for one in elements.found:
+        section = "tendon" if one.tag == "fixed" else "actuator"
+        parent = root.find(section)
+        if parent is None:
+            parent = ET.SubElement(root, section)
+        texts = {k: v if isinstance(v, str) else text_of(v) for k, v in one.attributes.items()}
+        element = ET.SubElement(parent, one.tag, texts)
+        for joint, coefficient in one.joints.items():
+            ET.SubElement(element, "joint", joint=joint, coef=text_of(coefficient))
 
 
 def _inertial(body: ET.Element, inertia: Inertia) -> None:

@@ -14,8 +14,9 @@ import numpy as np
 
 from elastic_arm.arrays import Array
 from elastic_arm.effects import Catalogue, EffectInstance, SensorEffect, StructuralEffect, robot_effects
+from elastic_arm.effects.model import ControllerEffect, Effect
 from elastic_arm.identification.batch.mounting import about_x, about_y
-from elastic_arm.robot import Inertia, Robot
+from elastic_arm.robot import Inertia, Joint, Robot
 from elastic_arm.robot.kinematics import lumped
 
 MOTOR_TORQUE = "motor_torque"
@@ -53,16 +54,18 @@ class StatedArm:
         """Return it with another link."""
         return replace(self, links=_put(self.links, i, link))
 
-    def without(self, instance: EffectInstance, reason: str) -> StatedArm:
+    def without(self, instance: EffectInstance, reason: str | None = None) -> StatedArm:
         """Return it with an effect that it cannot state."""
-        return replace(self, left=(*self.left, (instance, reason)))
+        if any(instance is one for one, _ in self.left):
+            return self  # of another joint that it acts on
+        return replace(self, left=(*self.left, (instance, reason or reason_left(instance))))
 
 
 def stated_arm(robot: Robot, catalogue: Catalogue | None = None, *, base: Array | None = None) -> StatedArm:
     """Return the numbers of a robot with those of its effects in them."""
     arm = StatedArm(
         tuple(joint.link for joint in robot.joints),
-        tuple(StatedJoint(armature=joint.armature or 0.0) for joint in robot.joints),
+        tuple(StatedJoint(armature=motor_inertia(joint)) for joint in robot.joints),
         np.array(robot.gravity),
     )
     for instance in robot_effects(robot, catalogue):
@@ -71,17 +74,31 @@ def stated_arm(robot: Robot, catalogue: Catalogue | None = None, *, base: Array 
             for i in instance.joint_indices(robot):
                 arm = rule(arm, robot, i, instance)
         else:
-            arm = arm.without(instance, reason_left(instance))
+            arm = arm.without(instance)
     if base is None or np.array_equal(base, robot.base_placement):
         return arm
     return replace(arm, gravity=base[:3, :3] @ robot.base_placement[:3, :3].T @ arm.gravity)
 
 
+def motor_inertia(joint: Joint) -> float:
+    """Return the nominal inertia on the motor side of a joint, kg m²: B of mod2, or its armature."""
+    if joint.transmission is None:
+        return joint.armature or 0.0
+    return sum(ratio**2 * component.izz for component, ratio in joint.transmission.components.values())
+
+
+def acts_by_law(effect: Effect) -> bool:
+    """Return whether a callback can add an effect to a model: a whole arm's, not one of its sensors or controllers."""
+    return not isinstance(effect, SensorEffect | StructuralEffect | ControllerEffect) and "mod3" in effect.lacked_by
+
+
 def reason_left(instance: EffectInstance) -> str:
     """Return why no number of a file states an effect."""
+    if isinstance(instance.effect, ControllerEffect):
+        return "of the controller: state its numbers in the arm file"
     if isinstance(instance.effect, SensorEffect):
         return "of the recording's sensors, not of the arm"
-    if isinstance(instance.effect, StructuralEffect):
+    if not acts_by_law(instance.effect):
         return "changes what the arm is made of: neither a number nor a law for MuJoCo"
     return "no number states it: elastic_arm.mujoco.attach adds its law"
 
@@ -90,34 +107,42 @@ def _put(values: Sequence[Any], i: int, value: Any) -> tuple[Any, ...]:
     return (*values[:i], value, *values[i + 1 :])
 
 
+def _on_elastic_link(robot: Robot, instance: EffectInstance) -> bool:
+    """Return whether an effect acts on the link of an elastic joint, which is no joint of a file."""
+    return robot.elastic and instance.parameters.get("side", "link") == "link"
+
+
 def _viscous(arm: StatedArm, robot: Robot, i: int, instance: EffectInstance) -> StatedArm:
-    return arm.with_joint(i, damping=_number(instance, "coefficient"))
+    if _on_elastic_link(robot, instance):
+        return arm.without(instance)
+    return arm.with_joint(i, damping=number(instance, "coefficient"))
 
 
 def _coulomb(arm: StatedArm, robot: Robot, i: int, instance: EffectInstance) -> StatedArm:
-    return arm.with_joint(i, friction_loss=_number(instance, "torque"))
+    if _on_elastic_link(robot, instance):
+        return arm.without(instance)
+    return arm.with_joint(i, friction_loss=number(instance, "torque"))
 
 
 def _spring(arm: StatedArm, robot: Robot, i: int, instance: EffectInstance) -> StatedArm:
-    if robot.elastic:
-        return arm.without(instance, reason_left(instance))
-    added, own = _number(instance, "stiffness"), arm.joints[i]
+    if _on_elastic_link(robot, instance):
+        return arm.without(instance)
+    added, own = number(instance, "stiffness"), arm.joints[i]
     whole = own.stiffness + added
-    rest = (own.stiffness * own.rest + added * _number(instance, "rest")) / whole if whole else 0.0
+    rest = (own.stiffness * own.rest + added * number(instance, "rest")) / whole if whole else 0.0
     return arm.with_joint(i, stiffness=added, rest=rest - own.rest)
 
 
 def _zero(arm: StatedArm, robot: Robot, i: int, instance: EffectInstance) -> StatedArm:
-    return arm.with_joint(i, zero=_number(instance, "offset"))
+    return arm.with_joint(i, zero=number(instance, "offset"))
 
 
 def _rotor(arm: StatedArm, robot: Robot, i: int, instance: EffectInstance) -> StatedArm:
-    nominal = robot.joints[i].armature or 0.0
-    return arm.with_joint(i, armature=(_number(instance, "inertia") - 1.0) * nominal)
+    return arm.with_joint(i, armature=(number(instance, "inertia") - 1.0) * motor_inertia(robot.joints[i]))
 
 
 def _payload(arm: StatedArm, robot: Robot, i: int, instance: EffectInstance) -> StatedArm:
-    mass = _number(instance, "mass")
+    mass = number(instance, "mass")
     if mass < 0.0:
         return arm.without(instance, f"its mass is {mass:g} kg: no body has less than none")
     point = Inertia(mass, np.array(instance.parameters["position"]), np.zeros((3, 3)))
@@ -129,9 +154,9 @@ def _link(arm: StatedArm, robot: Robot, i: int, instance: EffectInstance) -> Sta
     nominal, p = robot.joints[i].link, instance.parameters
     if arm.links[i] is not nominal:
         return _link_before(arm, robot, i, instance)
-    mass = _number(instance, "mass")
+    mass = number(instance, "mass")
     com = nominal.com + np.array(p["com"])
-    return arm.with_link(i, Inertia(mass * nominal.mass, com, mass * _number(instance, "inertia") * nominal.inertia))
+    return arm.with_link(i, Inertia(mass * nominal.mass, com, mass * number(instance, "inertia") * nominal.inertia))
 
 
 def _link_before(arm: StatedArm, robot: Robot, i: int, instance: EffectInstance) -> StatedArm:
@@ -148,18 +173,19 @@ def _link_before(arm: StatedArm, robot: Robot, i: int, instance: EffectInstance)
 def _tilt(arm: StatedArm, robot: Robot, i: int, instance: EffectInstance) -> StatedArm:
     if i != instance.joint_indices(robot)[0]:
         return arm
-    x, y = (_number(instance, axis) for axis in "xy")
+    x, y = (number(instance, axis) for axis in "xy")
     return replace(arm, gravity=(about_x(x) @ about_y(y)).T @ arm.gravity)
 
 
 def _delay(arm: StatedArm, robot: Robot, i: int, instance: EffectInstance) -> StatedArm:
     if instance.parameters["channels"] == (MOTOR_TORQUE,):
         delays = arm.delays if instance in arm.delays else (*arm.delays, instance)
-        return replace(arm.with_joint(i, delay=_number(instance, "delay")), delays=delays)
-    return arm.without(instance, reason_left(instance))
+        return replace(arm.with_joint(i, delay=number(instance, "delay")), delays=delays)
+    return arm.without(instance)
 
 
-def _number(instance: EffectInstance, name: str) -> float:
+def number(instance: EffectInstance, name: str) -> float:
+    """Return a parameter of an effect."""
     return float(instance.parameters[name])  # type: ignore[arg-type]
 
 

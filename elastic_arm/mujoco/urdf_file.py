@@ -100,7 +100,7 @@ def export_urdf(
         _check(document.text(), chain, after)
     write_result(out, document.text())
     as_placed = numbers.with_(base_placement=arm.base_placement)
-    listed = [*left_effects(as_placed, left), *_numbers_left(robot, numbers, before, after)]
+    listed = [*left_effects(as_placed, left, catalogue), *_numbers_left(robot, numbers, before, after)]
     return Exported((out,), tuple(changes), tuple(listed), units=robot.units)
 
 

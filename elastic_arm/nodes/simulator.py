@@ -24,6 +24,7 @@ from elastic_arm.errors import ElasticArmError, GraphError
 from elastic_arm.nodes.following.action import TrajectoryAction
 from elastic_arm.nodes.following.follower import Follower
 from elastic_arm.nodes.following.goals import POLICIES, Goal
+from elastic_arm.nodes.following.reference_message import commanded
 from elastic_arm.nodes.following.splines import Row
 from elastic_arm.nodes.support import graph
 from elastic_arm.nodes.support.description import ros_description
@@ -79,6 +80,7 @@ class SimulatorNode(ArmNode):
         self._start_clock(real_time)
         self._reference_topic = Listener(self, JointTrajectory, graph.relative(topics.REFERENCE), self._follow).topic
         Listener(self, JointTrajectory, "~/joint_trajectory", self._go_to)
+        Listener(self, JointState, "~/joint_commands", self._command)
         self._action = TrajectoryAction(self, lambda: self._reference)
         self.create_service(Trigger, "~/reset", self._reset)
         self._health = Health(self, "pace", self._now)
@@ -113,6 +115,9 @@ class SimulatorNode(ArmNode):
             "refuse",
             "What to do with a goal that breaks a limit of position, velocity or acceleration",
             choices=POLICIES,
+        )
+        self._command_period = declare(
+            self, "command_period", 0.02, "After a message on ~/joint_commands it is reached, s", between=(0.001, 0.5)
         )
         self._position = declare_numbers(
             self, "initial_position", [0.0], "Where the arm starts, rad; one angle a joint, or one for all"
@@ -169,7 +174,7 @@ class SimulatorNode(ArmNode):
         description = self.create_publisher(
             String, graph.relative(topics.ROBOT_DESCRIPTION), graph.qos(topics.ROBOT_DESCRIPTION)
         )
-        description.publish(String(data=ros_description(self._arm.nominal)))
+        description.publish(String(data=ros_description(self._arm.nominal, self.get_namespace())))
 
     def close(self) -> None:
         """Take the action out of the graph while the node is still there."""
@@ -272,6 +277,12 @@ class SimulatorNode(ArmNode):
     def _go_to(self, message: JointTrajectory) -> None:
         """Take a goal, as joint_trajectory_controller does on its topic."""
         self._take_points(self._reference.go_to, message, "~/joint_trajectory")
+
+    def _command(self, message: JointState) -> None:
+        """Take what a controller commands in one cycle, as ros2_control's topic-based system sends it."""
+        goal = commanded(message, self._command_period)
+        if goal is not None:
+            self._take_points(self._reference.obey, goal, "~/joint_commands")
 
     def _take_points(
         self, take: Callable[[JointTrajectory], Goal | None], message: JointTrajectory, topic: str

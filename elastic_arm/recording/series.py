@@ -108,7 +108,8 @@ class Series:
 
     def _once(self, stamp_ns: Stamps, rows: Rows) -> tuple[Stamps, Rows, Finding]:
         """Take one message of each stamp: the first that does not hold zeros alone."""
-        table = np.hstack([self._gather(np.float64, *_spread(self, path)) for path in self._paths()])[rows]
+        paths = dict.fromkeys(path for piece in self.pieces for path in piece.values if piece.has(path))
+        table = np.hstack([self._gather(np.float64, *_spread(self, path)) for path in paths])[rows]
         empty = ~np.nan_to_num(table).any(axis=1)
         order = np.lexsort((np.arange(len(rows)), empty, stamp_ns))
         first = np.diff(stamp_ns[order], prepend=stamp_ns[0] - 1) > 0
@@ -180,9 +181,6 @@ class Series:
             return piece.values[path][:, index]
 
         return self._gather(np.float64, one)[self.order]
-
-    def _paths(self) -> list[str]:
-        return list(dict.fromkeys(path for piece in self.pieces for path in piece.values if piece.has(path)))
 
     def _named(self, piece: Piece, path: str, wanted: tuple[str, ...]) -> Array:
         if not piece.has(path):

@@ -66,7 +66,7 @@ def gap_map(found: Diagnosis) -> MplFigure:
                 colour = "white" if shade[row, column] > 0.7 else "black"
                 ax.text(column, row, label, ha="center", va="center", fontsize=8, color=colour)
             ax.set_xticks(range(len(sides)), [f"{s} side" for s in sides])
-            ax.set_yticks(range(len(found.joints)), found.joints)
+            ax.set_yticks(range(len(found.joints)), found.joints if ax is axes[0, 0] else [""] * len(found.joints))
             ax.set_title(name, loc="left")
             ax.grid(False)
             ax.tick_params(length=0)

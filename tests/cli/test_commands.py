@@ -13,8 +13,9 @@ import numpy as np
 import pytest
 import yaml
 from rich.table import Table
+from typer.testing import CliRunner
 
-from elastic_arm.app import SUBCOMMANDS, load
+from elastic_arm.app import SUBCOMMANDS, app, load
 from elastic_arm.cli.console import UNLIMITED, PipeConsole
 from elastic_arm.excitation import load_trajectory
 from elastic_arm.recording import write_recording
@@ -173,7 +174,7 @@ def test_without_arguments_four_ways_in_are_shown() -> None:
     result = run()
     assert (result.exit_code, result.stderr) == (2, "")
     shown = re.findall(r"elastic-arm (\w.*)", result.stdout)
-    assert [line.split()[0] for line in shown] == ["simulate", "identify", "diagnose", "bag", "demo"]
+    assert [line.split()[0] for line in shown] == ["simulate", "identify", "diagnose", "bag"]
     for line in shown:
         words = line.split()
         told = run(*words[: 2 if words[0] == "bag" else 1], "--help")
@@ -314,3 +315,20 @@ def test_a_table_in_a_pipe_is_not_padded(capsys: pytest.CaptureFixture[str]) -> 
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) == 3 and lines == [line.rstrip() for line in lines]
     assert lines[2].endswith("b" * 400)
+
+
+@pytest.mark.parametrize(
+    ("written", "offered"),
+    [
+        ("coul", ["coulomb_friction"]),
+        ("coulomb_friction:", ["coulomb_friction:joint_1", "coulomb_friction:joint_2", "coulomb_friction:joint_3"]),
+        ("hysteresis:joint_1:torque=5,w", ["hysteresis:joint_1:torque=5,width="]),
+        ("nonsense:joint_1:", []),
+    ],
+)
+def test_shells_complete_effects_joints_and_parameters(written: str, offered: list[str]) -> None:
+    """`elastic-arm simulate --effect TAB` offers the catalogue, behind a colon the arm's joints, then the numbers."""
+    environment = {"_ELASTIC_ARM_COMPLETE": "complete_fish", "_TYPER_COMPLETE_FISH_ACTION": "get-args"}
+    environment["_TYPER_COMPLETE_ARGS"] = f"elastic-arm simulate --effect {written}"
+    done = CliRunner().invoke(app, [], env=environment, prog_name="elastic-arm")
+    assert [line.split("\t")[0] for line in done.stdout.split()] == offered

@@ -87,14 +87,3 @@ def test_motor_inertia_that_no_description_states_is_no_gain(recordings: list[Re
     assert found.context is not None
     third = found.context.model.robot.joints[2].armature
     assert third is not None and abs(third - HEAVIER * ARMATURES[2]) < 0.05 * ARMATURES[2]
-
-
-def test_the_diagnosis_names_larger_motor_inertia(recordings: list[Recording]) -> None:
-    """Rotor inertia mismatch of the right ratio is the cause where nothing in the arm is elastic."""
-    effects = tuple(EFFECTS[name] for name in ("rotor_inertia_mismatch", "coulomb_friction", "viscous_friction"))
-    found = diagnose(recordings[:1], Question(rigid(), effects=effects), recordings[1:])
-    assert found.verdict == "explained" and found.shrink is not None and found.shrink > 0.95
-    assert {cause.effect for cause in found.causes} == {"rotor_inertia_mismatch"}
-    assert all(
-        abs(cause.parameters["inertia"].value - HEAVIER) < 0.02 for cause in found.causes if cause.joint != "joint_1"
-    )

@@ -14,9 +14,7 @@ from typer.testing import CliRunner
 from elastic_arm.cli.diagnose import diagnose_command
 from elastic_arm.diagnosis import Question, diagnose
 from elastic_arm.diagnosis.preprocessing import clock_drift, usable
-from elastic_arm.effects import EFFECTS
 from elastic_arm.errors import DiagnosisError, IdentificationError
-from elastic_arm.excitation import FourierTrajectory
 from elastic_arm.recording import Recording, write_recording
 from tests.helpers.effect_samples import INSTANCES
 from tests.helpers.gap_recordings import ROBOT, motions, record
@@ -63,13 +61,6 @@ def drifting(recording: Recording, rate: float) -> Recording:
     return replace(recording, link=replace(recording.link, stamp_ns=stamps))
 
 
-def one_still(motion: FourierTrajectory) -> FourierTrajectory:
-    """The motion with joint 2 at rest."""
-    kept = np.array([[1.0], [0.0], [1.0]])
-    a, b = motion.a * kept, motion.b * kept
-    return FourierTrajectory(motion.omega, a, b, motion.q0, motion.duration, motion.ramp, motion.joints)
-
-
 @pytest.mark.parametrize(
     ("spoil", "words"),
     [
@@ -91,17 +82,6 @@ def test_unusable_bag_ends_in_one_line_and_status_2(
     assert not (tmp_path / "out").exists()
 
 
-def test_a_copy_of_what_is_fitted_may_not_judge(clean: list[Recording], tmp_path: Path) -> None:
-    """The same recording under another name and at another time, or a part of it, is found out: it has seen the fit."""
-    bags = [write_recording(tmp_path / name, clean[0]) for name in ("monday", "tuesday")]
-    told = CliRunner().invoke(APP, [str(bags[0]), "--validate", str(bags[1])])
-    assert told.exit_code == 2 and "is also what is fitted" in told.stderr
-    later = {n: replace(s, stamp_ns=s.stamp_ns + 10**10) for n, s in clean[0].sides().items()}
-    for judge in (replace(clean[0], link=later["link"], motor=later["motor"]), clean[0].between(1.0, 5.0)):
-        with pytest.raises(DiagnosisError, match="also what is fitted"):
-            diagnose([clean[0]], Question(ROBOT, effects=()), [judge])
-
-
 def test_one_dead_torque_channel_is_left_out_with_a_remark(clean: list[Recording]) -> None:
     """Joint torques that are 0 throughout were not recorded: the rest is diagnosed, and the result says so."""
     dead = [with_effort(r, lambda e: 0 * e, "link") for r in clean]
@@ -111,24 +91,13 @@ def test_one_dead_torque_channel_is_left_out_with_a_remark(clean: list[Recording
     assert found.to_dict()["gap"]["before"]["joint_1"]["drive"] is None
 
 
-def test_a_joint_that_stands_still_is_named_and_accused_of_nothing() -> None:
-    """Friction on a joint that does not move is not made up; friction on one that moves is found as ever."""
-    still = [one_still(motion) for motion in motions()]
-    effects = tuple(EFFECTS[name] for name in ("coulomb_friction", "viscous_friction", "load_dependent_friction"))
-    for joint, expected in (("joint_1", {("coulomb_friction", "joint_1")}), ("joint_2", set())):
-        text = f"coulomb_friction:{joint}:torque=5"
-        recordings = [record(motion, text, seed=k) for k, motion in enumerate(still)]
-        found = diagnose([recordings[0]], Question(ROBOT, effects=effects), [recordings[1]])
-        assert {(c.effect, c.joint) for c in found.causes} == expected
-        assert any(note.startswith("joint_2 stands still") for note in found.notes)
-
-
 @pytest.mark.parametrize("rate", [1e-5, -1e-4])
 def test_clocks_that_drift_apart_are_brought_together_with_a_remark(rate: float, clean: list[Recording]) -> None:
-    """Two topics stamped by clocks 10 or 100 us a second apart: said, with the figure, and no cause made of it."""
-    late = [drifting(r, rate) for r in clean]
-    found = diagnose([late[0]], Question(ROBOT), [late[1]])
-    assert (found.verdict, found.causes) == ("none", ())
+    """Two topics stamped by clocks 10 or 100 us a second apart: stamps are as they were, and the figure is said."""
+    found, plain = usable(drifting(clean[0], rate)), clean[0]
+    assert found.link is not None and found.motor is not None and plain.link is not None
+    since = found.link.stamp_ns - found.motor.stamp_ns
+    assert np.abs(since).max() < 0.1 * abs(rate) * np.ptp(plain.link.stamp_ns)
     (note, *_) = [note for note in found.notes if "drift apart" in note]
     assert float(note.split("drift apart by ")[1].split(" us")[0]) == pytest.approx(1e6 * rate, rel=0.05)
 

@@ -13,7 +13,7 @@ from elastic_arm.identification import identify
 from elastic_arm.robot.mjcf import MjcfArm
 from tests.helpers.servo_arms import recorded, servo_arm
 
-RATES = [(250.0, 17), (50.0, 12)]  # Hz, bits of the encoders
+FAST, SLOW = (250.0, 17), (50.0, 12)  # Hz, bits of the encoders
 ELBOW = 'name="elbow" axis="0 1 0" armature="0.028" damping="0.05" frictionloss="0.05"'
 STATED = 'kp="17.8" kv="0.6" joint="lift"'
 LIMIT = 'joint="lift" forcerange="-4 4"'
@@ -30,45 +30,42 @@ def answer(nominal: MjcfArm, rate: float, bits: int, changes: dict[str, str] | N
     return diagnose(runs[:1], Question(nominal.robot), runs[1:])
 
 
-@pytest.mark.parametrize(("rate", "bits"), RATES)
-def test_a_clean_arm_has_no_cause(nominal: MjcfArm, rate: float, bits: int) -> None:
+def test_a_clean_arm_has_no_cause(nominal: MjcfArm) -> None:
     """Where arm and controllers are as described nothing is found, and the scale of torque is stated."""
-    found = answer(nominal, rate, bits)
+    found = answer(nominal, *SLOW)
     assert (found.verdict, found.causes) == ("none", ())
     assert set(found.torque_scale) == set(nominal.robot.joint_names)
     assert found.to_dict()["torque_scale"] == found.torque_scale
 
 
-@pytest.mark.parametrize(("rate", "bits"), RATES)
 @pytest.mark.parametrize(
-    ("changes", "late", "wanted"),
+    ("changes", "late", "wanted", "recorded"),
     [
-        ({ELBOW: ELBOW.replace('loss="0.05"', 'loss="0.12"')}, 0, ("coulomb_friction", "elbow", "torque", 0.12)),
-        ({ELBOW: ELBOW.replace('ing="0.05"', 'ing="0.15"')}, 0, ("viscous_friction", "elbow", "coefficient", 0.15)),
-        ({STATED: STATED.replace("17.8", "23")}, 0, ("position_gain", "lift", "gain", 23 / 17.8)),
-        ({}, 1, ("command_delay", None, "delay", None)),
-        ({LIMIT: LIMIT.replace("4", "1.2")}, 0, ("torque_saturation", "lift", "torque", 1.2)),
+        ({ELBOW: ELBOW.replace('loss="0.05"', 'loss="0.12"')}, 0, ("coulomb_friction", "elbow", "torque", 0.12), SLOW),
+        ({ELBOW: ELBOW.replace('ing="0.05', 'ing="0.15')}, 0, ("viscous_friction", "elbow", "coefficient", 0.15), SLOW),
+        ({STATED: STATED.replace("17.8", "23")}, 0, ("position_gain", "lift", "gain", 23 / 17.8), FAST),
+        ({}, 1, ("command_delay", None, "delay", None), SLOW),
+        ({LIMIT: LIMIT.replace("4", "1.2")}, 0, ("torque_saturation", "lift", "torque", 1.2), FAST),
     ],
     ids=["dry", "viscous", "kp", "delay", "saturation"],
 )  # fmt: skip
 def test_what_is_withheld_is_named(
     nominal: MjcfArm,
-    rate: float,
-    bits: int,
     changes: dict[str, str],
     late: int,
     wanted: tuple[str, str | None, str, float],
+    recorded: tuple[float, int],
 ) -> None:
     """Friction, kp, late commands and a weak drive come first, sizes right to 3 %; nothing else closes 2 % of the gap.
 
     MuJoCo's friction turns over within a millisecond, which the law's sign does not.
     """
-    found = answer(nominal, rate, bits, changes, late)
+    found = answer(nominal, *recorded, changes, late)
     effect, joint, name, size = wanted
     cause, *rest = found.causes
     assert all(abs(other.shrink) < 0.02 for other in rest)
     assert (found.verdict, cause.effect, cause.joint) == ("explained", effect, joint)
-    assert cause.parameters[name].value == pytest.approx(size or late / rate, rel=0.03)
+    assert cause.parameters[name].value == pytest.approx(size or late / recorded[0], rel=0.03)
 
 
 @pytest.mark.parametrize(
@@ -100,7 +97,7 @@ def test_gains_that_are_off_together_are_a_scale_and_no_cause(nominal: MjcfArm) 
 
 def test_a_gain_of_speed_and_viscous_friction_are_alternatives(nominal: MjcfArm) -> None:
     """Of a controller that damps the motor's own speed, both are the same torque, and both are named."""
-    (cause,) = answer(nominal, 250.0, 17, {STATED: STATED.replace("0.6", "0.9")}).causes
+    (cause,) = answer(nominal, *SLOW, {STATED: STATED.replace("0.6", "0.9")}).causes
     assert {cause.effect, *(a.effect for a in cause.alternatives)} == {"viscous_friction", "velocity_gain"}
 
 

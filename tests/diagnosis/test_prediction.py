@@ -55,11 +55,8 @@ def test_the_model_of_a_clean_arm_sees_200_ms_ahead(clean: Prediction) -> None:
     "effect",
     [
         "coulomb_friction",  # in the motor
-        "hysteresis",  # with a state of its own
         "transmission_error",  # twists the drive and pushes the motor back
-        "payload",  # moves the link
         "motor_torque_gain",  # a sensor's: the torque that drives the prediction
-        "encoder_eccentricity",  # a sensor's: the angle that it is compared with
         "bearing_compliance",  # adds coordinates
     ],
 )

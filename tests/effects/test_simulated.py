@@ -232,52 +232,6 @@ def test_conservative_effects_keep_energy(arm, effect):
     assert np.ptp(without) > 20 * np.ptp(energy)
 
 
-@pytest.mark.parametrize(
-    "effect", ["viscous_friction", "coulomb_friction", "stribeck_friction", "load_dependent_friction", "hysteresis"]
-)
-def test_friction_takes_energy_at_every_moment(arm, effect):
-    """An undamped falling arm loses energy steadily, just as much as the law's torque times the speed."""
-    robot, instance = free(arm), parse(INSTANCES[effect][0].replace("joint_3", "joint_2"))
-    simulator = Simulator(
-        robot, SimulationSettings(effects=[instance], sensors=Sensors.exact(), substeps=20), q0=np.full(3, 0.5)
-    )
-    truth, _ = simulator.drive(np.zeros((1000, 3)))
-    kinetic, potential = build_model(robot, engine="numpy").energy(truth.x, truth.dx)
-    energy = kinetic + potential
-    p, w = instance.parameters, truth.dtheta[:, 1]
-    if effect == "hysteresis":
-        power = p["torque"] * truth.z[:, 0] * (w - truth.dq[:, 1])
-    else:
-        tau_J = arm.joints[1].transmission.stiffness * (truth.theta - truth.q)[:, 1]
-        size = {
-            "viscous_friction": lambda: p["coefficient"] * np.abs(w),
-            "coulomb_friction": lambda: p["torque"],
-            "stribeck_friction": lambda: p["torque"] * np.exp(-((w / p["speed"]) ** 2)),
-            "load_dependent_friction": lambda: p["coefficient"] * np.abs(tau_J),
-        }[effect]()
-        power = size * np.abs(w) * np.tanh(np.abs(w) / simulator.sign_speed[4])
-        assert np.diff(energy).max() < 1e-9 * np.ptp(potential)
-    lost = np.concatenate([[0.0], np.cumsum(0.5 * (power[1:] + power[:-1]) / RATE)])
-    assert np.abs(energy[0] - energy - lost).max() < 2e-3 * lost.max()
-    assert lost[-1] > 0
-
-
-def test_hysteresis_follows_its_closed_form(arm):
-    """z depends on the path of the deflection alone: linear towards zero, exponential towards +-1."""
-    instance = parse("hysteresis:joint_2:torque=5,width=1e-4")
-    truth, _ = run(arm, [instance], seconds=2.0)
-    d = (truth.theta - truth.q)[:, 1]
-    z = [0.0]
-    for step in np.diff(d) / 1e-4:
-        start, way = z[-1] * np.sign(step), abs(step)
-        if start < 0:  # back to zero first
-            used = min(way, -start)
-            start, way = start + used, way - used
-        z.append(np.sign(step) * (1 - (1 - start) * np.exp(-way) if start >= 0 else start))
-    assert np.ptp(truth.z[:, 0]) > 1.5
-    assert np.abs(truth.z[:, 0] - np.array(z)).max() < 5e-3
-
-
 def test_dry_friction_holds_a_joint_nearly_still(arm):
     """A torque below Coulomb's leaves the vertical axis creeping below the regularisation speed; one above moves it."""
     simulator = Simulator(
@@ -300,26 +254,6 @@ def test_friction_that_outruns_the_integrator_is_widened(arm):
     push = np.array([10.0, 0.0, 0.0])
     truth, _ = simulator.drive(np.tile(simulator.state.command + push, (300, 1)))
     assert np.abs(np.diff(truth.dtheta[-50:, 0])).max() < 1e-6
-
-
-def peak_frequency(y):
-    spectrum = np.abs(np.fft.rfft((y - y.mean()) * np.hanning(len(y)), 8 * len(y)))
-    f = np.fft.rfftfreq(8 * len(y), 1 / RATE)
-    return f[1:][spectrum[f > 4.0].argmax() + np.searchsorted(f, 4.0, "right") - 1]
-
-
-@pytest.mark.parametrize(
-    ("text", "per_turn"),
-    [("torque_ripple:joint_1:amplitude=4,order=1", 363.0), ("transmission_error:joint_1:amplitude=3e-5", 242.0)],
-)
-def test_ripple_has_the_frequency_of_its_wheel(arm, text, per_turn):
-    """At a constant speed of the motor the joint torque ripples at order x ratio x speed."""
-    speed, t = 0.2, np.arange(4001)[:, None] / RATE
-    q = np.hstack([speed * t, 0 * t, 0 * t])
-    dq = np.tile([speed, 0.0, 0.0], (len(t), 1))
-    simulator = Simulator(arm, SimulationSettings(effects=[parse(text)], sensors=Sensors.exact()), dq0=dq[0])
-    truth, _ = simulator.follow(q, dq, np.zeros_like(q))
-    assert peak_frequency(truth.tau_J[1000:, 0]) == pytest.approx(per_turn * speed / (2 * np.pi), rel=0.02)
 
 
 @pytest.mark.parametrize(

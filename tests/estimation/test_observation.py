@@ -50,18 +50,6 @@ def test_the_noise_of_every_channel_is_what_the_sensors_have() -> None:
         np.testing.assert_allclose(found, stated, rtol=0.15)
 
 
-def test_smoothing_keeps_the_length_of_a_recording() -> None:
-    """Both ends are continued before they are smoothed; what that makes rough lies within the margin."""
-    seen = observation()
-    samples = recording().samples()
-    assert seen.duration == pytest.approx(samples.t[-1] - samples.t[0], abs=0.1)
-    (piece,) = seen.pieces
-    middle = (piece.t > piece.t[0] + seen.margin) & (piece.t < piece.t[-1] - seen.margin)
-    raw = np.column_stack([np.interp(piece.t[middle], samples.t, column) for column in samples.theta.T])
-    assert 0.0 < seen.margin < 1.0
-    np.testing.assert_allclose(piece.theta[middle], raw, atol=1e-3)
-
-
 def test_columns_are_made_of_motion_smoothed_at_least_as_far_as_residuals() -> None:
     """The motion of the columns has no more power in its accelerations than that of the residuals."""
     seen = observation()

@@ -7,13 +7,14 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from scipy.integrate import trapezoid
 
 from elastic_arm.dynamics import build_model
+from elastic_arm.dynamics.bodies import TENSOR
+from elastic_arm.equations.numbers import Number
+from elastic_arm.equations.robot_at import calibrated_robot
 from elastic_arm.estimation.band import Band
 from elastic_arm.estimation.equations import EquationSet
 from elastic_arm.estimation.observation import Observation, observe, widest_band
-from elastic_arm.estimation.residuals import residuals
 from elastic_arm.estimation.whitening import EDGE, FLOOR, WhitenedData, noise_models
 from elastic_arm.recording import Side
 from elastic_arm.sensors import Encoder, Sensors, TorqueSensor
@@ -39,12 +40,6 @@ def mean_square(data: WhitenedData) -> float:
     """Return that of the whitened residuals over the independent rows, of which the band leaves a part."""
     count = sum(len(y) - 2 * EDGE for y in data.y) * data.layout.rows
     return float(data.white @ data.white / (count * 2 * data.band.cutoff / data.band.kept_rate))
-
-
-def test_the_channels_noise_is_found() -> None:
-    """Torque noise is estimated where no motion is, positive for each joint."""
-    noise = observation().noise
-    assert noise.tau_m is not None and noise.tau_m.shape == (MODEL.n,) and (noise.tau_m > 0).all()
 
 
 def test_whitened_residuals_of_a_clean_arm_are_white_noise_of_variance_one() -> None:
@@ -108,16 +103,6 @@ def test_the_floor_of_a_joint_is_a_part_of_its_own_sensors_noise() -> None:
     np.testing.assert_allclose(floors([0.3, 0.29, 0.01]), [9e-4, 9e-4, 1.4e-6], rtol=0.3)
 
 
-def test_residuals_of_a_clean_arm_are_as_large_as_the_noise_model_states() -> None:
-    """Without the extra floor the model predicts the residuals' standard deviations, equation by equation."""
-    equations, band = setting()
-    (noise,) = noise_models(MODEL, observation(), equations, band, (0.0,))
-    values = np.concatenate([s.values for s in residuals(MODEL, observation(), equations, band)])
-    density = np.real(np.einsum("frr->fr", noise.covariance)) * band.gain(noise.f)[:, None] ** 2
-    expected = np.sqrt(trapezoid(density, noise.f, axis=0) * 2.0 / noise.rate)
-    np.testing.assert_allclose(values.std(axis=0), expected, rtol=0.3)
-
-
 def test_rows_of_a_motor_that_sticks_are_freed_of_its_friction() -> None:
     """Where a joint stands for 0.2 s, its motor's rows are next to null, those of link and drive as they were."""
     recording = record(motions()[0], seed=0, sensors=Sensors.real())
@@ -141,3 +126,17 @@ def test_rows_of_a_motor_that_sticks_are_freed_of_its_friction() -> None:
     assert freed[inside].max() < 0.1 * kept[inside].max()
     assert (freed == kept).mean() > 0.8
     np.testing.assert_array_equal(moving.y[0][:, : 2 * MODEL.n], whole.y[0][:, : 2 * MODEL.n])
+
+
+def test_a_scale_common_to_arm_and_torques_is_told_by_nothing() -> None:
+    """A recording is as dense, to 0.01 a row, of links, rotors and springs 1.25 times as large beside sensors that
+    read 0.8: each torque alone makes it 0.22. Motors that links carry keep their masses."""
+    ordinary = {"link_mass", "rotor_inertia", "spline_inertia_ratio", "stiffness", "damping"}
+    zero = {"link_com_x", "link_com_y", "link_com_z", *(f"link_inertia_{'xyz'[a]}{'xyz'[b]}" for a, b in TENSOR)}
+    numbers = [Number(what, j, "1", 1.0, 1.0) for j in ROBOT.joint_names for what in sorted(ordinary | zero)]
+    values = np.array([0.25 if number.what in ordinary else 0.0 for number in numbers])
+    larger = build_model(calibrated_robot(ROBOT, numbers, values), "mod3")
+    gains = {"tau_J": np.full(MODEL.n, 0.8), "tau_m": np.full(MODEL.n, 0.8)}
+    one = WhitenedData(MODEL, [observation()], *setting())
+    other = WhitenedData(larger, [observation().corrected({}, gains)], *setting())
+    assert other.density == pytest.approx(one.density, abs=0.01 * len(one.white))

@@ -178,3 +178,15 @@ def test_a_nonlinear_number_comes_out_within_its_deviation(true: float) -> None:
         width = moved(bump.searched[0], found.theta[0], float(fit.beta(found)[1]))
         errors.append(np.log(width / true) / np.sqrt(fit.covariance(found)[1, 1]))
     assert np.abs(errors).max() < 4.0 and 0.5 < np.sqrt(np.mean(np.square(errors))) < 1.6
+
+
+def test_a_set_that_is_less_probable_at_its_own_linearisation_is_not_taken() -> None:
+    """The search ends with the next best set, and probabilities count the first by its score elsewhere."""
+    data = model(quiet(RNG) + 0.5 * COLUMNS[:, 0], N)
+    twin = term("twin", COLUMNS[:, 0] + 0.1 * COLUMNS[:, 1], odds=2.0)
+    free = search(data, [term("one", COLUMNS[:, 0], odds=2.0), twin])
+    first = free.run()
+    again = replace(free, met={}, refused={first.keys: data.fit(()).score - 50.0})
+    second = again.run()
+    assert {k[0] for k in first.keys} == {"one"} and {k[0] for k in second.keys} == {"twin"}
+    assert again.probability(lambda key: key[0] == "one") < 1e-6

@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import os
 import signal
-import subprocess
-import sys
 import threading
 import time
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -253,29 +250,6 @@ def test_an_error_inside_the_search_comes_out(mod3: Model, limits: MotionLimits,
         optimise(mod3, limits, columns, rng=np.random.default_rng(0), evaluations=1000, random=2, progress=stop)
 
 
-def test_an_interrupt_ends_the_search_and_is_heeded_after_it(
-    mod3: Model, limits: MotionLimits, columns: np.ndarray
-) -> None:
-    """NOMAD takes Ctrl-C for itself, ends as if the search were done, and keeps it for good."""
-
-    def stop(count: int, best: float) -> None:
-        if count == 5:
-            os.kill(os.getpid(), signal.SIGINT)
-
-    # A shell lets what runs in its background ignore SIGINT.
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    try:
-        for _ in range(2):
-            with pytest.raises(KeyboardInterrupt):
-                optimise(mod3, limits, columns, rng=np.random.default_rng(0), evaluations=1000, random=2, progress=stop)
-        optimise(mod3, limits, columns, rng=np.random.default_rng(0), evaluations=20, random=2)
-        with pytest.raises(KeyboardInterrupt):
-            os.kill(os.getpid(), signal.SIGINT)
-            time.sleep(5.0)
-    finally:
-        signal.signal(signal.SIGINT, before)
-
-
 NEVER = 2000
 
 
@@ -310,41 +284,6 @@ def test_an_interrupt_is_heeded_in_whatever_thread_it_comes(
             time.sleep(5.0)
     finally:
         signal.signal(signal.SIGINT, before)
-
-
-def test_an_interrupt_ends_a_search_in_another_thread(mod3: Model, limits: MotionLimits, columns: np.ndarray) -> None:
-    """There, too, what NOMAD found until then does not pass for the result."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    try:
-        with ThreadPoolExecutor(1) as pool:
-            searched = pool.submit(signalled, columns, limits, mod3, elsewhere=True)
-            with pytest.raises(KeyboardInterrupt):
-                searched.result()
-    finally:
-        signal.signal(signal.SIGINT, before)
-
-
-IGNORED = """
-import os, signal
-import numpy as np
-from elastic_arm.dynamics import build_model
-from elastic_arm.excitation import MotionLimits, optimise
-from elastic_arm.identification.base_regression import BaseRegression
-from elastic_arm.robot import load_robot
-
-signal.signal(signal.SIGINT, signal.SIG_IGN)
-model = build_model(load_robot(), "mod3")
-columns = BaseRegression(model, ("q", "theta", "tau_m")).base.columns
-interrupt = lambda count, best: os.kill(os.getpid(), signal.SIGINT)
-rng, limits = np.random.default_rng(0), MotionLimits.of(model.robot)
-print(optimise(model, limits, columns, rng=rng, evaluations=100, random=2, progress=interrupt).evaluations)
-"""
-
-
-def test_an_interrupt_that_is_ignored_does_not_end_the_search() -> None:
-    """A shell lets what runs in its background ignore SIGINT; the search is as long as was asked for."""
-    done = subprocess.run([sys.executable, "-c", IGNORED], capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stdout, done.stderr) == (0, "100\n", "")
 
 
 # --- figures

@@ -11,7 +11,8 @@ import numpy as np
 import yaml
 from rosbags.rosbag2 import StoragePlugin, Writer
 
-from elastic_arm.recording import Recording, Side, message_types
+from elastic_arm.errors import RecordingError
+from elastic_arm.recording import Recording, Side, message_types, read_recording
 from elastic_arm.recording.inspection.check import check_bag
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
@@ -123,3 +124,12 @@ def write_yaml(path: Path, content: object) -> Path:
     """Write `content` as YAML."""
     path.write_text(yaml.safe_dump(content, sort_keys=False))
     return path
+
+
+def holds_samples(bag: Path) -> bool:
+    """Return whether a bag that is being recorded holds both sides by now."""
+    try:
+        recording = read_recording(bag)
+    except RecordingError:
+        return False
+    return recording.link is not None and recording.motor is not None

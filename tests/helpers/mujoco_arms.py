@@ -13,6 +13,8 @@ from elastic_arm.effects import robot_effects
 from elastic_arm.effects.effect_set import EffectSet
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.effects.motion import SymbolicMotion
+from elastic_arm.mujoco import attach
+from elastic_arm.mujoco.elements import DEFLECTION
 from elastic_arm.robot import Robot
 from elastic_arm.robot.mjcf import MjcfArm, engine
 
@@ -56,3 +58,23 @@ def mujoco_torque(arm: MjcfArm, q: Array, dq: Array, ddq: Array, *, friction_los
         mj.mj_inverse(model, data)
         found.append(data.qfrc_inverse[arm.dofs].copy())
     return np.array(found)
+
+
+def played(robot: Robot, text: str, commands: Array, start: Array, *, substeps: int, attached: bool = False) -> Array:
+    """Return the angles q and theta (N, 2n) that an elastic arm's new MJCF has under motor torques (N, n)."""
+    mj, n, angles = engine(), robot.n, []
+    model = mj.MjModel.from_xml_string(text)
+    model.opt.disableflags |= int(mj.mjtDisableBit.mjDSBL_LIMIT)
+    data = mj.MjData(model)
+    theta, wound = ([model.joint(f"{name}{end}").qposadr[0] for name in robot.joint_names] for end in ("", DEFLECTION))
+    for values, state in ((data.qpos, start[: 2 * n]), (data.qvel, start[2 * n : 4 * n])):
+        values[theta], values[wound] = state[n:], state[:n] - state[n:]
+    handle = attach(model, robot) if attached else None
+    for command in commands:
+        angles.append([*(data.qpos[theta] + data.qpos[wound]), *data.qpos[theta]])
+        data.ctrl[:] = command
+        for _ in range(substeps):
+            mj.mj_step(model, data)
+    if handle is not None:
+        handle.detach()
+    return np.array(angles)

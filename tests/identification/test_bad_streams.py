@@ -48,7 +48,7 @@ def fed(parts: list[Samples]) -> tuple[Identifier, list[str]]:
     return identifier, complaints
 
 
-@pytest.mark.parametrize("before", [1, 5, 10, 3000, 5000])
+@pytest.mark.parametrize("before", [1, 10, 5000])
 @pytest.mark.parametrize("alone", [True, False])
 def test_a_sample_stamped_in_the_future_does_not_end_the_stream(before: int, alone: bool) -> None:
     """Samples after one that is stamped 12 days ahead are used as those before: not refused until that day."""
@@ -61,7 +61,7 @@ def test_a_sample_stamped_in_the_future_does_not_end_the_stream(before: int, alo
     assert max(identifier.fit().noise[-3:]) < 0.2
 
 
-@pytest.mark.parametrize("few", [1, 5, 13, 30])
+@pytest.mark.parametrize("few", [1, 30])
 def test_a_few_samples_of_a_moving_arm_before_a_gap_do_not_end_the_stream(few: int) -> None:
     """Neither rate nor smoother can be chosen by them: that is said once at most, and they are given up."""
     identifier, complaints = fed([at(3000, 3000 + few), *batches(0, len(samples()), 60.0)])
@@ -101,7 +101,7 @@ def test_stamps_that_hardly_advance_take_no_memory() -> None:
     assert run.waiting == CAPACITY
 
 
-@pytest.mark.parametrize("count", [12, 20, 32])
+@pytest.mark.parametrize("count", [12, 32])
 def test_a_smoother_is_not_chosen_by_a_handful_of_samples(count: int) -> None:
     """The filter that estimates the noise has not settled by then: refused in words, without a number made up."""
     few = at(3000, 3000 + count)

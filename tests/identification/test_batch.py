@@ -21,7 +21,6 @@ from elastic_arm.identification import (
     identifier_of,
     identify,
     parse_laws,
-    std_ratio,
 )
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.batch.derivatives import DerivativeStage
@@ -235,16 +234,6 @@ def test_a_second_of_motion_is_called_too_short(model: Model) -> None:
     judged = fed(model, second, []).excitation()
     assert judged.poor
     assert "too short to judge the errors by" in judged.reasons[0]
-
-
-def test_what_offline_gains_over_a_stream_is_said(model: Model, samples: Samples) -> None:
-    """The same recording's standard deviations are compared, parameter by parameter, and the greatest gain is named."""
-    online = fed(model, samples, []).fit()
-    offline = identify(recorded(samples), model.robot, IdentificationSettings(consistent=False))
-    found = std_ratio(online.std, offline)
-    assert found.ratios == pytest.approx(online.std / offline.std)
-    assert found.median <= found.largest == found.ratios.max()
-    assert offline.estimates[int(np.argmax(found.ratios))].name in found.summary()
 
 
 def test_result_survives_its_json_file(model: Model, samples: Samples, tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ import pytest
 from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation import smoother
 from elastic_arm.estimation.smoother import Smoother
-from elastic_arm.identification.batch.derivatives import DerivativeStage
+from elastic_arm.identification.batch.derivatives import DerivativeStage, repeats
 from elastic_arm.recording import Samples
 
 RATE = 1000.0
@@ -88,3 +88,12 @@ def test_a_recording_that_is_too_short_is_named_with_what_it_needs() -> None:
     gaps = samples(swinging(2.0 * seconds), lost=slice(end, round(2.0 * seconds * RATE) - end))
     with pytest.raises(IdentificationError, match="the recording has 2 pieces between gaps, the longest"):
         DerivativeStage(gaps)()
+
+
+def test_a_motion_that_repeats_is_told_from_one_that_does_not() -> None:
+    """Three harmonics under noise, and a chirp."""
+    t = np.arange(5000) / 250.0
+    angle = sum(a * np.sin(2 * np.pi * k * t / 4.0 + 0.3 * k) for k, a in ((1, 0.5), (2, 0.2), (5, 0.05)))
+    noise = 1e-4 * np.random.default_rng(0).standard_normal((len(t), 1))
+    assert repeats(np.asarray(angle)[:, None] + noise)
+    assert not repeats(np.sin(0.3 * t**2)[:, None])

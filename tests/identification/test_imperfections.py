@@ -17,7 +17,6 @@ from elastic_arm.identification.batch.imperfections import (
     LEVEL,
     ZERO,
     NuisanceLaw,
-    described_imperfections,
     possible_imperfections,
     told_apart,
 )
@@ -143,26 +142,6 @@ def test_a_rigid_arm_has_one_side(robot: Robot) -> None:
     assert on_recorded_side(laws, robot, motored=True) == (tuple(laws), [])
     curves = parse_laws([f"stribeck_friction:speed={speed},side=link" for speed in (0.05, 0.5)], robot)
     assert on_recorded_side(curves, robot, motored=False) == (tuple(curves), [])
-
-
-def test_imperfections_are_named_with_why_and_how(robot: Robot) -> None:
-    """One note for what the recordings show, one for what a prior holds."""
-    first, second = parse_laws(["motor_torque_offset"], robot)[:2]
-    shown, held = described_imperfections([NuisanceLaw(first), NuisanceLaw(second, 1.0)])
-    assert "differ from none" in shown and shown.endswith(f"motor_torque_offset:{first.joint}")
-    assert "kept within what is usual: the other zeros of torques (10%" in held
-    assert described_imperfections([]) == []
-
-
-def test_the_zero_of_a_sliding_axis_is_kept_beside_no_tilt() -> None:
-    """A tilt loads it with a constant force, as a zero does: the zero is identified, the tilt is not."""
-    slide = random_arm(1, np.random.default_rng(1), elastic=False, prismatic=[0])
-    samples = recorded(slide, []).samples()
-    asked = parse_laws(["viscous_friction"], slide)
-    possible = possible_imperfections([samples], slide, asked)
-    columns = law_columns([*asked, *(each.instance for each in possible)], slide)
-    equations = Identifier(build_model(slide, "mod3"), columns, joints=slide.joint_names).choose_equations(samples)
-    assert [each.place[0] for each in told_apart(possible, equations)] == ["motor_torque_offset"]
 
 
 def test_what_an_identification_adds_is_no_law_of_the_next_one(robot: Robot) -> None:

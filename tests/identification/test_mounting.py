@@ -64,7 +64,7 @@ def test_an_arm_that_stands_as_described_is_taken_as_described(wrong: float) -> 
     assert found(np.array([0.0, 9.81 * np.sin(0.1), -9.81 * np.cos(0.1)]), wrong=wrong) is None
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("size", [0.1, 1.0])
 def test_zeros_of_torque_sensors_are_no_other_mounting(size: float, seed: int) -> None:
     """Half as large as the torques, of an arm that moves little or far."""
@@ -81,7 +81,7 @@ def test_a_swing_of_an_arm_whose_masses_are_off_shows_no_other_mounting(seed: in
 
 
 @pytest.mark.parametrize("reversed_", [slice(None), slice(0, 1), slice(1, 2)], ids=["all", "the first", "the second"])
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(2))
 def test_torques_of_the_wrong_sign_are_no_other_mounting(seed: int, reversed_: slice) -> None:
     """Of all joints or of one."""
     robot = random_arm(4, np.random.default_rng(seed), elastic=False).with_(gravity=DOWN)

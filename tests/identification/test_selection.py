@@ -10,7 +10,6 @@ import pytest
 from elastic_arm.dynamics import build_model
 from elastic_arm.identification import Identification, IdentificationSettings, accumulator, identify, parse_laws
 from elastic_arm.identification.batch import selection
-from elastic_arm.identification.batch.turning import turning_speeds
 from elastic_arm.identification.law_columns import SIGN_SPEEDS, USUAL_SIGN_SPEED
 from elastic_arm.recording import Recording, Samples, Side
 from elastic_arm.robot import Robot, load_robot, parse_urdf, to_urdf
@@ -88,15 +87,6 @@ def test_dry_friction_turns_over_at_each_joint_where_it_does(arm: Robot, samples
     found_dry = [sizes[f"coulomb_friction:joint_{k}.torque"] for k in (2, 3)]
     np.testing.assert_allclose(found_dry, dry[1:], rtol=0.05)
     assert any("0.05 rad/s of standstill" in note for note in found.notes)
-
-
-def test_turning_speeds_are_found_before_the_friction_is_known(arm: Robot, samples: Samples) -> None:
-    """Gradual friction of one joint is told from sharp friction of another."""
-    turning, dry = np.array([1e-4, 1e-4, 5e-2]), np.array([0.0, 20.0, 20.0])
-    recording = with_torque(arm, samples, dry * np.tanh(samples.dtheta / turning))
-    found = turning_speeds([recording], arm)
-    assert found is not None
-    assert found[1] < USUAL_SIGN_SPEED < found[2] == 5e-2
 
 
 def test_friction_turns_over_as_usual_where_recordings_do_not_tell() -> None:

@@ -8,12 +8,11 @@ import pytest
 from elastic_arm.effects import parse
 from elastic_arm.errors import RobotError
 from elastic_arm.mujoco import attach, to_mjcf
-from elastic_arm.mujoco.new_model import DEFLECTION
 from elastic_arm.robot import Robot, load_robot
 from elastic_arm.robot.mjcf import open_mjcf
 from elastic_arm.simulation import SimulationSettings, Simulator
 from tests.helpers.motions import trajectory
-from tests.helpers.mujoco_arms import MODELS
+from tests.helpers.mujoco_arms import MODELS, played
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -38,22 +37,8 @@ def apart(robot: Robot, seconds: float, *, attached: bool) -> float:
     start = ours.state.y.copy()
     truth, _ = ours.follow(*reference)
     text = to_mjcf(robot, timestep=1.0 / rate / substeps)[0].replace('"implicitfast"', '"RK4"')
-    model = mujoco.MjModel.from_xml_string(text)
-    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_LIMIT)
-    data = mujoco.MjData(model)
-    theta, wound = ([model.joint(f"{n}{end}").qposadr[0] for n in robot.joint_names] for end in ("", DEFLECTION))
-    for values, state in ((data.qpos, start[:6]), (data.qvel, start[6:12])):
-        values[theta], values[wound] = state[3:], state[:3] - state[3:]
-    handle = attach(model, robot) if attached else None
-    worst = 0.0
-    for k in range(len(truth.t)):
-        worst = max(worst, float(np.abs(data.qpos[theta] + data.qpos[wound] - truth.q[k]).max()))
-        data.ctrl[:] = truth.command[k]
-        for _ in range(substeps):
-            mujoco.mj_step(model, data)
-    if handle is not None:
-        handle.detach()
-    return worst
+    angles = played(robot, text, truth.command, start, substeps=substeps, attached=attached)
+    return float(np.abs(angles[:, : robot.n] - truth.q).max())
 
 
 def test_laws_act_in_mujoco_as_in_the_simulator() -> None:
@@ -64,12 +49,27 @@ def test_laws_act_in_mujoco_as_in_the_simulator() -> None:
 
 
 def test_internal_states_and_dry_friction_act_too() -> None:
-    """Hysteresis, with its internal state, and Stribeck friction follow the simulator, to 2 % of their effect."""
+    """Hysteresis, with its internal state, and friction that grows with the load follow the simulator, to 2 %."""
     robot = with_effects(
-        load_robot(), "stribeck_friction:joint_2:torque=20,speed=0.1", "hysteresis:joint_3:torque=15,width=1e-4"
+        load_robot(), "load_dependent_friction:joint_2:coefficient=0.1", "hysteresis:joint_3:torque=15,width=1e-4"
     )
     with_laws, without = (apart(robot, 0.5, attached=on) for on in (True, False))
     assert with_laws < 0.02 * without
+
+
+@pytest.mark.parametrize(
+    ("stated", "follows", "allowed"),
+    [
+        ("coulomb_friction:joint_2:torque=15", "asymmetric_friction:joint_2:asymmetry=0.3", 0.02),
+        ("backlash:joint_3:half_gap=1e-4", "load_dependent_friction:joint_3:coefficient=0.1", 1e-6),
+        ("nonlinear_stiffness:joint_3:cubic=1e10", "transmission_error:joint_3:amplitude=2e-4", 1e-6),
+    ],
+)
+def test_laws_follow_what_the_file_states(stated, follows, allowed) -> None:
+    """What scales friction or follows the joint torque finds the friction and the drive that the file has of itself."""
+    robot = with_effects(load_robot(), stated, follows)
+    with_laws, without = (apart(robot, 0.5, attached=on) for on in (True, False))
+    assert with_laws < allowed * without
 
 
 def test_nothing_is_left_when_detached() -> None:
@@ -89,6 +89,16 @@ def test_nothing_is_left_when_detached() -> None:
     assert mujoco.get_mjcb_passive() is None
     mujoco.mj_forward(arm.model, data)
     np.testing.assert_array_equal(data.qfrc_passive, before)
+
+
+def test_a_law_acts_once() -> None:
+    """Stribeck friction is of a new file itself; to a user's own file, which has none, its law is added."""
+    arm = open_mjcf(MODELS / "arm.xml")
+    robot = with_effects(arm.robot, "stribeck_friction:joint2:torque=1,speed=0.1")
+    with attach(arm.model, robot) as attached:
+        assert [e.effect.id for e in attached.instances] == ["stribeck_friction"]
+    with attach(mujoco.MjModel.from_xml_string(to_mjcf(robot)[0]), robot) as attached:
+        assert not attached.instances
 
 
 def test_a_model_of_another_arm_is_refused() -> None:

@@ -238,9 +238,9 @@ def test_what_the_whole_arm_has_is_listed(base: Path) -> None:
 
 
 def test_a_new_mjcf_lists_what_it_has_no_number_for(tmp_path: Path) -> None:
-    """Bearings, the rotors' coupling and a controller of an elastic arm are not in the new file, and named."""
+    """Bearings, the rotors' coupling and a controller that is no MuJoCo servo are not in the new file, and named."""
     robot = load_robot()
-    robot = robot.with_joint("joint_2", controller=JointController(kp=100.0))
+    robot = robot.with_joint("joint_2", controller=JointController(kp=100.0, ki=1.0))
     done = export_new_mjcf(robot, None, tmp_path / "new.xml")
     assert {one.what for one in done.left} == {"bearing", "controller", "inertia_coupling"}
     (coupling,) = (one for one in done.left if one.what == "inertia_coupling")

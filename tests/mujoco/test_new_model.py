@@ -8,17 +8,14 @@ import pytest
 from elastic_arm.dynamics import build_model
 from elastic_arm.excitation import MotionLimits, random_trajectories
 from elastic_arm.mujoco import to_mjcf
-from elastic_arm.mujoco.new_model import DEFLECTION
 from elastic_arm.robot import load_robot
 from elastic_arm.robot.urdf import parse_urdf
 from elastic_arm.robot.urdf_export import to_urdf
 from elastic_arm.simulation import SimulationSettings, Simulator
-from tests.helpers.mujoco_arms import MODELS, random_motion
+from tests.helpers.mujoco_arms import MODELS, played, random_motion
 from tests.helpers.random_arms import random_arm
 
-mujoco = pytest.importorskip("mujoco")
-
-
+pytest.importorskip("mujoco")
 SLIDING = random_arm(4, np.random.default_rng(3), elastic=False, prismatic=(0, 2))
 
 
@@ -52,17 +49,5 @@ def test_the_elastic_arm_moves_in_mujoco_as_in_the_simulator() -> None:
     truth, _ = ours.follow(*reference)
     text, left = to_mjcf(robot, timestep=1.0 / rate / substeps)
     assert not left
-    model = mujoco.MjModel.from_xml_string(text.replace('"implicitfast"', '"RK4"'))
-    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_LIMIT)
-    data = mujoco.MjData(model)
-    theta, wound = ([model.joint(f"{n}{end}").qposadr[0] for n in robot.joint_names] for end in ("", DEFLECTION))
-    for values, state in ((data.qpos, start[:6]), (data.qvel, start[6:12])):
-        values[theta], values[wound] = state[3:], state[:3] - state[3:]
-    apart = 0.0
-    for k in range(len(truth.t)):
-        at = data.qpos[theta], data.qpos[theta] + data.qpos[wound]
-        apart = max(apart, np.abs(at[0] - truth.theta[k]).max(), np.abs(at[1] - truth.q[k]).max())
-        data.ctrl[:] = truth.command[k]
-        for _ in range(substeps):
-            mujoco.mj_step(model, data)
-    assert apart < 1e-5
+    angles = played(robot, text.replace('"implicitfast"', '"RK4"'), truth.command, start, substeps=substeps)
+    assert np.abs(angles - np.hstack([truth.q, truth.theta])).max() < 1e-5

@@ -97,6 +97,17 @@ def test_other_readers_take_it() -> None:
     assert [joint.get("name") for joint in control.findall("joint")] == list(ARM.joint_names)
 
 
+def test_controllers_find_the_topics_of_the_arm() -> None:
+    """The ros2_control block names the topics of the arm's namespace, and position and velocity as commands."""
+    control = ET.fromstring(ros_description(ARM, "left")).find("ros2_control")
+    assert control.findtext("hardware/plugin") == "topic_based_ros2_control/TopicBasedSystem"
+    topics = {one.get("name"): one.text for one in control.findall("hardware/param")}
+    assert topics["joint_commands_topic"] == "/left/simulator/joint_commands"
+    assert topics["joint_states_topic"] == "/left/joint_states"
+    own = ET.fromstring(ros_description(ARM)).find("ros2_control/hardware/param[@name='joint_states_topic']")
+    assert own.text == "/joint_states"
+
+
 def test_friction_of_the_description_is_in_dynamics() -> None:
     """Viscous and Coulomb friction that the arm file lists are damping and friction of the joint."""
     effects = (

@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 from builtin_interfaces.msg import Duration
 from scipy.interpolate import BPoly
+from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from elastic_arm.errors import GraphError
 from elastic_arm.nodes.following.follower import Follower
+from elastic_arm.nodes.following.reference_message import commanded
 from elastic_arm.nodes.following.splines import Row
 from elastic_arm.robot import Robot, load_robot
 from elastic_arm.robot.parts import Limits
@@ -266,3 +268,34 @@ def test_a_goal_in_weeks_is_refused(policy: str) -> None:
     for sent in (goal(fast, point(2.0**31 - 1, ZEROS)), goal(point(1.0, ZEROS), stamp_ns=LAST)):
         with pytest.raises(GraphError, match=r"is due .* s from now"):
             arm.take(sent)
+
+
+@pytest.mark.parametrize(("with_velocity", "lag"), [(True, 1e-3), (False, 0.02)])
+def test_commands_of_a_controller_are_followed(with_velocity: bool, lag: float) -> None:
+    """A sine of 0.3 rad/s, commanded every 10 ms: within the lag, s, times its speed."""
+    arm, course = follower(), []
+    for k in range(200):
+        t = 0.01 * k
+        command = JointState(name=list(NAMES), position=[0.15 * np.sin(2.0 * t)] * 3)
+        if with_velocity:
+            command.velocity = [0.3 * np.cos(2.0 * t)] * 3
+        arm.obey(commanded(command, 0.02))
+        course.append(gone(arm, 0.01).position[:, 0])
+    t = 1e-3 * np.arange(1, 2001)
+    apart = np.abs(np.concatenate(course) - 0.15 * np.sin(2.0 * t))[100:]
+    assert apart.max() < 0.3 * lag
+
+
+def test_a_command_out_of_reach_is_gone_to_within_the_limits() -> None:
+    """A step of 1 rad in one cycle is a way at the speed limit, 1.5 rad/s where none is stated."""
+    arm = follower()
+    arm.obey(commanded(JointState(name=list(NAMES), position=[1.0, 0.0, 0.0]), 0.02))
+    motion = gone(arm, 1.0)
+    assert np.abs(motion.velocity).max() == pytest.approx(1.5, rel=0.01)
+    assert motion.position[-1, 0] == pytest.approx(1.0)
+
+
+def test_a_command_that_no_controller_gives_moves_nothing() -> None:
+    """Before a controller is active, ros2_control's topic-based system sends no numbers."""
+    assert commanded(JointState(name=list(NAMES), position=[np.nan] * 3), 0.02) is None
+    assert commanded(JointState(name=list(NAMES)), 0.02) is None

@@ -20,7 +20,7 @@ from elastic_arm.nodes.transport import (
     TRANSPORTS_VARIABLE,
     choose_transport,
 )
-from tests.fuzz.kills import holds_samples
+from tests.helpers.bags import holds_samples
 from tests.helpers.ros_graph import NodeProcess, ros_graph
 
 LONGEST = 0.1  # seconds that a reader may wait to learn what it has missed

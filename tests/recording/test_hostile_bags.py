@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
 import sqlite3
 import struct
-import weakref
-from collections.abc import Callable
 from pathlib import Path
 
 import lz4.frame
@@ -22,10 +19,8 @@ from elastic_arm.recording import limits, read_recording, write_recording
 from elastic_arm.recording.inspection.check import check_bag
 from elastic_arm.recording.inspection.info import bag_info
 from elastic_arm.recording.inspection.repair import repair_bag
-from elastic_arm.recording.storage import mcap as mcap_files
 from elastic_arm.recording.storage.bag import METADATA, open_bag
 from elastic_arm.recording.storage.messages import read_topics
-from elastic_arm.recording.storage.unpacking import unpack_file
 from tests.helpers.bags import stamps, states, two_sided, write_sqlite
 from tests.helpers.hostile_mcap import HUGE, chunk, index, mcap, message, quickly, record, text
 
@@ -130,13 +125,6 @@ def test_fields_of_the_wrong_kind_are_damage(bag: Path, fields: dict[str, object
     assert len(read_recording(bag).link) == 300  # type: ignore[arg-type]
 
 
-def test_files_with_strange_numbers_are_sorted(bag: Path) -> None:
-    """`run_².mcap` has a digit that is no number."""
-    (bag / METADATA).unlink()
-    (bag / "bag_0.mcap").rename(bag / "run_².mcap")
-    assert len(read_recording(bag).link) == 300  # type: ignore[arg-type]
-
-
 def test_chunks_without_checksum_are_said_to_be_unchecked(tmp_path: Path, bag: Path) -> None:
     """The format allows a checksum of 0: a note says that damage may go unseen, and nothing is wrong."""
     content = bytearray((bag / "bag_0.mcap").read_bytes())
@@ -173,33 +161,6 @@ def test_the_limits_are_configurable(tmp_path: Path, monkeypatch: pytest.MonkeyP
         limits.unpacked_bytes()
 
 
-@pytest.mark.parametrize("namespaces", [True, False])
-def test_a_packed_file_is_in_memory_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, namespaces: bool) -> None:
-    """It may take half of the memory, so whoever reads it lets go of it before it is opened again."""
-    bag = write_recording(tmp_path / "bag", two_sided(np.random.default_rng(0), 300))
-    plain = next(bag.glob("*.mcap")).read_bytes()
-    plain = plain if namespaces else plain[: len(plain) // 2]  # without a summary, topics stand in the chunks
-    file = tmp_path / "a.mcap.zstd"
-    file.write_bytes(zstandard.ZstdCompressor().compress(plain))
-    opened: list[weakref.ref[bytearray]] = []
-
-    class Plain(bytearray):
-        """Can be watched."""
-
-    def unpacked(path: Path, limit: int) -> bytearray:
-        assert not [one for one in opened if one() is not None], "unpacked while it is in memory"
-        content = Plain(unpack_file(path, limit))
-        opened.append(weakref.ref(content))
-        return content
-
-    monkeypatch.setattr(mcap_files, "unpack_file", unpacked)
-    works: tuple[Callable[[Path], object], ...] = (read_recording, check_bag, bag_info, read_topics, repair_bag)
-    for work in works:
-        with contextlib.suppress(RecordingError):
-            work(file)
-    assert len(opened) > len(works)
-
-
 def test_a_chunk_above_the_limit_is_damage(bag: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """$ELASTIC_ARM_MAX_CHUNK_MB bounds one chunk."""
     monkeypatch.setenv("ELASTIC_ARM_MAX_CHUNK_MB", "0")
@@ -221,18 +182,6 @@ def test_tables_that_are_computed_are_refused(tmp_path: Path, table: str) -> Non
         database.execute(f"CREATE VIEW {table} AS SELECT {values} FROM ({ENDLESS} FROM n)")
     database.close()
     assert "computed" in str(quickly(lambda: read_recording(file)))
-
-
-def test_topics_of_no_text_are_read(tmp_path: Path) -> None:
-    """NULL and numbers in place of names are no traceback."""
-    folder = write_sqlite(tmp_path / "bag", states("/joint_states", stamps(10)))
-    file = next(folder.glob("*.db3"))
-    with sqlite3.connect(file) as database:
-        database.execute("UPDATE topics SET type = 5, name = x'ff'")
-        database.execute("UPDATE message_definitions SET encoded_message_definition = 7")
-    database.close()
-    for work in (read_recording, check_bag, bag_info):
-        quickly(lambda work=work: work(file))  # type: ignore[misc]
 
 
 @pytest.mark.parametrize("column", ["topic_id", "timestamp", "data"])
@@ -285,12 +234,3 @@ def test_errors_of_sqlite_that_are_no_text_are_one_line(tmp_path: Path) -> None:
         file.write_bytes(content.replace(name, name[:13] + b"\xff\xfe\x80" + name[16:]))
         assert isinstance(quickly(lambda: read_recording(file)), str)
         quickly(lambda: check_bag(file))
-
-
-def test_a_file_whose_name_no_disk_takes_is_missing(tmp_path: Path) -> None:
-    """metadata.yaml may name a file of 300 letters; the files that are there are read."""
-    folder = write_recording(tmp_path / "bag", two_sided(np.random.default_rng(0), 60))
-    metadata = folder / METADATA
-    metadata.write_text(metadata.read_text().replace("bag_0.mcap", "n" * 300 + ".mcap"))
-    assert len(read_recording(folder).link or ()) == 60
-    assert any("missing" in finding.message for finding in check_bag(folder).findings)

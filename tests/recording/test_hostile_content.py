@@ -12,17 +12,13 @@ import numpy as np
 import pytest
 import zstandard
 
-from elastic_arm.errors import RecordingError
-from elastic_arm.recording import limits, message_types, read_recording, write_recording
+from elastic_arm.recording import limits, message_types, read_recording
 from elastic_arm.recording.decoding import Decoder
 from elastic_arm.recording.inspection.check import check_bag
 from elastic_arm.recording.inspection.info import bag_info
 from elastic_arm.recording.inspection.repair import repair_bag
-from elastic_arm.recording.storage import sqlite
-from elastic_arm.recording.storage.bag import METADATA, open_bag
-from elastic_arm.recording.storage.metadata import METADATA_KEY
-from elastic_arm.recording.storage.unpacking import unpack_file
-from tests.helpers.bags import JOINT_STATE, START_NS, joint_state, stamps, states, two_sided, write_sqlite
+from elastic_arm.recording.storage.bag import open_bag
+from tests.helpers.bags import JOINT_STATE, START_NS, joint_state, stamps, states, write_sqlite
 from tests.helpers.hostile_mcap import at, channel, chunk, file, mcap, quickly, record, schema, text
 
 DEFINITION, _ = message_types.definition(JOINT_STATE)
@@ -61,9 +57,9 @@ def with_empty_names(count: int) -> bytes:
 REFUSED: dict[str, tuple[Callable[[], bytes], str]] = {
     "three million empty names": (lambda: packed(with_empty_names(3_000_000)), "3000000 texts, 10000 are the limit"),
     "four million positions": (lambda: packed(with_numbers(4_000_000)), "4000000 numbers, 10000 are the limit"),
-    "records of nine bytes": (lambda: file(record(0x80, b"") * 400_000), "records that are no messages"),
+    "records of nine bytes": (lambda: file(record(0x80, b"") * 260_000), "records that are no messages"),
     "such records in a chunk": (
-        lambda: mcap(chunk(zstandard.ZstdCompressor().compress(record(0x80, b"") * 1_000_000), 9_000_000, "zstd")),
+        lambda: mcap(chunk(zstandard.ZstdCompressor().compress(record(0x80, b"") * 210_000), 1_890_000, "zstd")),
         "records that are no messages",
     ),
     "a channel again and again": (lambda: file(channel(1, "/t") * 201_000), "descriptions of channels"),
@@ -114,13 +110,6 @@ def test_names_of_many_digits_are_names(tmp_path: Path, names: tuple[str, ...]) 
     quickly(lambda: check_bag(bag))
 
 
-def test_joints_are_in_the_order_of_their_numbers(tmp_path: Path) -> None:
-    """Also of numbers in other scripts, as ever."""
-    bag = tmp_path / "a.mcap"
-    bag.write_bytes(packed(*(named(("j10", "j9", "j٣"), row) for row in range(20))))
-    assert read_recording(bag).joints == ("j٣", "j9", "j10")
-
-
 def test_many_names_in_two_orders_are_matched_at_once(tmp_path: Path) -> None:
     """Up to the limit of names, the places of names are looked up and not searched."""
     names = [f"j{number}" for number in range(limits.COLUMNS)]
@@ -142,15 +131,6 @@ def test_thousands_of_channels_are_read_in_one_pass(tmp_path: Path) -> None:
     assert len(quickly(lambda: bag_info(bag)).topics) == len(topics)  # type: ignore[attr-defined]
     report = quickly(lambda: check_bag(bag))
     assert all(len(finding.message) < 1100 for finding in report.findings)  # type: ignore[attr-defined]
-
-
-def test_thousands_of_files_are_looked_for_once(tmp_path: Path) -> None:
-    """Names in metadata.yaml are damage: each where they are some thousand, all in one line above the limit."""
-    bag = write_recording(tmp_path / "bag", two_sided(np.random.default_rng(0), 300))
-    for count, damage in ((limits.FILES, limits.FILES + 1), (10 * limits.FILES, 2)):
-        listed = "\n".join(f"    - x{number}.mcap" for number in range(count))
-        (bag / METADATA).write_text(f"{METADATA_KEY}:\n  relative_file_paths:\n{listed}\n")
-        assert len(quickly(lambda: open_bag(bag)).damage) == damage  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize("kind", ["float64", "uint64", "int64", "float32", "int32[2]"])
@@ -188,29 +168,6 @@ def test_a_long_message_of_a_database_is_damage(tmp_path: Path, monkeypatch: pyt
     monkeypatch.setenv("ELASTIC_ARM_MAX_CHUNK_MB", "1")
     assert "a message of 3000000 bytes" in str(quickly(lambda: read_recording(database_file)))
     assert not check_bag(database_file).ok
-
-
-def test_a_block_of_long_messages_has_few_of_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """What is in memory together is bounded by bytes, as well as by rows."""
-    folder = write_sqlite(tmp_path / "bag", states("/joint_states", stamps(100)))
-    monkeypatch.setattr(sqlite, "_BYTES", 1500)
-    (opened,) = open_bag(folder).files
-    counts = [sum(block.counts().values()) for block in opened.blocks()]
-    assert sum(counts) == 100
-    assert max(counts) < 12
-    assert len(read_recording(folder).link) == 100  # type: ignore[arg-type]
-
-
-def test_a_packed_file_is_unpacked_without_a_copy(tmp_path: Path) -> None:
-    """Of what it unpacks to, no more than an eighth is taken besides."""
-    bag = tmp_path / "a.mcap.zstd"
-    bag.write_bytes(zstandard.ZstdCompressor().compress(bytes(100_000_000)))
-    tracemalloc.start()
-    assert len(unpack_file(bag, 200_000_000)) == 100_000_000
-    assert tracemalloc.get_traced_memory()[1] < 125_000_000
-    tracemalloc.stop()
-    with pytest.raises(RecordingError, match="unpacks to more than 50 MB"):
-        unpack_file(bag, 50_000_000)
 
 
 @pytest.mark.parametrize("scalar", ["!!bool perhaps", "0x" + "f" * 100_000, ":".join(["59"] * 3000), "!!int ''"])

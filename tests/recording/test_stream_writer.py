@@ -98,34 +98,6 @@ def test_a_recording_can_be_closed_at_any_time(tmp_path: Path) -> None:
     assert (tmp_path / "bag" / "metadata.yaml").exists()
 
 
-FULL_DISK = """
-import resource, sys
-from elastic_arm.errors import RecordingError
-from elastic_arm.recording.stream_writer import StreamWriter
-from tests.helpers.bags import joint_state, stamps
-resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))
-writer = StreamWriter(sys.argv[1], compression="none", chunk_bytes=10_000)
-writer.add_topic("/motor_states", "sensor_msgs/msg/JointState")
-try:
-    for now in stamps(2000).tolist():
-        writer.write("/motor_states", joint_state(now, ["a", "b"], [1, 2], [3, 4], [5, 6]), now)
-except RecordingError as error:
-    print(error)
-"""
-
-
-def test_a_full_disk_loses_nothing_that_was_written(tmp_path: Path) -> None:
-    """When no more can be written the error says so, and everything written before is read again."""
-    done = subprocess.run(
-        [sys.executable, "-c", FULL_DISK, str(tmp_path / "bag")], cwd=ROOT, capture_output=True, text=True, check=True
-    )
-    assert "cannot be written further: File too large" in done.stdout
-    assert "messages written before are kept" in done.stdout
-    count = int(done.stdout.split("The ")[1].split()[0])
-    np.testing.assert_array_equal(read_recording(tmp_path / "bag").motor.stamp_ns, stamps(count))
-    assert count > 300
-
-
 def test_an_unwritable_folder_is_refused(tmp_path: Path, rng: np.random.Generator) -> None:
     """A place where nothing can be made is refused by its path and the system's reason."""
     (tmp_path / "file").write_text("no folder")

@@ -53,8 +53,10 @@ def two_causes() -> Diagnosis:
 
 @pytest.mark.browser
 def test_report_shows_verdict_map_causes_and_prediction_in_a_browser(two_causes: Diagnosis, tmp_path: Path) -> None:
-    """A real browser shows verdict first, then where, each cause, before and after, and the prediction."""
+    """A real browser shows verdict first, then where and each cause; all behind these is folded."""
     page = rendered_page(write_gap_report(tmp_path / "report.html", two_causes), tmp_path / "profile")
+    folded = re.findall(r"<details><summary><h2>([^<]*)</h2>", page)
+    assert folded[0] == "Before and after" and folded[-1] == "What this rests on" and "Verdict" not in folded
     titles = re.findall(r"<h2>([^<]*)</h2>", page)
     assert titles[:2] == ["Verdict", "Where the gap lies"]
     assert {"coulomb friction, joint_2", "transmission error, joint_1"} < set(titles)
@@ -63,15 +65,9 @@ def test_report_shows_verdict_map_causes_and_prediction_in_a_browser(two_causes:
     # Map, two causes, horizons are drawings; what is over time can be zoomed: two causes, and nine residuals.
     assert (page.count("<svg"), page.count("<canvas")) == (4, 2 + 9)
     assert len(page.encode()) < 3e6 and not re.findall(r'(?:src|href)="http', page)
-    for words in ("velocity [rad/s]", "wave generator angle", "frequency [Hz]", "ahead [ms]", "Trust in the"):
+    for words in ("velocity [rad/s]", "wave generator angle", "frequency [Hz]", "ahead [ms]", "Trust in the",
+                  "time [s]", "Nm/√Hz", "prediction error [µrad]", "residual, Nm"):  # fmt: skip
         assert words in page
-
-
-def test_figures_and_tables_carry_units(two_causes: Diagnosis, tmp_path: Path) -> None:
-    """Every axis of the report that has a unit says which."""
-    page = write_gap_report(tmp_path / "report.html", two_causes).read_text()
-    for label in ("time [s]", "Nm/√Hz", "prediction error [µrad]", "residual, Nm"):
-        assert label in page
 
 
 def test_every_column_of_the_report_is_explained(two_causes: Diagnosis) -> None:
@@ -80,14 +76,6 @@ def test_every_column_of_the_report_is_explained(two_causes: Diagnosis) -> None:
     named = {"joint", *(regime.replace("_", " ") for regime in REGIMES)}
     bare = [head for table in tables for head in table.header if not meaning(head) and head not in named]
     assert len(tables) >= 5 and not [head for head in bare if " ms" not in head]
-
-
-@pytest.mark.browser
-def test_details_are_folded_under_the_summary(two_causes: Diagnosis, tmp_path: Path) -> None:
-    """The verdict stands open on top; numbers, prediction and what it rests on are opened by a click."""
-    page = rendered_page(write_gap_report(tmp_path / "report.html", two_causes), tmp_path / "profile")
-    folded = re.findall(r"<details><summary><h2>([^<]*)</h2>", page)
-    assert folded[0] == "Before and after" and folded[-1] == "What this rests on" and "Verdict" not in folded
 
 
 def test_prediction_is_written_as_numbers(two_causes: Diagnosis, tmp_path: Path) -> None:
@@ -210,24 +198,16 @@ def test_piped_causes_are_a_line_each(two_causes: Diagnosis, monkeypatch: pytest
 def test_numbers_that_puzzle_are_explained_beside_them(
     two_causes: Diagnosis, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A cause that alone enlarges the gap is explained on screen and in the report; none is called certain."""
+    """A cause that alone enlarges the gap, a certain one and a size of two values, on screen and in the report."""
     first, *others = two_causes.causes
-    found = replace(two_causes, causes=(replace(first, shrink=-0.048, confidence=0.9998), *others))
+    change = Change("coulomb_friction", "joint_2", "torque", "Nm", (("a", 6.0, 0.1), ("b", 9.0, 0.1)), 0.99)
+    causes = (replace(first, shrink=-0.048, confidence=0.9998), *others)
+    found = replace(two_causes, causes=causes, changes=(change,))
     page = write_gap_report(tmp_path / "report.html", found).read_text()
     screen = "\n".join(shown(found, tmp_path, monkeypatch, width=UNLIMITED))
     for told in (html.unescape(page), screen):
         assert "-4.8 %" not in told and "only with others" in told
         assert "> 99.9 %" in told
-
-
-def test_changes_stand_in_screen_and_report(
-    two_causes: Diagnosis, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A size that is another one in each recording is said with both."""
-    change = Change("coulomb_friction", "joint_2", "torque", "Nm", (("a", 6.0, 0.1), ("b", 9.0, 0.1)), 0.99)
-    found = replace(two_causes, changes=(change,))
-    page = html.unescape(write_gap_report(tmp_path / "report.html", found).read_text())
-    for told in (page, "\n".join(shown(found, tmp_path, monkeypatch, width=UNLIMITED))):
         assert "coulomb friction of joint_2 changed: 6.00 ± 0.10 Nm in a; 9.00 ± 0.10 Nm in b" in told
 
 

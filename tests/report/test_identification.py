@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -27,11 +28,17 @@ def test_names_keep_their_letters_in_notes(note: str, shown: str) -> None:
     assert sentence(note) == shown
 
 
-def test_instants_at_which_a_joint_sticks_are_gaps_in_the_figures() -> None:
+@pytest.fixture(scope="module")
+def fitted() -> tuple[Any, ...]:
+    """A fit, judged on another recording."""
+    recordings = [record(motion, "coulomb_friction:joint_2:torque=14", seed=k) for k, motion in enumerate(motions())]
+    settings = IdentificationSettings("mod3", parse_laws(["coulomb_friction"], ROBOT), consistent=False)
+    return identify_with(recordings[:1], ROBOT, settings, validate=recordings[1:])
+
+
+def test_instants_at_which_a_joint_sticks_are_gaps_in_the_figures(fitted: tuple[Any, ...]) -> None:
     """They are left out of the fit, and no residual as large as the motor's torque is drawn there."""
-    recording = record(motions()[0], "coulomb_friction:joint_2:torque=14")
-    settings = IdentificationSettings("mod3", parse_laws(["coulomb_friction"], ROBOT))
-    result, identifier, motion = identify_with([recording], ROBOT, settings)
+    result, identifier, motion = fitted
     stuck = np.zeros((len(motion), 3), dtype=bool)
     stuck[1000:1500, 1] = True
     motion = replace(motion, stuck=stuck)
@@ -46,11 +53,9 @@ def test_instants_at_which_a_joint_sticks_are_gaps_in_the_figures() -> None:
     assert sum("where a joint sticks" in figure.caption for figure in figures) == 2
 
 
-def test_combinations_go_by_their_first_term_and_friction_comes_first() -> None:
+def test_combinations_go_by_their_first_term_and_friction_comes_first(fitted: tuple[Any, ...]) -> None:
     """The report lists friction before base parameters, these by short names, and what they stand for further down."""
-    recording = record(motions()[0], "coulomb_friction:joint_2:torque=14")
-    settings = IdentificationSettings("mod3", parse_laws(["coulomb_friction"], ROBOT), consistent=False)
-    result, *_ = identify_with([recording], ROBOT, settings, validate=[record(motions()[1], seed=1)])
+    result, *_ = fitted
     shown = sections(result)
     laws, base, full = (next(b for b in part.blocks if isinstance(b, Table)) for part in shown[1:4])
     assert [row[0] for row in laws.rows] == [f"coulomb_friction:joint_{k}.torque" for k in (1, 2, 3)]

@@ -158,7 +158,7 @@ def test_small_campaign_is_made_resumed_answered_and_scored(tmp_path: Path) -> N
     assert document.read_text() == markdown(found)
     assert json.loads((tmp_path / "score.json").read_text())["levels"] == json.loads(json.dumps(found["levels"]))
     page = (tmp_path / "report.html").read_text()
-    assert "What was named for what" in page and page.count("<svg") >= 3
+    assert "Effect by effect" in page and page.count("<svg") >= 2
     with pytest.raises(DiagnosisError, match="another challenge"):
         campaign.create(tmp_path, campaign.ChallengeSettings(seed=4))
     (tmp_path / campaign.SEALED).write_bytes(b"other")

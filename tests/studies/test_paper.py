@@ -153,7 +153,7 @@ def test_numbers_are_written_beside_the_report_and_read_back(
 def test_searched_excitation_is_conditioned_better_than_where_it_began(result: StudyResult) -> None:
     """For each model, and better than the median random trajectory."""
     for excited in result.excited.values():
-        assert excited.condition < excited.unoptimised <= np.median(excited.random)
+        assert excited.condition_after < excited.condition_before <= np.median(excited.random)
 
 
 def test_high_errors_belong_to_coefficients_that_move_little_torque(result: StudyResult) -> None:

@@ -16,7 +16,7 @@ from elastic_arm.cli.outputs import Force, claim_file
 from elastic_arm.effects import Catalogue
 from elastic_arm.errors import RobotError
 from elastic_arm.formatting import JointUnits, rounded
-from elastic_arm.mujoco import Exported, export_mjcf, export_new_mjcf, export_urdf
+from elastic_arm.mujoco import Exported, export_mjcf, export_new_mjcf, export_urdf, export_usd
 from elastic_arm.mujoco.changes import Change
 from elastic_arm.mujoco.left_out import Left
 from elastic_arm.robot.loading import parse_chain
@@ -27,16 +27,22 @@ class Format(StrEnum):
 
     mjcf = "mjcf"
     urdf = "urdf"
+    usd = "usd"
 
 
 def format_of(file: Path, asked: Format | None) -> Format:
     """Return the format of a file to be written, by its ending where none is asked for."""
-    by_ending = {".urdf": [Format.urdf], ".mjcf": [Format.mjcf], ".xml": [Format.mjcf, Format.urdf]}
+    by_ending = {
+        ".urdf": [Format.urdf],
+        ".usda": [Format.usd],
+        ".mjcf": [Format.mjcf],
+        ".xml": [Format.mjcf, Format.urdf],
+    }
     possible = by_ending.get(file.suffix.lower(), [] if asked is None else [asked])
     if not possible or (asked is not None and asked not in possible):
         what = "" if asked is None else f" as {asked.value}"
         raise RobotError(
-            f"{file} cannot be written{what} by its ending", "Name it .urdf, or .xml or .mjcf for an MJCF."
+            f"{file} cannot be written{what} by its ending", "Name it .urdf, .usda, or .xml or .mjcf for an MJCF."
         )
     return possible[0] if asked is None else asked
 
@@ -56,7 +62,7 @@ def export(
     json: Annotated[bool, typer.Option("--json", help="Print JSON, for scripts.")] = False,
     force: Force = False,
 ) -> None:
-    """Write an arm, such as the robot.yaml of a diagnosis, as MJCF or URDF, and list what changes and what is left.
+    """Write an arm, such as a diagnosis' robot.yaml, as MJCF, URDF or USD, and list what changes and what is left.
 
     With --base your own file is copied and only its numbers change: inertials,
     armature, damping, friction, gravity, sensor delays. Effects that no number
@@ -71,6 +77,8 @@ def export(
         elastic-arm export identified/robot.yaml --base arm.urdf --out arm_identified.urdf
 
         elastic-arm export my_elastic_arm.yaml --out my_elastic_arm.xml
+
+        elastic-arm export diagnosis/robot.yaml --out arm.usda
     """
     kind = format_of(file, to)
     claim_file(file, force=force)
@@ -79,7 +87,10 @@ def export(
     robot = load_arm(robot_file, None if of_base else chain, None if of_base else at, catalogue)
     ends = None if chain is None else parse_chain(chain)
     if base is None:
-        done = (export_new_mjcf if kind is Format.mjcf else export_urdf)(robot, None, file, catalogue=catalogue)
+        new: dict[Format, Any] = {Format.mjcf: export_new_mjcf, Format.urdf: export_urdf, Format.usd: export_usd}
+        done = new[kind](robot, None, file, catalogue=catalogue)
+    elif kind is Format.usd:
+        raise RobotError("a USD file is always a new one", "Leave out --base.")
     elif kind is Format.mjcf:
         done = export_mjcf(robot, base, file, chain=ends, at=at, catalogue=catalogue)
     else:

@@ -43,7 +43,7 @@ VISCOUS = friction(
     description="Friction that grows in proportion to the velocity of its side: grease, oil, seals.",
     plain="loses {coefficient} of friction that grows with its speed",
     signature="The residual is a straight line through zero over velocity, largest where the joint is fastest.",
-    parameters=(amount("coefficient", "Nm s/rad", 0.1, 200.0, "F_v", example=(5.0, 30.0)),),
+    parameters=(amount("coefficient", "Nm s/rad", 0.1, 200.0, "F_v"),),
     regime="high_speed",
     confusions=(
         Confusion(
@@ -60,7 +60,7 @@ COULOMB = friction(
     description="Dry friction: a constant torque against the motion of its side.",
     plain="loses {torque} of dry friction",
     signature="The residual jumps by twice the torque at every reversal of velocity and is flat in between.",
-    parameters=(amount("torque", "Nm", 0.1, 100.0, "F_c", example=(5.0, 20.0)),),
+    parameters=(amount("torque", "Nm", 0.1, 100.0, "F_c"),),
     regime="velocity_reversal",
     confusions=(
         Confusion(
@@ -103,7 +103,7 @@ DEGRESSIVE = friction(
     plain="loses up to {torque} of friction that levels off above {speed}",
     signature="The residual rises with velocity near standstill and is flat far above the speed v.",
     parameters=(
-        amount("torque", "Nm", 0.1, 100.0, "F, at high speed", example=(5.0, 20.0)),
+        amount("torque", "Nm", 0.1, 100.0, "F, at high speed"),
         searched("speed", "rad/s", 0.05, 2.0, "v, where it bends", above=0.0, draw=(0.1, 0.5)),
     ),
     regime="high_speed",
@@ -156,7 +156,7 @@ THERMAL = scaling(
     description="Friction that changes over the recording: grease thins as the joint warms up.",
     plain="has friction that changes by a share of {change} over the recording",
     signature="The residual of a friction that is right on average: of one sign at the begin, of the other at the end.",
-    parameters=(signed("change", "1", 1.0, "r", above=-2.0, draw=(0.6, 1.0), example=(-0.4, -0.2)),),
+    parameters=(signed("change", "1", 1.0, "r", above=-2.0, draw=(0.6, 1.0)),),
     regime="drift",
     in_time=True,
     prior=lambda rate: 0.05,  # friction that was known before changes by up to 10 % in a run, as two deviations
@@ -175,7 +175,7 @@ ASYMMETRIC = scaling(
     description="Dry and viscous friction are larger in one direction than in the other, as in most gears.",
     plain="has friction that is larger forwards than on average by a share of {asymmetry}",
     signature="The residual rises with speed at other slopes to both sides, and its jump at a reversal is off centre.",
-    parameters=(signed("asymmetry", "1", 0.9, "a", above=-1.0, draw=(0.2, 0.5), example=(0.2, 0.4)),),
+    parameters=(signed("asymmetry", "1", 0.9, "a", above=-1.0, draw=(0.2, 0.5)),),
     regime="velocity_reversal",
     confusions=(
         Confusion(

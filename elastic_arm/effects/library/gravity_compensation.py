@@ -26,11 +26,7 @@ EFFECT = Effect(
     plain="has a recorded torque without a share of {share} of its weight",
     signature="The residual is the weight that the model predicts, with the opposite sign; inertia is felt in full.",
     law=law,
-    parameters=(
-        Parameter(
-            "share", "1", 0.02, 1.2, neutral=0.0, draw=(0.2, 1.0), example=(0.2, 1.0), meaning="1 where all is missing"
-        ),
-    ),
+    parameters=(Parameter("share", "1", 0.02, 1.2, neutral=0.0, draw=(0.2, 1.0), meaning="1 where all is missing"),),
     choices=(Choice("channels", TORQUES, ("motor_torque",), several=True),),
     scope=Scope.EACH_OR_ARM,
     sides=("link", "drive", "motor"),

@@ -21,8 +21,8 @@ EFFECT = Effect(
     "the direction of winding and changes over a deflection of about the width.",
     law=law,
     parameters=(
-        amount("torque", "Nm", 0.1, 50.0, "H, half the loop's height", example=(5.0, 20.0)),
-        searched("width", "rad", 2e-06, 0.002, "w_h", above=0.0, draw=(3e-05, 0.0003), example=(0.0002, 0.001)),
+        amount("torque", "Nm", 0.1, 50.0, "H, half the loop's height"),
+        searched("width", "rad", 2e-06, 0.002, "w_h", above=0.0, draw=(3e-05, 0.0003)),
     ),
     sides=("drive",),
     regime="velocity_reversal",

@@ -18,7 +18,7 @@ SPRING = Effect(
     signature="The link residual is a straight line over the joint angle, whatever the speed and the other joints.",
     law=lambda motion, i, p: motion.at(i, link=p["stiffness"] * (motion.q[i] - p["rest"])),
     parameters=(
-        amount("stiffness", "Nm/rad", 1.0, 2e4, "k", example=(50.0, 200.0)),
+        amount("stiffness", "Nm/rad", 1.0, 2e4, "k"),
         searched("rest", "rad", -3.2, 3.2, "q_0, where it is relaxed", draw=(-1.0, 1.0)),
     ),
     sides=("link",),
@@ -32,7 +32,7 @@ COUNTERBALANCE = Effect(
     plain="carries a counterbalance whose torque bends by {torque} per rad², rad³, …",
     signature="The link residual is one curve over the joint's own angle, whatever the speed and the other joints.",
     law=lambda motion, i, p: motion.at(i, link=ca.dot(p["torque"], ca.vertcat(*(motion.q[i] ** k for k in ORDERS)))),
-    parameters=(signed("torque", "Nm", 2e4, "c_2 to c_5", size=len(ORDERS), example=(-100.0, 100.0)),),
+    parameters=(signed("torque", "Nm", 2e4, "c_2 to c_5", size=len(ORDERS)),),
     sides=("link",),
     regime="position",
     confusions=(Confusion("joint_spring", SMALL, WIDE), Confusion("link_inertia_mismatch", STILL, OWN)),

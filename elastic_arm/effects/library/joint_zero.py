@@ -23,7 +23,7 @@ EFFECT = Effect(
     signature="Weight and inertia of all that hangs on the joint are felt at an angle that is off, also on joints "
     "before it; the two encoders agree.",
     law=law,
-    parameters=(signed("offset", "rad", 0.5, "recorded - described", draw=(0.02, 0.1), example=(0.02, 0.1)),),
+    parameters=(signed("offset", "rad", 0.5, "recorded - described", draw=(0.02, 0.1)),),
     sides=("link", "motor"),
     regime="position",
     confusions=(

@@ -28,7 +28,7 @@ ONLY_DRIVE = "only the drive equation can be used"
 
 EFFECTS = (
     scaled(
-        ratio("stiffness", 0.5, 2.0, "true / nominal K", above=0.0, example=(0.75, 0.9)),
+        ratio("stiffness", 0.5, 2.0, "true / nominal K", above=0.0),
         "drive",
         lambda motion, i: motion.K[i] * motion.deflection[i],
         id="stiffness_mismatch",

@@ -75,10 +75,9 @@ def gain(channel: str, symbol: str, prior: float, **words: Any) -> SensorEffect:
 
 def zero(channel: str, law: Law, unit: str, most: float, prior: float, **words: Any) -> SensorEffect:
     """Return a wrong zero of a channel, which may be set anew at each start."""
-    example = words.pop("example", None)
     return SensorEffect(
         law=law,
-        parameters=(signed("offset", unit, most, "recorded - true", example=example),),
+        parameters=(signed("offset", unit, most, "recorded - true"),),
         regime="always",
         change=changing(channel, offset="offset"),
         prior=lambda rate: prior,
@@ -165,7 +164,6 @@ EFFECTS = (
         plain="records its joint torque shifted by {offset}",
         signature="All three residuals of the joint are shifted by a constant, that of the motor the other way.",
         sides=SIDES["joint_torque"],
-        example=(2.0, 6.0),
         confusions=(
             Confusion(
                 "encoder_offset", ONLY_DRIVE, "the link or motor equation: an encoder offset does not show there"

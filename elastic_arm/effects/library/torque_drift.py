@@ -46,7 +46,7 @@ EFFECT: Effect = SensorEffect(
     plain="has a {channel} whose zero drifts by {rate} while it is recorded",
     signature="The residuals that hold the channel move off zero with time, whatever the motion.",
     law=law,
-    parameters=(signed("rate", "Nm/s", 2.0, "mean over the recording", example=(0.1, 0.3)),),
+    parameters=(signed("rate", "Nm/s", 2.0, "mean over the recording"),),
     choices=(Choice("channel", TORQUES, "joint_torque"),),
     sides=("link", "drive", "motor"),
     sides_of=sides_of,

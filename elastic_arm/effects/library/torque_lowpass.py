@@ -61,7 +61,6 @@ EFFECT: Effect = SensorEffect(
             # The law's derivative by the cutoff at the reference is y' / (2 pi reference²).
             from_coefficient=lambda c: -(REFERENCE**2) / c,
             inverse=True,
-            example=(2.0, 10.0),
             meaning="corner",
         ),
     ),

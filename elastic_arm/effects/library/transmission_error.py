@@ -34,8 +34,8 @@ EFFECT = Effect(
     "strike the elastic resonance; the motor feels it in proportion to the load.",
     law=law,
     parameters=(
-        Parameter("amplitude", "rad", 1e-6, 1e-3, neutral=0.0, example=(2e-5, 1e-4), meaning="A"),
-        phase((-3.0, 3.0)),
+        Parameter("amplitude", "rad", 1e-6, 1e-3, neutral=0.0, meaning="A"),
+        phase(),
         searched("order", "1", 0.5, 8.0, "k, per wave-generator turn", default=2.0, above=0.0, integer=True),
     ),
     sides=("drive", "motor"),

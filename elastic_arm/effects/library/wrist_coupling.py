@@ -36,9 +36,9 @@ EFFECT = Effect(
     signature="The torque of a wrist joint follows the motion of the next joint, and the other way round.",
     law=law,
     parameters=(
-        amount("dry", "Nm", 0.1, 100.0, "F, of the motor", example=(1.0, 3.0)),
-        amount("viscous", "Nm s/rad", 0.1, 100.0, "b", example=(1.0, 3.0)),
-        amount("inertia", "kg m²", 0.001, 10.0, "J, at the joint", example=(0.01, 0.1)),
+        amount("dry", "Nm", 0.1, 100.0, "F, of the motor"),
+        amount("viscous", "Nm s/rad", 0.1, 100.0, "b"),
+        amount("inertia", "kg m²", 0.001, 10.0, "J, at the joint"),
     ),
     choices=(Choice("turns", ("with", "against"), "with"),),
     sides=("motor",),

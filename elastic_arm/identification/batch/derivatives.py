@@ -14,7 +14,6 @@ from elastic_arm.codegen.parallel import ahead
 from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.estimation.observation import torque_noise
-from elastic_arm.estimation.period import repeats
 from elastic_arm.estimation.resampling import Clock, Grid
 from elastic_arm.estimation.residuals import standing_speed
 from elastic_arm.estimation.smoother import Smoother, design_smoother, left_out, runs, with_ends
@@ -24,6 +23,8 @@ from elastic_arm.identification.deflection import shifted, shifts, zeros
 from elastic_arm.identification.stream import smoothed, velocity_noise
 from elastic_arm.recording import Samples
 from elastic_arm.recording.inspection.stuck_channels import STILL
+
+LONGEST = 0.7  # of the recording: a motion of a longer period is not seen to repeat
 
 
 @dataclass(frozen=True)
@@ -113,7 +114,8 @@ class DerivativeStage:
     @functools.cached_property
     def repeats(self) -> bool:
         """Whether the motion is periodic."""
-        return repeats(self._longest)
+        position = self._longest.q if self._longest.q is not None else self._longest.theta
+        return position is not None and repeats(position)
 
     @functools.cached_property
     def torque_noise(self) -> dict[str, Array]:
@@ -177,3 +179,21 @@ class DerivativeStage:
         without = f", or identify without laws (--with), for which {lost / rate / 2:.2f} s are enough" if enough else ""
         gaps = "" if len(self._grids) == 1 else " without gaps"
         return IdentificationError(problem, f"Record longer{gaps}{without}.")
+
+
+def repeats(position: Array) -> bool:
+    """Return whether angles (N, n) repeat within the recording: whether their autocorrelation has a peak."""
+    n_samples = len(position)
+    columns = np.ascontiguousarray(position.T)  # NumPy is slow along the first axis of a narrow array
+    x = (columns - columns.mean(axis=1)[:, None]) / np.maximum(columns.std(axis=1), 1e-12)[:, None]
+    spectrum = np.abs(np.fft.rfft(x, 2 * n_samples, axis=1)) ** 2
+    # Over the powers of what overlaps: where the motion repeats, this is one, whatever part of a period the ends cut.
+    power = np.concatenate([[0.0], np.cumsum(np.sum(x**2, axis=0))])
+    overlap = power[-1] - power[:n_samples] + power[n_samples:0:-1]
+    together = 2.0 * np.fft.irfft(spectrum.sum(axis=0))[:n_samples] / np.maximum(overlap, 1e-300)
+    late = together[: int(LONGEST * n_samples)]
+    if not np.any(late < 0.5):
+        return False
+    after = late[int(np.argmax(late < 0.5)) :]
+    peaks = (after[:-1] > 0.98 * after.max()) & (after[:-1] >= after[1:])
+    return bool(after.max() > 0.8 and peaks.any())

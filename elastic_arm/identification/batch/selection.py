@@ -18,6 +18,8 @@ import numpy as np
 from elastic_arm.arrays import Array
 from elastic_arm.dynamics import build_model
 from elastic_arm.effects import EffectInstance
+from elastic_arm.effects.library.friction import PLAIN
+from elastic_arm.effects.text import parse_laws
 from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.residuals import FAILS
 from elastic_arm.identification.accumulator import closes
@@ -42,6 +44,7 @@ from elastic_arm.identification.law_columns import (
 from elastic_arm.identification.least_squares import Blocks, Fit
 from elastic_arm.identification.stream import Identifier
 from elastic_arm.recording import Recording, Samples
+from elastic_arm.recording.inspection.outliers import without_outliers
 from elastic_arm.robot import Robot
 
 ProgressCallback = Callable[[str, float], None]
@@ -306,3 +309,21 @@ def _errors_by_block(trial: BatchTrial, fit: Fit) -> Array:
     grams = np.array([hi + lo for hi, lo in blocks.grams])
     rounding = ROUNDING * np.einsum("i,bgii->bg", solution**2, grams)
     return np.maximum(np.einsum("i,bgij,j->bg", solution, grams, solution), rounding)
+
+
+def turning_speeds(recordings: Sequence[Recording], robot: Robot) -> Array | None:
+    """Return the speed (n,) within which each joint's dry friction turns over, rad/s; None where nothing shows it.
+
+    Base parameters, friction and zeros of the torques are fitted beside it.
+    """
+    chosen = [without_outliers(recording.select(robot.joint_names)) for recording in recordings]
+    recorded = [(recording, recording.samples()) for recording in chosen]
+    side = "" if all(samples.tau_m is not None for _, samples in recorded) else ":side=link"
+    laws = parse_laws([f"{law}{side}" for law in PLAIN], robot)
+    settings = IdentificationSettings(model="mod1", effects=laws)
+    trials = Trials(recorded, robot, settings, report=lambda what, share: None, beside=True)
+    try:
+        speeds = trials.selected().sign_speed
+    except IdentificationError:
+        return None
+    return np.broadcast_to(np.asarray(speeds, dtype=float), (robot.n,)).copy()

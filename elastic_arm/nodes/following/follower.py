@@ -69,15 +69,19 @@ class Follower:
             return None
         return self.go_to(message)
 
-    def go_to(self, message: JointTrajectory) -> Goal:
-        """Take a message as a goal, whatever its stamp.
+    def go_to(self, message: JointTrajectory, policy: str | None = None) -> Goal:
+        """Take a message as a goal, whatever its stamp, by a policy of limits other than that of all goals.
 
         Raises a GraphError if it cannot be followed; the arm goes on as before.
         """
         present = self.stream.present
-        goal = plan_goal(message, self.joints, self.now_ns, present, self._assumed, self._policy)
+        goal = plan_goal(message, self.joints, self.now_ns, present, self._assumed, policy or self._policy)
         self._begin(goal)
         return goal
+
+    def obey(self, command: JointTrajectory) -> None:
+        """Take a command of one cycle; where it is out of reach by then, the arm goes as fast as the limits allow."""
+        self.go_to(command, "ignore" if self._policy == "ignore" else "slow_down")
 
     def stop(self) -> Goal:
         """Bring the arm to a standstill, whatever it follows."""

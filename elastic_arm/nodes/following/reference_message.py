@@ -6,8 +6,10 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from builtin_interfaces.msg import Duration
 from numpy.typing import NDArray
-from trajectory_msgs.msg import JointTrajectory
+from sensor_msgs.msg import JointState
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from elastic_arm.errors import GraphError
 from elastic_arm.nodes.following.splines import CUBIC, LINEAR, QUINTIC, Row
@@ -73,6 +75,21 @@ def reference_points(
         values[:, named] = column[:, order]
     degree = [LINEAR if not point.velocities else QUINTIC if point.accelerations else CUBIC for point in message.points]
     return np.array(after, dtype=np.int64), Points(position, velocity, acceleration, np.array(degree, dtype=np.int64))
+
+
+def commanded(command: JointState, period: float) -> JointTrajectory | None:
+    """Return the goal that a controller's command of one cycle is, reached after `period` s; None without numbers.
+
+    Where a velocity is commanded, too, the arm is then further on by it: it follows without a lag.
+    """
+    position, velocity = np.array(command.position), np.array(command.velocity)
+    if not len(position) or np.all(np.isnan(position)):
+        return None  # interfaces that no controller has claimed yet
+    if len(velocity) == len(position) and np.all(np.isfinite(velocity)):
+        position = position + period * velocity
+    after = Duration(nanosec=round(period * NANOSECONDS))
+    point = JointTrajectoryPoint(positions=position.tolist(), time_from_start=after)
+    return JointTrajectory(joint_names=command.name, points=[point])
 
 
 def _check_names(names: list[str], joints: Sequence[str], partial: bool) -> None:

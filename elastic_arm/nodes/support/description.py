@@ -23,12 +23,13 @@ TOOL = "tool0"
 _BARS = ("base_grey", "link_blue")
 # What a joint of the arm takes and gives.
 _COMMANDS, _STATES = ("position", "velocity"), ("position", "velocity", "effort")
-# Stands in for drivers: the arm itself is driven by the nodes of this package.
-_PLUGIN = "mock_components/GenericSystem"
+# Controllers of ros2_control command the simulator by topics, relative to the arm's namespace.
+_PLUGIN = "topic_based_ros2_control/TopicBasedSystem"
+COMMANDS, STATES = "simulator/joint_commands", "joint_states"
 
 
-def ros_description(robot: Robot) -> str:
-    """Return the URDF that nodes publish on `/robot_description`.
+def ros_description(robot: Robot, namespace: str = "") -> str:
+    """Return the URDF that nodes of a namespace publish on `robot_description`.
 
     All joints are revolute with limits; those that the description does not state are assumed, as for goals.
     """
@@ -43,7 +44,7 @@ def ros_description(robot: Robot) -> str:
         for visual in link.findall("visual"):
             _add_capsule(link, visual)
     _add_tool(tree, robot)
-    _add_control(tree, robot, limits)
+    _add_control(tree, robot, limits, namespace)
     ET.indent(tree)
     return '<?xml version="1.0"?>\n' + ET.tostring(tree, encoding="unicode") + "\n"
 
@@ -109,9 +110,14 @@ def _add_tool(tree: ET.Element, robot: Robot) -> None:
     ET.SubElement(joint, "origin", xyz=" ".join(_text(number) for number in position), rpy="0 0 0")
 
 
-def _add_control(tree: ET.Element, robot: Robot, limits: JointLimits) -> None:
+def _add_control(tree: ET.Element, robot: Robot, limits: JointLimits, namespace: str) -> None:
     control = ET.SubElement(tree, "ros2_control", name=robot.name, type="system")
-    ET.SubElement(ET.SubElement(control, "hardware"), "plugin").text = _PLUGIN
+    hardware, prefix = ET.SubElement(control, "hardware"), f"/{namespace.strip('/')}/".replace("//", "/")
+    ET.SubElement(hardware, "plugin").text = _PLUGIN
+    for name, topic in (("joint_commands_topic", COMMANDS), ("joint_states_topic", STATES)):
+        ET.SubElement(hardware, "param", name=name).text = prefix + topic
+    # Every command is sent, small steps too: without one the arm would stand at the last one that was.
+    ET.SubElement(hardware, "param", name="trigger_joint_command_threshold").text = "-1"
     for i, name in enumerate(robot.joint_names):
         joint = ET.SubElement(control, "joint", name=name)
         ranges = {"position": (limits.low[i], limits.high[i]), "velocity": (-limits.velocity[i], limits.velocity[i])}

@@ -140,11 +140,11 @@ def _check_names(content: Content, report: Report, joints: Sequence[str] | None)
             message = f"{topic} names its joints in several orders; they are matched by name"
             report.add("note", "joint_order", message, topic=topic)
         if not series.has("effort") and JOINT_TORQUES not in content.series:
-            elsewhere = any(content.series[other].has("effort") for other in present)
-            message = f"{topic} has no torques (effort is empty)"
+            instead = [f"those of {other} are used" for other in present if content.series[other].has("effort")]
             if REFERENCE in content.series:
-                elsewhere, message = True, f"{message}: a `controller:` in the arm file makes them of the commands"
-            report.add("note" if elsewhere else "warning", "no_torque", message, topic=topic)
+                instead.append("a `controller:` in the arm file makes them of the commands")
+            message = ": ".join([f"{topic} has no torques (effort is empty)", *instead[:1]])
+            report.add("note" if instead else "warning", "no_torque", message, topic=topic)
 
 
 def _check_times(recording: Recording, report: Report, *, named: bool) -> None:

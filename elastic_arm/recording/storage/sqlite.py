@@ -126,7 +126,9 @@ def _text(content: bytes) -> str:
 
 def open_sqlite(path: Path) -> SqliteFile:
     """Open a .db3 file."""
-    file = SqliteFile(path, _unpacked(path))
+    # SQLite takes a copy.
+    packed = path.suffix in PACKED_FILES
+    file = SqliteFile(path, unpack_file(path, limits.unpacked_bytes() // 2) if packed else None)
     head = _head(path) if file.image is None else file.image[: len(_MAGIC)]
     if not head:
         raise RecordingError(f"{path} is empty", "Record again: nothing was written.")
@@ -138,11 +140,6 @@ def open_sqlite(path: Path) -> SqliteFile:
     except _DAMAGED as error:
         raise RecordingError(f"{path} is damaged ({error})", "Record again.") from None
     return file
-
-
-def _unpacked(path: Path) -> bytearray | None:
-    # SQLite takes a copy.
-    return unpack_file(path, limits.unpacked_bytes() // 2) if path.suffix in PACKED_FILES else None
 
 
 def _head(path: Path) -> bytes:

@@ -25,16 +25,27 @@ def motor_inertia_and_damping(model: Any, joint: int) -> tuple[float, float]:
 
 def torque_delays(model: Any, chain: MjcfChain) -> Array:
     """Return by how much the recorded motor torque of each joint is late, (n,) s, as its sensor states it."""
-    found: Array = np.zeros(len(chain.joints))
+    mj, found = engine().mjtSensor, np.zeros(len(chain.joints))
     for k in range(model.nsensor):
-        joint = int(model.sensor_objid[k])
-        if int(model.sensor_type[k]) == int(engine().mjtSensor.mjSENS_JOINTACTFRC) and joint in chain.joints:
-            found[chain.joints.index(joint)] = float(model.sensor_delay[k])
+        kind, at = int(model.sensor_type[k]), int(model.sensor_objid[k])
+        for i, joint in enumerate(chain.joints):
+            measured = {int(mj.mjSENS_JOINTACTFRC): [joint], int(mj.mjSENS_ACTUATORFRC): drives_of(model, joint)}
+            if at in measured.get(kind, ()):
+                found[i] = float(model.sensor_delay[k])
     return found
 
 
 def drives_of(model: Any, joint: int) -> list[int]:
-    """Return the actuators that act on a joint."""
+    """Return the actuators that drive a joint."""
+    return [k for k in _acting_on(model, joint) if not passive(model, k)]
+
+
+def passive(model: Any, actuator: int) -> bool:
+    """Return whether nobody commands an actuator: a `dcmotor` without inputs is friction and cogging."""
+    return not model.actuator_ctrlnum[actuator]
+
+
+def _acting_on(model: Any, joint: int) -> list[int]:
     kinds = (int(engine().mjtTrn.mjTRN_JOINT), int(engine().mjtTrn.mjTRN_JOINTINPARENT))
     # Not model.nu: an actuator may have several inputs.
     return [
@@ -122,7 +133,8 @@ def left_out(model: Any, joint: int) -> list[str]:
                 f"cogging of actuator {name}, {gear * amplitude:g} Nm at {label} and {waves:g} waves a turn of its "
                 "rotor, is left out: torque_ripple needs an arm file with transmissions"
             )
-        notes.append(f"actuator {name} is driven by voltage: a recorded motor torque is that of its current")
+        if not passive(model, k):
+            notes.append(f"actuator {name} is driven by voltage: a recorded motor torque is that of its current")
     fed_back = [k for k in drives if k not in dc and (model.actuator_biasprm[k].any() or model.actuator_dyntype[k])]
     if fed_back and _servo(model, joint) is None:
         names = ", ".join(name_of(model, "actuator", k) for k in fed_back)
@@ -137,4 +149,4 @@ def left_out(model: Any, joint: int) -> list[str]:
 
 def _dc_motors(model: Any, joint: int) -> list[int]:
     kind = getattr(engine().mjtBias, "mjBIAS_DCMOTOR", None)  # of MuJoCo 3.6 and later
-    return [k for k in drives_of(model, joint) if kind is not None and int(model.actuator_biastype[k]) == int(kind)]
+    return [k for k in _acting_on(model, joint) if kind is not None and int(model.actuator_biastype[k]) == int(kind)]

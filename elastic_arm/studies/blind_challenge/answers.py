@@ -26,7 +26,7 @@ SENSORS = ("motor_torque_gain", "joint_torque_gain", "motor_torque_offset", "joi
 def score_answer(entry: Mapping[str, Any], answer: Mapping[str, Any], effects: Mapping[str, Effect] = EFFECTS) -> Line:
     """Return what an answer (`diagnosis.json`) to an arm (its truth) is worth."""
     joints = entry["joints"]
-    faults = [_fault(one) for one in entry["faults"]]
+    faults = [Fault(**{**one, "channels": tuple(one["channels"])}) for one in entry["faults"]]
     placed = [_placed(f, effects[f.effect], len(joints)) for f in faults]
     causes = answer["causes"]
     hits = [_hit(fault, causes, joints) for fault in placed]
@@ -74,10 +74,6 @@ def score_answer(entry: Mapping[str, Any], answer: Mapping[str, Any], effects: M
 def expected_unknown(line: Line) -> bool:
     """Whether an arm with an effect of no catalogue was answered as it should: `none` alone where none can see it."""
     return line["verdict"] == "unknown" or (line["verdict"] == "none" and not line["visible"])
-
-
-def _fault(one: Mapping[str, Any]) -> Fault:
-    return Fault(**{**one, "channels": tuple(one["channels"])})
 
 
 def _placed(fault: Fault, effect: Effect, n: int) -> Fault:

@@ -122,16 +122,13 @@ WORKSHOP = Level(
     foreign=tuple(FOREIGN),
     asked=_ASKED,
 )
-FIELD = Level(
-    "field",
-    tuple(effect for effect, floor in FLOORS.items() if set(floor.sides) & {MOTOR, LINK}),
+FIELD = replace(
+    WORKSHOP,
+    name="field",
+    effects=tuple(effect for effect, floor in FLOORS.items() if set(floor.sides) & {MOTOR, LINK}),
     joints=(6, 7),
     sides=(MOTOR, LINK),
     rates=(100.0, 125.0, 200.0, 250.0),
-    points=0.3,
-    mountings=True,
-    lift=0.25,
-    lost=0.02,
     corner=(3.0, 20.0),
     torque_constant=0.15,
     drift=1.0,

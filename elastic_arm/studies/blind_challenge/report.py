@@ -1,4 +1,4 @@
-"""The report of a challenge: shares, what was named for what, and what a confidence is worth."""
+"""The report of a challenge: shares, and what a confidence is worth."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from matplotlib.figure import Figure as MplFigure
 
 from elastic_arm.report.html import Figure, Section, Table, write_report
@@ -32,9 +31,7 @@ def write_challenge_report(path: str | Path, found: Mapping[str, Any]) -> Path:
             caption = "Every cause that was said. On the dashed line, of causes with 0.9 nine in ten are right."
             blocks.append(Figure(reliability(table), caption))
         sections.append(Section(f"Level {level}", blocks))
-    if found["confusion"]:
-        caption = "Single effects. Red numbers: an effect taken for another."
-        sections.append(Section("What was named for what", [Figure(confusion(found["confusion"]), caption)]))
+    if found["by_effect"]:
         sections.append(Section("Effect by effect", [Table(EFFECT_HEADINGS, effect_rows(found))]))
     subtitle = "; ".join(challenge(c) for c in found["challenges"])
     return write_report(path, "The challenge", sections, subtitle=subtitle)
@@ -70,26 +67,4 @@ def reliability(table: Mapping[str, Any]) -> MplFigure:
             ax.plot([row["mean_confidence"]] * 2, row["interval"], color=BLUE, alpha=0.4, linewidth=3)
             ax.plot(row["mean_confidence"], row["share"], "o", color=BLUE)
         ax.set(xlim=(0, 1.03), ylim=(0, 1.03), xlabel="confidence", ylabel="share of causes that were right")
-    return figure
-
-
-def confusion(table: Mapping[str, Mapping[str, int]]) -> MplFigure:
-    """Draw what was named for what there was, in shares of each row."""
-    rows = list(table)
-    columns = [*rows, *sorted({said for row in table.values() for said in row} - set(rows))]
-    counts = np.array([[table[r].get(c, 0) for c in columns] for r in rows], dtype=float)
-    part = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1.0)
-    with style():
-        figure, axes = new_figure(size=(3.2 + 0.27 * len(columns), 2.6 + 0.25 * len(rows)))
-        ax = axes[0, 0]
-        ax.imshow(part, cmap="Blues", vmin=0.0, vmax=1.0, aspect="auto")
-        ax.grid(visible=False)
-        for (r, c), count in np.ndenumerate(counts):
-            if count:
-                colour = "white" if part[r, c] > 0.5 else "black" if rows[r] == columns[c] else VERMILION
-                ax.text(c, r, f"{count:.0f}", ha="center", va="center", fontsize=7, color=colour)
-        words = [name.replace("_", " ") for name in columns]
-        ax.set_xticks(range(len(columns)), words, rotation=60, ha="right", fontsize=7)
-        ax.set_yticks(range(len(rows)), words[: len(rows)], fontsize=7)
-        ax.set(xlabel="named, or declared as an alternative", ylabel="what the arm had")
     return figure

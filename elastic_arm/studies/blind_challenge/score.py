@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.stats import binomtest, chisquare, norm
+from scipy.stats import binomtest
 
 from elastic_arm.effects import EFFECTS, Effect
 from elastic_arm.studies.blind_challenge.answers import KINDS, Line, expected_unknown, score_answer
@@ -27,7 +27,6 @@ from elastic_arm.studies.blind_challenge.draw import LOWEST
 FAINT = 0.01  # of the gap: of several effects, one of less is tabled apart
 NEIGHBOURS = 0.9  # a withheld effect whose gap the rest explains to this share is no test
 BINS = (0.0, 0.5, 0.8, 0.9, 0.95, 0.99, 1.0)
-RANKS = 5  # bins of the ranks of true sizes
 LEAST = 1e-3  # probability that the logarithmic score takes for less
 NOMINAL = 0.95
 # To reach: laboratory, workshop, field, servo, position; at most where the question counts what is wrong.
@@ -98,7 +97,6 @@ def score(folders: Path | Sequence[Path]) -> dict[str, Any]:
             for level in dict.fromkeys(x["level"] for x in lines)
         },
         "by_effect": {e: row for e, row in by_effect.items() if row["right"]["trials"]},
-        "confusion": _confusion(single),
         "items": lines,
         "withheld_items": withheld,
     }
@@ -134,15 +132,12 @@ def level_table(lines: Sequence[Line], withheld: Sequence[Line]) -> dict[str, An
         held, asked = np.sum([x["coverage"][kind] for x in own] or [[0, 0]], axis=0)
         shares[f"intervals of {kind} cover"] = proportion([True] * held + [False] * (asked - held))
     told = [(c, r) for x in lines for c, r in x["told"]]
-    z = [v for x in own for v in x["z"]]
-    ranks = np.histogram(norm.cdf(np.negative(z)), RANKS, (0.0, 1.0))[0]
     missed = [x for x in own if x["truth"] and not x["effect_right"]]
     return {
         "shares": shares,
         "calibration": calibration([(c, r) for c, r in told if c > 0.0]),
         "brier": float(np.mean([(c - r) ** 2 for c, r in told])) if told else None,
         "log_score": float(-np.mean([np.log(max(c if r else 1 - c, LEAST)) for c, r in told])) if told else None,
-        "ranks": {"counts": ranks.tolist(), "p": float(chisquare(ranks).pvalue) if z else None},
         "seconds": _seconds(lines),
         "foreign": {x["name"]: [*x["foreign"], x["verdict"], *x["named"]] for x in foreign},
         "missed": {x["name"]: [*x["truth"], x["verdict"], *x["named"]] for x in missed},
@@ -157,9 +152,6 @@ def table_rows(level: str, table: Mapping[str, Any]) -> list[tuple[str, str, str
         rows.append((name, text(row), ""))
     if table["brier"] is not None:
         rows.append(("Brier score, logarithmic score", f"{table['brier']:.3f}, {table['log_score']:.3f}", ""))
-    if table["ranks"]["p"] is not None:
-        counts = " ".join(map(str, table["ranks"]["counts"]))
-        rows.append(("ranks of true sizes, in fifths", f"{counts} (even: p = {table['ranks']['p']:.2g})", ""))
     for n, seconds in table["seconds"].items():
         spent = f"{seconds['median']:.0f} s, longest {seconds['longest']:.0f} s"
         rows.append((f"a diagnosis of {n} joints, one core", spent, ""))
@@ -245,17 +237,6 @@ def _effect(lines: Sequence[Line]) -> dict[str, Any]:
         "shrink": float(np.median(shrinks)) if shrinks else None,
         "missed": max(missed, default=None),
     }
-
-
-def _confusion(single: Sequence[Line]) -> dict[str, dict[str, int]]:
-    """Count what was named for each effect: itself where it is right, else the first cause or the verdict."""
-    table: dict[str, Counter[str]] = {}
-    for x in single:
-        (effect,) = x["truth"]
-        wrong = [name for name, right in zip(x["named"], x["cause_right"], strict=True) if not right]
-        said = effect if x["effect_right"] else (wrong or [x["verdict"]])[0]
-        table.setdefault(effect, Counter())[said if said != effect or x["effect_right"] else "wrong joint"] += 1
-    return {effect: dict(row) for effect, row in table.items()}
 
 
 def _seconds(lines: Sequence[Line]) -> dict[str, dict[str, float]]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 from rich.markup import escape
@@ -18,9 +18,6 @@ from elastic_arm.cli.outputs import Force, claim_folder
 from elastic_arm.errors import require_libraries
 from elastic_arm.robot import load_robot
 
-if TYPE_CHECKING:
-    from elastic_arm.studies.paper.claims import Claim
-
 RESULTS = ("report.html", "paper.json", "claims.csv")
 COLOURS = {"holds": "green", "holds in part": "yellow", "does not hold": "red", "undecided": "cyan"}
 
@@ -31,7 +28,7 @@ def paper(
     folder: Annotated[Path, typer.Option("--out", help="Folder for report.html, CSV and JSON.")] = Path("paper"),
     quick: Annotated[bool, typer.Option(help="Less of everything, in a minute.")] = False,
     workers: Annotated[int, typer.Option(min=1, help="Processes for the prototype's runs.")] = os.cpu_count() or 1,
-    seed: Annotated[int, typer.Option(min=0, help="Of noise, poses and searches.")] = 1,
+    seed: Annotated[int, typer.Option(min=0, help="Of noise and searches.")] = 1,
     json: Annotated[bool, typer.Option("--json", help="Print the claims as JSON, for scripts.")] = False,
     force: Force = False,
 ) -> None:
@@ -69,13 +66,8 @@ def paper(
     if json:
         print_json({"report": str(report), "files": [str(f) for f in files], "claims": [asdict(c) for c in claims]})
         return
-    _print_claims(claims)
-    out.print(f"report: {escape(str(report))}; numbers beside it: {escape(', '.join(f.name for f in files))}")
-    out.print(f"the study took {result.seconds['whole study']:.0f} s")
-
-
-def _print_claims(claims: list[Claim]) -> None:
     table = Table("section", "claim", "verdict", title="Claims of the paper, with our numbers")
     for claim in claims:
         table.add_row(claim.section, escape(claim.claim), f"[{COLOURS[claim.verdict]}]{claim.verdict}[/]")
     out.print(table)
+    out.print(f"report: {escape(str(report))}; numbers beside it: {escape(', '.join(f.name for f in files))}")

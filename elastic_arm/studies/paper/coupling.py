@@ -42,7 +42,8 @@ def symbolic_coupling(robot: Robot, *, bearings: bool = False) -> SymbolicCoupli
         forces = inverse_dynamics(bodies, x, zero, push, Psi, Trig(sympy.sin, sympy.cos), gravity=[0.0, 0.0, 0.0])
         for i, coordinate in enumerate(links):
             matrix[i, j] = sympy.expand(sympy.nsimplify(forces[coordinate], rational=True))
-    reflected = tuple(_reflected(bodies, Psi, bodies.motor_side[j]) for j in range(n))
+    spun = [(Psi[s.parameter] * ratio, k) for s in bodies.spins if s.frame >= 0 for k, ratio in s.gears]
+    reflected = tuple(sympy.Add(*(term for term, k in spun if k == motor)) for motor in bodies.motor_side)
     sigma = sympy.Matrix(*matrix.shape, lambda i, j: sympy.simplify(matrix[i, j] / reflected[j]))
     return SymbolicCoupling(tuple(bodies.coordinates[k] for k in links), matrix, reflected, sigma)
 
@@ -75,11 +76,3 @@ def _parameter(name: str) -> sympy.Symbol:
     if len(parts) == 3 and parts[1] in _SHORT and parts[2] == "Izz":
         return sympy.Symbol(f"I_zz^({_SHORT[parts[1]]},{parts[0].removeprefix('joint_')})", positive=True)
     return sympy.Symbol(name, real=True)
-
-
-def _reflected(bodies: Bodies, Psi: list[sympy.Symbol], motor: int) -> sympy.Expr:
-    """Sum izz times ratio over the bodies that motor `motor` spins on a moving link."""
-    terms = [
-        Psi[spin.parameter] * ratio for spin in bodies.spins if spin.frame >= 0 for k, ratio in spin.gears if k == motor
-    ]
-    return sympy.Add(*terms)

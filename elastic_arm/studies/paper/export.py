@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import json
-import math
-from dataclasses import asdict, fields
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from elastic_arm.output_files import csv_text, write_result
+from elastic_arm.output_files import csv_text, plain, write_result
 from elastic_arm.studies.paper.claims import Claim
 from elastic_arm.studies.paper.study import StudyResult
 
@@ -40,16 +37,17 @@ def export(result: StudyResult, claims: list[Claim], folder: Path) -> list[Path]
         "tracking": [{k: v for k, v in asdict(t).items() if k != "each"} for t in result.tracking],
     }
     content = _as_dict(result) | {k: v for k, v in tables.items() if k != "torques"}
-    whole = write_result(folder / "paper.json", json.dumps(_plain(content), indent=1, allow_nan=False))
+    whole = write_result(folder / "paper.json", json.dumps(plain(content), indent=1, allow_nan=False))
     rows = {name: csv_text(list(table[0]), table) for name, table in tables.items()}
     return [whole, *(write_result(folder / f"{name}.csv", text) for name, text in rows.items())]
 
 
 def _as_dict(result: StudyResult) -> dict[str, Any]:
-    plain = ("translations", "estimates", "excited", "settings")
+    kept = ("translations", "estimates", "settings")
     found: dict[str, Any] = {"schema": SCHEMA, "robot": result.robot.name, "engine": result.engine}
-    found |= {"ratios": result.ratios, "motor_torque_parts": result.inertial, "seconds": result.seconds}
-    found |= {name: getattr(result, name) for name in plain}
+    found |= {"ratios": result.ratios, "motor_torque_parts": result.inertial}
+    found |= {name: getattr(result, name) for name in kept}
+    found["excited"] = {model: search.to_dict() for model, search in result.excited.items()}
     S = {"locked": result.coupling, "tilted": result.tilted_coupling}
     return found | {"S": {name: [[str(v) for v in row] for row in c.matrix.tolist()] for name, c in S.items()}}
 
@@ -63,18 +61,3 @@ def _torques(result: StudyResult) -> list[dict[str, Any]]:
             for joint, values in enumerate(torques.side(side).T):
                 columns[f"{model}.{side}.{joint + 1}"] = values
     return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
-
-
-def _plain(value: Any) -> Any:
-    """Turn records, arrays, tuples and numbers into JSON types; what is not finite becomes None."""
-    if hasattr(value, "__dataclass_fields__"):
-        return {f.name: _plain(getattr(value, f.name)) for f in fields(value)}
-    if isinstance(value, dict):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray | np.generic):
-        return _plain(value.tolist())
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value

@@ -10,7 +10,7 @@ from scipy.stats import spearmanr
 
 from elastic_arm.dynamics import build_model
 from elastic_arm.estimation.motion import Motion
-from elastic_arm.excitation import ExcitationResult, FourierTrajectory, MotionLimits, Shape, optimise
+from elastic_arm.excitation import ExcitationResult, MotionLimits, Shape, optimise
 from elastic_arm.excitation.criteria import distinct_columns
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.least_squares import Fit, fit
@@ -228,33 +228,10 @@ SHAPE = Shape(harmonics=5, period=10.0, ramp=1.0)
 """The paper's duration of 10 s, between smooth ramps."""
 
 
-@dataclass(frozen=True)
-class ExcitationSearch:
-    """A search's outcome in condition numbers of the base regressor."""
-
-    trajectory: FourierTrajectory  # what was found
-    # Of the trajectory found, of the one the search began with (the best random one), and of the random ones
-    condition: float
-    unoptimised: float
-    random: np.ndarray
-    course: tuple[tuple[int, float], ...]  # (evaluation, best so far)
-    evaluations: int
-
-
-def excite(robot: Robot, model: str, evaluations: int, random: int, seed: int) -> ExcitationSearch:
+def excite(robot: Robot, model: str, evaluations: int, random: int, seed: int) -> ExcitationResult:
     """Search the motion within the robot's limits whose regressor of `model` is conditioned best."""
     problem = CoefficientFit(robot, model)
     limits = MotionLimits.of(robot)
     columns = [int(c) for c in problem.equations.base.columns]
     rng = np.random.default_rng(seed)
-    found: ExcitationResult = optimise(
-        problem.model, limits, columns, rng=rng, shape=SHAPE, evaluations=evaluations, random=random
-    )
-    return ExcitationSearch(
-        found.trajectory,
-        found.condition_after,
-        found.condition_before,
-        found.random,
-        found.history,
-        found.evaluations,
-    )
+    return optimise(problem.model, limits, columns, rng=rng, shape=SHAPE, evaluations=evaluations, random=random)

@@ -182,23 +182,12 @@ def prototype(result: StudyResult) -> Section:
 
 
 def figure_4a(result: StudyResult) -> Section:
-    """Fig. 4a, and other starting poses."""
-    pairs = [(m, s) for m in ("mod1", "mod3") for s in SIDES]
-    rows = [
-        (", ".join(f"{angle:.2f}" for angle in pose), *_peaks(np.hstack([c.error(m, PROTOTYPE, s) for m, s in pairs])))
-        for pose, c in [(np.zeros(result.robot.n), result.at_highest()), *result.poses]
-    ]
-    header = [f"{m} tau_{j + 1}^{SYMBOLS[s]}" for m, s in pairs for j in range(result.robot.n)]
+    """Fig. 4a."""
     caption = (
         "The same motion. In tau^m the models cannot be told apart by eye (third row: by how much they differ); in "
         "tau^l mod1 and mod2 leave what S would explain."
     )
-    table = Table(["pose at the start [rad]", *header], rows, "Largest difference from mod_ad by starting pose, Nm", 3)
-    return Section("Fig. 4a: the three models", [Figure(_torques(result.at_highest(), MODELS), caption), table])
-
-
-def _peaks(error: np.ndarray) -> list[float]:
-    return [float(value) for value in np.abs(error).max(axis=0)]
+    return Section("Fig. 4a: the three models", [Figure(_torques(result.at_highest(), MODELS), caption)])
 
 
 def _torques(comparison: ModelComparison, models: tuple[str, ...]) -> MplFigure:
@@ -423,7 +412,7 @@ def _error_sources(estimates: list[Any]) -> MplFigure:
 def excitation(result: StudyResult) -> Section:
     """The searches of each model's trajectory, at the highest ratio."""
     rows: list[Row] = [
-        (m, e.evaluations, e.unoptimised, float(np.median(e.random)), float(e.random.min()), e.condition)
+        (m, e.evaluations, e.condition_before, float(np.median(e.random)), float(e.random.min()), e.condition_after)
         for m, e in result.excited.items()
     ]
     header = ("model", "evaluations", "start of the search", "random, median", "random, best", "found")

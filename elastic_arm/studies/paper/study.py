@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
 import numpy as np
 
 from elastic_arm.dynamics import build_model
+from elastic_arm.excitation import ExcitationResult
 from elastic_arm.robot.description import Robot
 from elastic_arm.studies.paper import feedforward, torques
 from elastic_arm.studies.paper.coupling import symbolic_coupling
-from elastic_arm.studies.paper.identification_study import CoefficientEstimate, ExcitationSearch, excite
+from elastic_arm.studies.paper.identification_study import CoefficientEstimate, excite
 from elastic_arm.studies.paper.identification_study import study as identify
-from elastic_arm.studies.paper.torques import MODELS, ModelComparison, TorqueResult, follow
+from elastic_arm.studies.paper.torques import MODELS, TorqueResult, follow
 from elastic_arm.studies.paper.virtual_prototype.mechanism import Bushing, engine
-from elastic_arm.studies.paper.virtual_prototype.motions import PeriodicMotion, StepRamp
+from elastic_arm.studies.paper.virtual_prototype.motions import PeriodicMotion
 from elastic_arm.studies.parallel import Advance, ProcessPool, Results, Task
 
 StageStart = Callable[[str, int], Advance]
@@ -31,7 +31,6 @@ class StudySettings:
 
     step: float  # of the prototype for the ramps, s; for the excitations:
     excitation_step: float
-    poses: int  # starting poses of the ramp at the highest ratio, the zero pose included
     identified: tuple[int, ...]  # positions of the ratios at which the models are identified
     seeds: tuple[int, int]  # noise realisations at 10 Hz and at 1 kHz
     evaluations: int  # budget of each pattern search
@@ -44,7 +43,6 @@ class StudySettings:
 FULL = StudySettings(
     step=1e-4,
     excitation_step=2e-4,
-    poses=5,
     identified=(0, 1, 2, 3, 4),
     seeds=(100, 20),
     evaluations=1500,
@@ -56,7 +54,6 @@ FULL = StudySettings(
 QUICK = StudySettings(
     step=2.5e-4,
     excitation_step=2.5e-4,
-    poses=1,
     identified=(-1,),
     seeds=(20, 3),
     evaluations=150,
@@ -72,18 +69,13 @@ TRACKING_PERIOD = 4.0
 
 @dataclass(kw_only=True)
 class StudyResult(TorqueResult):
-    """All numbers of the study; the report draws from here and nothing else.
-
-    `poses` are the ramps from other poses at the highest ratio.
-    """
+    """All numbers of the study; the report draws from here and nothing else."""
 
     settings: StudySettings
-    poses: list[tuple[np.ndarray, ModelComparison]]
-    excited: Mapping[str, ExcitationSearch]
+    excited: Mapping[str, ExcitationResult]
     estimates: list[CoefficientEstimate]
     tracking: list[feedforward.Tracking]
     engine: str
-    seconds: dict[str, float] = field(default_factory=dict)
 
     def estimate(self, model: str, r_tot: float | None = None) -> CoefficientEstimate:
         """Return one model's identification, at the highest ratio by default."""
@@ -93,18 +85,15 @@ class StudyResult(TorqueResult):
 
 def run_study(robot: Robot, settings: StudySettings, *, workers: int, seed: int, stage: StageStart) -> StudyResult:
     """Reproduce the paper."""
-    started = time.perf_counter()
     ratios = torques.studied_ratios(robot)
     engine_name = f"MuJoCo {engine().__version__}"
     rng = np.random.default_rng(seed)
     arms = {r_tot: robot.with_ratio(r_tot) for r_tot in ratios}
     top = arms[ratios[-1]]
-    seconds: dict[str, float] = {}
-    starts = rng.uniform(-1.0, 1.0, (settings.poses - 1, robot.n))
     with ProcessPool(workers) as pool:
 
         def begin(name: str, tasks: list[Task]) -> Results[Any]:
-            return pool.start(tasks, _timed(stage, seconds, name, len(tasks)))
+            return pool.start(tasks, stage(name, len(tasks)))
 
         # What later stages wait for is begun first; the others fill the processes' time.
         seeds = rng.integers(2**31, size=len(MODELS))
@@ -121,9 +110,7 @@ def run_study(robot: Robot, settings: StudySettings, *, workers: int, seed: int,
             "excitation runs and identification",
             [partial(_identify, arms[r], m, r, excited[m], settings, int(rng.integers(2**31))) for r, m in pairs],
         )
-        tasks = torques.ramp_tasks(list(arms.values()), Bushing(), settings.step)
-        tasks += [partial(follow, top, Bushing(), StepRamp(start), settings.step) for start in starts]
-        ramping = begin("step ramps of the prototype", tasks)
+        ramps = begin("step ramps of the prototype", torques.ramp_tasks(list(arms.values()), Bushing(), settings.step))
         translating = begin(
             "translation stiffness of the bushing",
             [partial(torques.link_errors, top, ratios[-1], K, settings.step) for K in settings.translations],
@@ -134,45 +121,28 @@ def run_study(robot: Robot, settings: StudySettings, *, workers: int, seed: int,
         )
         estimates = identifying()
         tracking = begin("feed-forward of the prototype", _tracking(arms, estimates, settings, rng))
-        ramps = ramping()
         found = torques.torque_result(
             robot,
             arms,
-            ramps,
+            ramps(),
             translations=translating(),
             assumed=Bushing().translation_stiffness,
             locked=locking()[0],
             coupling=tuple(deriving()),
         )
-        poses = zip(starts, ramps[len(ratios) + 1 :], strict=True)
-        compared = [(start, torques.compare(top, ratios[-1], run)) for start, run in poses]
         tracked, along = tracking(), settings.motions
-    seconds["whole study"] = time.perf_counter() - started
     return StudyResult(
         **vars(found),
         settings=settings,
-        poses=compared,
         excited=excited,
         estimates=estimates,
         tracking=[feedforward.together(tracked[k : k + along]) for k in range(0, len(tracked), along)],
         engine=engine_name,
-        seconds=seconds,
     )
 
 
-def _timed(stage: StageStart, seconds: dict[str, float], name: str, count: int) -> Advance:
-    """Begin a stage, and keep in `seconds` how long after its beginning its last task was done."""
-    begun, advance = time.perf_counter(), stage(name, count)
-
-    def advanced() -> None:
-        seconds[name] = time.perf_counter() - begun
-        advance()
-
-    return advanced
-
-
 def _identify(
-    robot: Robot, model: str, r_tot: float, excited: ExcitationSearch, settings: StudySettings, seed: int
+    robot: Robot, model: str, r_tot: float, excited: ExcitationResult, settings: StudySettings, seed: int
 ) -> CoefficientEstimate:
     motion, rng = PeriodicMotion(excited.trajectory), np.random.default_rng(seed)
     run = follow(robot, Bushing(), motion, settings.excitation_step)

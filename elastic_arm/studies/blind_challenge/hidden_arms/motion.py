@@ -103,8 +103,11 @@ def random_points(rng: np.random.Generator, n: int, duration: float) -> PointToP
     begins: list[float] = []
     lasts: list[float] = []
     while True:
-        points.append(np.clip(points[-1] + rng.uniform(-WAY, WAY, n), -REACH, REACH))
-        far = np.abs(points[-1] - points[-2]).max()
+        there = np.clip(points[-1] + rng.uniform(-WAY, WAY, n), -REACH, REACH)
+        far = np.abs(there - points[-1]).max()
+        if far == 0.0:  # all joints at their bounds already: drawn anew
+            continue
+        points.append(there)
         last = max(STEP_RATE * far / SPEED, np.sqrt(STEP_SECOND_RATE * far / ACCELERATION)) * rng.uniform(1.0, 1.5)
         if t + last > duration and begins:
             return PointToPoint(np.array(points[:-1]), np.array(begins), np.array(lasts), duration)

@@ -1,6 +1,6 @@
 """Kill the recorder at random instants, and see what the bag has lost: at most the chunk that was being gathered.
 
-python -m tests.fuzz.kills --kills 100 --seed 1
+python -m benchmarks.kills --kills 100 --seed 1
 """
 
 from __future__ import annotations
@@ -16,24 +16,15 @@ from pathlib import Path
 import numpy as np
 from sensor_msgs.msg import JointState
 
-from elastic_arm.errors import RecordingError
 from elastic_arm.nodes.support.graph import qos
 from elastic_arm.recording import read_recording
 from elastic_arm.recording.inspection.check import check_bag
+from tests.helpers.bags import holds_samples
 from tests.helpers.ros_graph import Graph, ros_graph
 
 LIMIT = 0.5  # seconds that may be lost
 RATE = 250.0  # Hz of the arm, so that a busy machine does not fall behind
 LONGEST = 3.0  # seconds between the first samples in a bag and the kill
-
-
-def holds_samples(bag: Path) -> bool:
-    """Return whether a bag that is being recorded holds both sides by now."""
-    try:
-        recording = read_recording(bag)
-    except RecordingError:
-        return False
-    return recording.link is not None and recording.motor is not None
 
 
 def stamp_of(message: JointState) -> int:
@@ -67,7 +58,7 @@ def lost_by_a_kill(graph: Graph, published: list[int], bag: Path, seconds: float
 
 def main() -> int:
     """Kill as often as asked; return 1 if more than the limit was lost once."""
-    parser = argparse.ArgumentParser(prog="tests.fuzz.kills", description="Kill the recorder at random instants.")
+    parser = argparse.ArgumentParser(prog="benchmarks.kills", description="Kill the recorder at random instants.")
     parser.add_argument("--kills", type=int, default=100)
     parser.add_argument("--seed", type=int, default=0, help="of the instants (0)")
     options = parser.parse_args()
