@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 from types import FrameType
 from typing import TYPE_CHECKING
 
 from elastic_arm.blas import one_blas_thread
 from elastic_arm.lazy_names import lazily
+from elastic_arm.memory import available_memory
 
 if TYPE_CHECKING:
     from elastic_arm.cli.application import SUBCOMMANDS, app, load
@@ -22,10 +24,17 @@ __all__ = ["SUBCOMMANDS", "app", "load", "main"]
 __getattr__, __dir__ = lazily(__name__, dict.fromkeys(("SUBCOMMANDS", "app", "load"), "elastic_arm.cli.application"))
 # Libraries swallow what is raised while they call Python, as CasADi does: interrupts are raised again after so long, s.
 AGAIN = 3.0
+LIBRARIES = 4e8  # bytes of addresses, measured; some of them wait for ever where there are none
 
 
 def main() -> None:
     """Entry point."""
+    if (there := available_memory()) < LIBRARIES:
+        sys.stderr.write(
+            f"error: {there / 1e6:.0f} MB of memory are free, and the libraries alone take {LIBRARIES / 1e6:.0f} MB. "
+            "Raise its limit (ulimit -v), or end what takes it.\n"
+        )
+        raise SystemExit(2)
     one_blas_thread(os.environ)
     # Some are ignored, as behind nohup.
     heeded = [number for number in (signal.SIGINT, signal.SIGTERM) if signal.getsignal(number) is not signal.SIG_IGN]

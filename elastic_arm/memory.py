@@ -1,9 +1,12 @@
-"""Memory that was given back is kept for the next array."""
+"""Memory that was given back is kept for the next array, and how much there is."""
 
 from __future__ import annotations
 
 import ctypes
+import math
+import os
 import sys
+from pathlib import Path
 
 _TRIM_THRESHOLD, _TOP_PAD, _MMAP_MAX, _ARENA_MAX = -1, -2, -4, -8  # of malloc.h
 _KEPT = 1 << 30  # bytes at the end of the heap that stay
@@ -26,3 +29,18 @@ def keep_memory() -> bool:
     options = ((_MMAP_MAX, 0), (_TRIM_THRESHOLD, _KEPT), (_TOP_PAD, _AHEAD), (_ARENA_MAX, 1))
     done = [bool(set_option(option, value)) for option, value in options]
     return all(done)
+
+
+def available_memory() -> float:
+    """Return how many bytes may still be taken, by the system and this process's limit; infinite where not known."""
+    if not sys.platform.startswith("linux"):
+        return math.inf
+    import resource  # POSIX alone has it
+
+    fields = dict(line.split(":") for line in Path("/proc/meminfo").read_text().splitlines())
+    found = 1024.0 * int(fields["MemAvailable"].split()[0]) if "MemAvailable" in fields else math.inf
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    if limit != resource.RLIM_INFINITY:
+        taken = int(Path("/proc/self/statm").read_text().split()[0]) * os.sysconf("SC_PAGE_SIZE")
+        found = min(found, limit - taken)
+    return found

@@ -135,7 +135,7 @@ def shares_of(status: Status) -> Callable[[str, float], None]:
 
 
 def reports_errors(command: Callable[P, R]) -> Callable[P, R]:
-    """Turn an :class:`ElasticArmError` into one clear line on stderr and exit code 2."""
+    """Turn an :class:`ElasticArmError`, and memory that is used up, into one clear line on stderr and exit code 2."""
 
     @functools.wraps(command)
     def wrapper(*args: P.args, **kwargs: P.kwargs) -> R:
@@ -143,7 +143,10 @@ def reports_errors(command: Callable[P, R]) -> Callable[P, R]:
             return command(*args, **kwargs)
         except ElasticArmError as error:
             print_error(error)
-            raise SystemExit(2) from None
+        except MemoryError as error:
+            problem = f"memory is used up ({str(error).rstrip('.') or 'no size is known'})"
+            print_error(ElasticArmError(problem, "Take less motion, or raise the limit of memory"))
+        raise SystemExit(2) from None
 
     return wrapper
 

@@ -30,7 +30,7 @@ from elastic_arm.cli.outputs import Force, claim_folder
 from elastic_arm.diagnosis import Question, diagnose
 from elastic_arm.diagnosis.history import Course, courses
 from elastic_arm.diagnosis.result import Diagnosis
-from elastic_arm.diagnosis.words import probability_text, size_text
+from elastic_arm.diagnosis.words import size_text, step_text
 from elastic_arm.effects import Catalogue
 from elastic_arm.effects.text import known_effects
 from elastic_arm.errors import RecordingError
@@ -40,7 +40,7 @@ from elastic_arm.output_files import csv_text, write_result
 from elastic_arm.recording import Recording, load_channels
 from elastic_arm.recording.storage.bag import METADATA
 
-RESULTS = ("history.json", "history.csv")
+RESULTS = ("history.json", "history.csv", "report.html")
 FILES = (".mcap", ".db3")
 COLUMNS = ("effect", "joint", "parameter", "unit", "recording", "date", "value", "std", "changed")
 
@@ -68,7 +68,7 @@ def history_command(
 
     One diagnosis of all recordings, in the order of their times. Every effect that
     it finds, or that is known to be there (--with), has its size in each recording.
-    Writes history.json and history.csv.
+    Writes history.json, history.csv and report.html, with a plot of each size.
 
     Examples:
 
@@ -97,6 +97,10 @@ def history_command(
     result = to_dict(found, all_of, dates)
     write_result(out_dir / RESULTS[0], json_text(result, indent=2, allow_nan=False) + "\n")
     write_result(out_dir / RESULTS[1], to_csv(result))
+    # Matplotlib is slow to import, and only reports need it.
+    from elastic_arm.report.history import write_history_report
+
+    write_history_report(out_dir / RESULTS[2], found, all_of, dates)
     if json:
         print_json(result)
     else:
@@ -163,20 +167,3 @@ def print_history(found: Diagnosis, all_of: Sequence[Course], dates: Sequence[st
     for place in found.unexplained:
         out.print(f"unexplained: {escape(place.joint)}, {place.side} side, follows {place.regime}")
     out.print(f"notes on the recordings: {len(found.notes)}, in {RESULTS[0]}")
-
-
-def step_text(one: Course, recordings: Sequence[str]) -> str:
-    """Return in a sentence what changed, when and by how much."""
-    step, sized = one.step, one.sized
-    assert step is not None
-    way = "rose" if step.after_value > step.before_value else "fell"
-    before, after = (
-        size_text(value, std, sized.unit)
-        for value, std in ((step.before_value, step.before_std), (step.after_value, step.after_std))
-    )
-    what = f"{sized.effect.replace('_', ' ')} of {sized.joint or 'the whole arm'}"
-    when = f"between {recordings[step.after]} and {recordings[step.after + 1]}"
-    return (
-        f"{what} {way} from {before} to {after} {when} ({probability_text(step.probability)} there), "
-        f"{probability_text(one.changed)}"
-    )

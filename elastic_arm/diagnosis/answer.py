@@ -14,6 +14,7 @@ from elastic_arm.arrays import Array
 from elastic_arm.diagnosis.changes import changes_between
 from elastic_arm.diagnosis.context import DiagnosisContext
 from elastic_arm.diagnosis.estimates import ParameterEstimate, averaged, estimated
+from elastic_arm.diagnosis.events import Event, blocks_of, events_of
 from elastic_arm.diagnosis.gap import Gap, Shrink, shrink
 from elastic_arm.diagnosis.preparation import Prepared, prepare
 from elastic_arm.diagnosis.question import Question
@@ -27,7 +28,7 @@ from elastic_arm.diagnosis.result import (
     UnexplainedResidual,
     plain_parameters,
 )
-from elastic_arm.diagnosis.words import REPEATED_MOTION, law_note, no_separation, ringing_note, shape_note
+from elastic_arm.diagnosis.words import REPEATED_MOTION, event_notes, law_note, no_separation, ringing_note, shape_note
 from elastic_arm.effects import EFFECTS, EffectInstance
 from elastic_arm.effects.library.base_tilt import TILT
 from elastic_arm.errors import DiagnosisError, require_kind
@@ -45,6 +46,7 @@ from elastic_arm.recording import Recording
 from elastic_arm.recording.recording import recordings_of
 
 LAW = "law"
+AGAIN = 3  # times that recordings are explained anew without the events that are found
 MOUNTED = float(np.radians(STEP))  # rad, to which a mounting is known where no tilt is found beside it
 Name = tuple[str, str | None]  # effect and joint: the same law on two sides is one cause
 
@@ -70,8 +72,13 @@ def diagnose(recordings: Sequence[Recording], question: Question, validate: Sequ
     """
     recordings, validate = recordings_of(recordings), recordings_of(validate, "validate")
     require_kind(question, Question, "question", DiagnosisError, "Give Question(robot).")
-    prepared = prepare(recordings, validate, question)
-    return Answer(prepared, explain(prepared.problem, refit=question.refit), question).result()
+    answer = Answer.of(prepare(recordings, validate, question), question)
+    for _ in range(AGAIN):
+        events = answer.events()
+        if events == answer.prepared.events:
+            break
+        answer = Answer.of(answer.prepared.without(events), question)
+    return answer.result()
 
 
 @dataclass(frozen=True)
@@ -81,6 +88,12 @@ class Answer:
     prepared: Prepared  # what was to be explained
     explanation: Explanation  # sets and their posteriors
     question: Question  # what was asked
+    which: int = 1  # 1 where the recordings that judge are looked at, 0 where those that were fitted are
+
+    @staticmethod
+    def of(prepared: Prepared, question: Question) -> Answer:
+        """Explain what was prepared."""
+        return Answer(prepared, explain(prepared.problem, refit=question.refit), question)
 
     @property
     def best(self) -> Fit:
@@ -103,7 +116,29 @@ class Answer:
     @cached_property
     def judging(self) -> Linearisation:
         """The last linearisation, of the recordings that judge."""
-        return replace(self.explanation.linear, which=1, near=None)
+        last, problem = self.explanation.linear, self.prepared.problem
+        return (
+            last
+            if not self.which and problem is last.problem
+            else replace(last, problem=problem, which=self.which, near=None)
+        )
+
+    def events(self) -> tuple[Event, ...]:
+        """Return the stretches of recordings that the rest of each contradicts, in what effects and numbers leave."""
+        whole = self.prepared.without(()) if self.prepared.events else self.prepared
+        looks = [replace(self, prepared=whole, which=which) for which in (0, 1)]
+        problem, found = whole.problem, []
+        for number, source in problem.sources.items():
+            parts = [
+                blocks
+                for look, own in zip(looks, problem.indices, strict=True)
+                if number in own
+                for blocks in blocks_of(
+                    look.judging.data, look.after, own.index(number), whole.begins(look.which, source)
+                )
+            ]
+            found += events_of(parts, source, self.places, problem.layout.live)
+        return tuple(found)
 
     @cached_property
     def _numbers(self) -> tuple[Array, Array]:
@@ -142,7 +177,7 @@ class Answer:
             common = next(t for t in self.best.terms if t.key == term.what)
             columns = self.judging.data.plain(common.feature.by_size) if bends(common) else self._columns(common)
             each = self.best.raw(term).reshape(-1, columns[0].shape[2])
-            each = (each - each.mean(axis=0)) * self.prepared.problem.held_back
+            each = (each - each.mean(axis=0)) * (self.prepared.problem.held_back or not self.which)
             parts = zip(columns, self.judging.data.parts, strict=True)
             return [X @ each[part.recording] for X, part in parts]
         if term.kind == "law":
@@ -383,6 +418,7 @@ class Answer:
         causes, laws, rows = self.causes(), self.laws(), self.open_rows()
         before, after = self.gaps
         unexplained = self._unexplained(laws, rows)
+        unexplained += [UnexplainedResidual(e.joint, e.side, "event", e.rmse) for e in prepared.events]
         verdict = "unknown" if unexplained else "explained" if causes else "none"
         share = self.shrink.share
         if share is None and causes:
@@ -393,6 +429,7 @@ class Answer:
         known = self.known()
         notes = [law_note(names[t.what.joint], t.what) for _, t in laws]
         notes += [shape_note(*self.places[row]) for row in rows]
+        notes += event_notes(prepared.events)
         noise, over = named(np.sqrt(before.noise.sum(axis=1))), named(after.rmse)
         left = {place[0] for place, size in over.items() if size > SURE * noise[place]}
         if left and not problem.robot.elastic:
@@ -432,6 +469,7 @@ class Answer:
                 }
                 for instance, parameters in known
             ),
+            events=prepared.events,
             notes=tuple(notes),
             context=DiagnosisContext(
                 explanation=self.explanation,

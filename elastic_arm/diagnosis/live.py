@@ -7,11 +7,12 @@ in a process of its own; there is no physics in the node.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.stats import norm, t
 
 from elastic_arm.arrays import Array
 from elastic_arm.diagnosis.answer import diagnose
@@ -19,6 +20,7 @@ from elastic_arm.diagnosis.common_equations import common_band
 from elastic_arm.diagnosis.preprocessing import usable
 from elastic_arm.diagnosis.question import Question
 from elastic_arm.diagnosis.result import Diagnosis, ResidualSizes
+from elastic_arm.diagnosis.words import effect_at, size_text
 from elastic_arm.dynamics import build_model
 from elastic_arm.effects import Catalogue
 from elastic_arm.effects.text import known_effects
@@ -28,6 +30,7 @@ from elastic_arm.estimation.equations import EquationSet
 from elastic_arm.estimation.observation import observe
 from elastic_arm.estimation.residuals import residuals
 from elastic_arm.estimation.whitening import noise_models
+from elastic_arm.evidence.priors import CHANGED
 from elastic_arm.recording import Recording, Samples, Side
 from elastic_arm.robot import load_robot
 
@@ -169,6 +172,57 @@ class LiveDiagnosis:
         if self.question.refit and found.context is not None:
             self._model = found.context.model
         return found
+
+
+@dataclass
+class Level:
+    """A size over the diagnoses so far: values that differ by their deviation and by how windows differ (Welford)."""
+
+    count: int = 0
+    mean: float = 0.0
+    squares: float = 0.0
+
+    @property
+    def std(self) -> float:
+        """Standard deviation of a value."""
+        return float(np.sqrt(self.squares / max(self.count - 1, 1)))
+
+    def takes(self, value: float, std: float) -> bool:
+        """Take a value, or say that it is likelier another size: any up to twice as large."""
+        if self.count:
+            # Values spread as those before, or as this one's deviation where there are few: Student's t, by a prior
+            # variance std² that counts for two values.
+            a, b = 0.5 * (self.count + 1), std**2 + 0.5 * self.squares
+            same = t.logpdf(value, 2 * a, self.mean, np.sqrt(b / a * (1 + 1 / self.count)))
+            other = norm.logpdf(value, self.mean, abs(self.mean) + std)
+            if np.log(CHANGED) + other > same:
+                return False
+        self.count += 1
+        off = value - self.mean
+        self.mean += off / self.count
+        self.squares += off * (value - self.mean)
+        return True
+
+
+class Sizes:
+    """The sizes of causes and known effects from diagnosis to diagnosis, in constant memory."""
+
+    def __init__(self) -> None:
+        self._levels: dict[tuple[str, str | None, str], Level] = {}
+
+    def changes(self, found: Mapping[str, Any]) -> list[str]:
+        """Take the content of `diagnosis.json`; return in words which sizes are not what they were before."""
+        said = []
+        for one in (*found["causes"], *found["known"]):
+            for name, size in one["parameters"].items():
+                value, std = size["value"], size["std"]
+                if not isinstance(value, float) or not isinstance(std, float) or std <= 0.0:
+                    continue
+                level = self._levels.setdefault((one["effect"], one["joint"], name), Level())
+                if not level.takes(value, std):
+                    before, now = (size_text(v, s, size["unit"]) for v, s in ((level.mean, level.std), (value, std)))
+                    said.append(f"{name} of {effect_at(one['effect'], one['joint'])} changed from {before} to {now}")
+        return said
 
 
 def answering(

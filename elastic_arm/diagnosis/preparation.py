@@ -12,6 +12,7 @@ from elastic_arm.arrays import Array
 from elastic_arm.codegen.parallel import share_out
 from elastic_arm.diagnosis.common_equations import common_equations
 from elastic_arm.diagnosis.encoder_zeros import with_common_zeros
+from elastic_arm.diagnosis.events import Event
 from elastic_arm.diagnosis.preprocessing import needs_motion, standing, usable
 from elastic_arm.diagnosis.question import Question
 from elastic_arm.diagnosis.split import independent, split
@@ -23,18 +24,25 @@ from elastic_arm.effects.library.base_tilt import TILT
 from elastic_arm.effects.model import Scope
 from elastic_arm.equations.numbers import Number
 from elastic_arm.equations.places import feature_of, features, recorded_features
+from elastic_arm.errors import DiagnosisError
+from elastic_arm.estimation.band import Band
 from elastic_arm.estimation.effect_columns import Feature
-from elastic_arm.estimation.equations import EquationSet
+from elastic_arm.estimation.equations import SIDES, EquationSet
 from elastic_arm.estimation.observation import Observation, continued, observe
 from elastic_arm.evidence.problem import Problem, uncertain_numbers
 from elastic_arm.identification.batch.mounting import Mounting, other_mounting
 from elastic_arm.identification.batch.selection import turning_speeds
+from elastic_arm.memory import available_memory
 from elastic_arm.recording import Recording
 from elastic_arm.recording.inspection.plausibility import smoothed_torques
 from elastic_arm.recording.inspection.two_encoders import by_motor_encoders
 from elastic_arm.recording.made_torque import with_made_torque
 from elastic_arm.recording.standstill import without_standstill
 from elastic_arm.robot import Robot
+
+# Bytes of products of columns for each joint cubed, and of columns for each joint and whitened row; measured with
+# three and six joints of which all sides are recorded.
+OF_JOINTS, OF_ROW = 13e6, 11e3
 
 
 @dataclass(frozen=True)
@@ -49,6 +57,23 @@ class Prepared:
     notes: tuple[str, ...]  # on the data
     mounting: Mounting | None  # how the arm is mounted, where that is not as described
     made: tuple[str, ...]  # joints whose motor torques are made of commands
+    events: tuple[Event, ...] = ()  # that are left out
+
+    def begins(self, which: int, source: str) -> float:
+        """Return where a part of a recording begins in it, s."""
+        return self.judged[source][0] if which else 0.0
+
+    def without(self, events: Sequence[Event]) -> Prepared:
+        """Return it with these events, and no others, left out."""
+        names = self.problem.robot.joint_names
+
+        def lacking(which: int, one: Observation) -> Observation:
+            first, there = self.begins(which, one.source), (e for e in events if e.recording == one.source)
+            at = ((SIDES.index(e.side), names.index(e.joint), e.begin - first, e.end - first) for e in there)
+            return replace(one, events=tuple(at))
+
+        first, rest = (tuple(lacking(k, one) for one in part) for k, part in enumerate(self.problem.observed))
+        return replace(self, problem=replace(self.problem, observed=(first, rest)), events=tuple(events))
 
 
 def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], question: Question) -> Prepared:
@@ -74,6 +99,7 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
     made = tuple(name for name in names if name in parts[0][0].made_by)
     priors = question.priors.of_currents(currents)
     layout, band = common_equations([*observed[0], *observed[1]], build_model(robot, question.model))
+    _check_memory(observed[0], layout, band)
     still = [joint for joint in names if all(joint in standing(r) for r in parts[0])]
     equations = ArmEquations(robot, question.model)
     own = {(instance.effect.id, instance.joint) for instance in question.known}
@@ -118,6 +144,18 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
         mounting=mounting,
         made=made,
     )
+
+
+def _check_memory(observed: Sequence[Observation], layout: EquationSet, band: Band) -> None:
+    """Refuse what memory is too small for, before it is taken."""
+    seconds = sum(one.duration for one in observed)
+    need = OF_JOINTS * layout.n**3 + OF_ROW * layout.n * layout.rows * 2.0 * band.cutoff * seconds
+    if need > (there := available_memory()):
+        raise DiagnosisError(
+            f"{seconds:.0f} s of {layout.n} joints take about {need / 1e9:.2g} GB of memory, and {there / 1e9:.2g} GB "
+            "are free",
+            "Take less motion (--motion 20), fewer recordings or more memory",
+        )
 
 
 def _span(part: Recording, whole: Recording) -> tuple[float, float]:

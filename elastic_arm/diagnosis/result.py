@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from elastic_arm.diagnosis.estimates import ParameterEstimate
+from elastic_arm.diagnosis.events import Event
 from elastic_arm.effects import Catalogue
 from elastic_arm.effects.model import MODELS, ControllerEffect, EffectInstance
 from elastic_arm.equations.numbers import SCALE
@@ -277,6 +278,8 @@ class Diagnosis(Result):
         What differs between recordings.
     known
         Effects that count as part of the model, with their sizes, as in `diagnosis.json`.
+    events
+        Stretches of the recordings that are left out, as their rest contradicts them.
     notes
         What the reader should know besides.
     prediction, proposal
@@ -310,6 +313,7 @@ class Diagnosis(Result):
     changes: tuple[Change, ...] = ()
     prismatic: tuple[str, ...] = ()
     known: tuple[Mapping[str, Any], ...] = ()
+    events: tuple[Event, ...] = ()
     notes: tuple[str, ...] = ()
     prediction: Prediction | None = None
     proposal: Proposal | None = None
@@ -397,6 +401,9 @@ class Diagnosis(Result):
                 {"joint": p.joint, "side": p.side, "regime": p.regime, "rmse": _plain(p.rmse)} for p in self.unexplained
             ],
             "known": [dict(one) for one in self.known],
+            "events": [
+                {**vars(one), **{k: _plain(getattr(one, k)) for k in ("begin", "end", "rmse")}} for one in self.events
+            ],
             "notes": list(self.notes),
             "prediction": None if self.prediction is None else self.prediction.to_dict(self.units.over("rad")),
             "next_motion": None if self.proposal is None else self.proposal.to_dict(SEPARATING),
@@ -487,6 +494,7 @@ def _from_dict(data: Mapping[str, Any], folder: Path, catalogue: Catalogue) -> D
         imperfections=tuple(Imperfection(**one, neutral=float(one["unit"] == "1")) for one in data["imperfections"]),
         changes=tuple(Change(**one) for one in changes),
         known=tuple(data["known"]),
+        events=tuple(Event(**one) for one in data.get("events", ())),
         notes=tuple(data["notes"]),
         prediction=None if prediction is None else Prediction.from_dict(prediction),
         proposal=None if data["next_motion"] is None else _proposal(data["next_motion"], folder),

@@ -12,6 +12,8 @@ from elastic_arm.formatting import JointUnits, rounded
 
 if TYPE_CHECKING:
     from elastic_arm.diagnosis.estimates import ParameterEstimate
+    from elastic_arm.diagnosis.events import Event
+    from elastic_arm.diagnosis.history import Course
     from elastic_arm.diagnosis.prediction import Prediction
     from elastic_arm.diagnosis.result import Alternative, Cause, Change, Diagnosis
     from elastic_arm.effects import EffectInstance
@@ -100,6 +102,20 @@ def _pair(value: float, std: float | None) -> tuple[str, str]:
 def standing_note(joint: str) -> str:
     """Return the note on a joint that does not move."""
     return f"{joint} stands still: nothing can be said of what its motion would show."
+
+
+def event_notes(events: Sequence[Event]) -> list[str]:
+    """Return a note for each recording with events."""
+    found = []
+    for recording in dict.fromkeys(event.recording for event in events):
+        each = [
+            f"{e.joint} ({e.side} side) from {e.begin:.1f} to {e.end:.1f} s, {e.rmse:.2g} Nm rms"
+            for e in events
+            if e.recording == recording
+        ]
+        what = "an event, such as a contact, a payload that is picked up or a brake, which the rest contradicts"
+        found.append(f"{recording or 'the recording'}: {what}, is left out: {'; '.join(each)}.")
+    return found
 
 
 def bare_note(joints: Sequence[str]) -> str:
@@ -306,3 +322,20 @@ def change_text(change: Change) -> str:
     what = change.effect.replace("_", " ")
     sizes = "; ".join(f"{size_text(value, std, change.unit)} in {recording}" for recording, value, std in change.values)
     return f"{what} of {change.joint or 'the whole arm'} changed: {sizes} ({probability_text(change.confidence)})"
+
+
+def step_text(one: Course, recordings: Sequence[str]) -> str:
+    """Return in a sentence what changed, when and by how much."""
+    step, sized = one.step, one.sized
+    assert step is not None
+    way = "rose" if step.after_value > step.before_value else "fell"
+    before, after = (
+        size_text(value, std, sized.unit)
+        for value, std in ((step.before_value, step.before_std), (step.after_value, step.after_std))
+    )
+    what = f"{sized.effect.replace('_', ' ')} of {sized.joint or 'the whole arm'}"
+    when = f"between {recordings[step.after]} and {recordings[step.after + 1]}"
+    return (
+        f"{what} {way} from {before} to {after} {when} ({probability_text(step.probability)} there), "
+        f"{probability_text(one.changed)}"
+    )

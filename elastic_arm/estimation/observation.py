@@ -87,6 +87,8 @@ class Observation:
     made_by: Mapping[int, JointController] = field(default_factory=dict)
     driven_by: Mapping[int, JointController] = field(default_factory=dict)
     holes: Array = field(default_factory=lambda: np.empty((0, 2)))  # s, from when to when nothing was recorded
+    # equation (LINK, DRIVE or MOTOR), joint, and from when to when (s) a torque acts there that is none of the arm's
+    events: tuple[tuple[int, int, float, float], ...] = ()
     _splines: dict[tuple[int, str], list[CubicSpline]] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )

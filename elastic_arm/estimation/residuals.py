@@ -114,7 +114,8 @@ class FreeTorques:
 
     While a joint sticks, its dry friction takes any value. While an encoder hardly moves, it holds one code, and its
     error is no noise but one value, which turns up in the torques of spring and inertia. Where nothing was recorded,
-    nothing is known. Their prior variance is infinite: they are projected out of residuals and columns alike.
+    nothing is known, nor what acts during an event. Their prior variance is infinite: they are projected out of
+    residuals and columns alike.
     """
 
     found: tuple[FreeTorque, ...] = ()  # all of them
@@ -129,6 +130,7 @@ class FreeTorques:
         layout: EquationSet,
         steps: Mapping[str, Array],
         holes: Array = NO_HOLES,
+        events: Sequence[tuple[int, int, float, float]] = (),
         *,
         friction: bool,
         standing: Array,
@@ -137,16 +139,18 @@ class FreeTorques:
         """Return what is removed of a stretch.
 
         band: its filter carries what happens at some time over to rows around; steps: "link", "motor" -> (n,)
-        rad, steps of the encoders; holes: (k, 2) s, from when to when nothing was recorded; friction: whether the
-        friction of a joint that sticks is removed; standing: (n,) rad/s, below which a joint sticks; near: those of
-        the same stretch with other numbers of the arm, in the same band: most bases are the same. Steps and standing
-        are zero for joints that never move.
+        rad, steps of the encoders; holes: (k, 2) s, from when to when nothing was recorded; events: those of an
+        :class:`.Observation`; friction: whether the friction of a joint that sticks is removed; standing: (n,) rad/s,
+        below which a joint sticks; near: those of the same stretch with other numbers of the arm, in the same band:
+        most bases are the same. Steps and standing are zero for joints that never move.
         """
         t, dq, dtheta = stretch.quiet.t, stretch.quiet.dq, stretch.quiet.dtheta
         link, motor = _held(t, dq, band, steps["link"]), _held(t, dtheta, band, steps["motor"])
         stuck = motor | sticking(t, dtheta, standing) if friction else motor
         unknown = (np.searchsorted(holes[:, 0], t) > np.searchsorted(holes[:, 1], t))[:, None]
         times = {LINK: link | unknown, DRIVE: link | motor | unknown, MOTOR: stuck | unknown}
+        for equation, joint, begin, end in events:
+            times[equation][:, joint] |= (t >= begin) & (t <= end)
         known = {} if near is None else near.bases
         bases: dict[FreeTimes, Array] = {}
         courses = {part: [_courses(stretch, band, one, bases, known) for one in when.T] for part, when in times.items()}

@@ -232,7 +232,7 @@ class WhitenedData:
                 self.parts.append(Part(stretch, signals, noise, observation.gains, number, known.shares))
                 self.pure.append(pure)
                 alike = next(others, None)
-                own = stretch, band, layout, steps, observation.holes
+                own = stretch, band, layout, steps, observation.holes, observation.events
                 free = FreeTorques.of(*own, friction=sticking_removed, standing=standing, near=alike)
                 self._free.append(free)
         if not self.parts:

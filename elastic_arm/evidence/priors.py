@@ -46,6 +46,10 @@ SIZES = np.array(
 LEFT = 0.1  # share of a place's own gap that may be left (contract)
 ZERO_AS_MOUNTED = 1e-3  # rad; of a link encoder never compared with the motor's under a known torque
 OFFSET_SHARE, PRESLIDING_SHARE = 0.02, 0.1  # of a joint's largest torque: its zero, its friction below the least speed
+EVENT = 1e-6  # prior odds of an event in a recording: as of an effect
+LARGER = (
+    1e8  # range of the power of an event over the ordinary one of a residual: from noise to all that an arm carries
+)
 CHANGED = 1e-2  # prior odds that a size is not the same in all recordings of one arm
 MOTION = 8.0  # Hz; above, what is left is the encoders'
 NOISY = 2.0  # power that a place may keep over its sensors' noise, in that noise: how badly a noise is known

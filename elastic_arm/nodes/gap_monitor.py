@@ -6,6 +6,7 @@ import json
 import re
 import sys
 import time
+from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
 
-from elastic_arm.diagnosis.live import ResidualLevels, Window, answering
+from elastic_arm.diagnosis.live import ResidualLevels, Sizes, Window, answering
 from elastic_arm.effects import Catalogue
 from elastic_arm.effects.text import known_effects
 from elastic_arm.errors import OutputError
@@ -23,6 +24,7 @@ from elastic_arm.nodes.support import graph
 from elastic_arm.nodes.support.collecting import Collector
 from elastic_arm.nodes.support.gap_messages import diagnosis_message, in_words, residual_messages
 from elastic_arm.nodes.support.health import PERIOD, Health
+from elastic_arm.nodes.support.listening import Listener
 from elastic_arm.nodes.support.managed import AUTOSTART, ManagedNode
 from elastic_arm.nodes.support.parameters import declare, declare_texts
 from elastic_arm.nodes.support.running import LONGEST_REST, run
@@ -61,6 +63,9 @@ class GapMonitorNode(ManagedNode):
             self, "period", 20.0, "From one diagnosis to the next, s; each takes some seconds", between=(1.0, 3600.0)
         )
         self._folder = declare(self, "save_to", "diagnosis", "Folder of what ~/save writes")
+        self._save_every = declare(
+            self, "save_period", 3600.0, "Between reports that it keeps by itself, s; 0: none", between=(0.0, 86400.0)
+        )
         self._residuals_every = declare(
             self, "residual_period", 1.0, "Between two measurements of the residuals, s", between=(0.2, 3600.0)
         )
@@ -91,6 +96,8 @@ class GapMonitorNode(ManagedNode):
         self._asked: tuple[str, int, float] | None = None
         self._latest_ns = 0
         self._found: dict[str, Any] | None = None
+        self._sizes, self._changes = Sizes(), list[str]()
+        self._save_due = time.monotonic() + self._save_every
         self._last = ""
         self._problem = ""
         self._said = ""
@@ -100,15 +107,15 @@ class GapMonitorNode(ManagedNode):
     def activate(self) -> None:
         """Subscribe to the arm's samples."""
         self._inputs = [
-            self.create_subscription(JointState, graph.relative(topic), inbox.put, graph.STREAM, raw=True)
+            Listener(self, JointState, graph.relative(topic), inbox.put, raw=True)
             for topic, inbox in self._collector.inboxes.items()
         ]
         self._due = self._diagnosis_due = self._residuals_due = time.monotonic()
 
     def deactivate(self) -> None:
         """Unsubscribe, and forget the samples, which later ones do not follow, and the diagnosis under way."""
-        for subscription in self._inputs:
-            self.destroy_subscription(subscription)
+        for listener in self._inputs:
+            listener.close()
         self._collector.reset()
         self._window.clear()
         self._asked = None
@@ -186,6 +193,7 @@ class GapMonitorNode(ManagedNode):
         message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp_ns, NANOSECONDS)
         self._output.publish(message)
         self._count += 1
+        self._changes = self._sizes.changes(found)
         if (said := in_words(found)) != self._said:
             self.get_logger().info(said)
             self._said = said
@@ -203,6 +211,7 @@ class GapMonitorNode(ManagedNode):
         self._collector.reset()
         self._window.clear()
         self._asked, self._problem, self._said, self._found = None, "", "", None
+        self._sizes, self._changes = Sizes(), []
         self._diagnosis_due = time.monotonic()
         response.success, response.message = True, "all samples forgotten"
         return response
@@ -215,23 +224,37 @@ class GapMonitorNode(ManagedNode):
 
     def _save(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Service: write the last diagnosis as diagnosis.json."""
-        if self._found is None:
-            response.message = "there is no diagnosis yet"
-            return response
-        file = Path(self._folder) / "diagnosis.json"
         try:
-            write_result(file, json.dumps(self._found, indent=2) + "\n")
+            response.message, response.success = self._write("diagnosis.json"), self._found is not None
         except OutputError as error:
             response.message = error.problem
-            return response
-        response.success, response.message = True, f"the last diagnosis was written to {file}"
         return response
+
+    def _write(self, name: str) -> str:
+        """Write the last diagnosis; return what was done, in words."""
+        if self._found is None:
+            return "there is no diagnosis yet"
+        file = Path(self._folder) / name
+        write_result(file, json.dumps(self._found, indent=2) + "\n")
+        return f"the last diagnosis was written to {file}"
+
+    def _keep(self) -> None:
+        """Write the last diagnosis, by its time, where a report is due."""
+        if not self._save_every or time.monotonic() < self._save_due:
+            return
+        self._save_due = time.monotonic() + self._save_every
+        stamp = datetime.fromtimestamp(self._latest_ns // NANOSECONDS, UTC)
+        try:
+            self.get_logger().info(self._write(f"diagnosis_{stamp:%Y-%m-%d_%H%M%S}.json"))
+        except OutputError as error:
+            self.get_logger().error(str(error))
 
     def _report(self) -> None:
         if self.state != "active":
             self._health.report([self.state], "", {})
             return
-        problems = self._collector.problems()
+        self._keep()
+        problems = [*self._collector.problems(), *self._changes]
         if self._paused:
             problems.append("paused")
         if self._problem:

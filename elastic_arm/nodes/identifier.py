@@ -24,6 +24,7 @@ from elastic_arm.identification.least_squares import Fit
 from elastic_arm.nodes.support import graph
 from elastic_arm.nodes.support.collecting import Collector
 from elastic_arm.nodes.support.health import PERIOD, Health
+from elastic_arm.nodes.support.listening import Listener
 from elastic_arm.nodes.support.managed import AUTOSTART, ManagedNode
 from elastic_arm.nodes.support.parameters import declare, declare_texts
 from elastic_arm.nodes.support.running import LONGEST_REST, run
@@ -77,15 +78,15 @@ class IdentifierNode(ManagedNode):
     def activate(self) -> None:
         """Subscribe to the arm's samples."""
         self._inputs = [
-            self.create_subscription(JointState, graph.relative(topic), inbox.put, graph.STREAM, raw=True)
+            Listener(self, JointState, graph.relative(topic), inbox.put, raw=True)
             for topic, inbox in self._collector.inboxes.items()
         ]
         self._due = self._estimate_due = time.monotonic()
 
     def deactivate(self) -> None:
         """Unsubscribe, and work off what has arrived."""
-        for subscription in self._inputs:
-            self.destroy_subscription(subscription)
+        for listener in self._inputs:
+            listener.close()
         self._take(everything=True)
 
     def cleanup(self) -> None:

@@ -8,13 +8,12 @@ from functools import cache, partial
 from typing import Any
 
 from rclpy.impl.implementation_singleton import rclpy_implementation as rcl
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.topic_endpoint_info import TopicEndpointInfo
 from rosbag2_interfaces.srv import IsPaused, Pause, Resume, SplitBagfile
 
 from elastic_arm.errors import GraphError, RecordingError
 from elastic_arm.nodes.support import graph
 from elastic_arm.nodes.support.health import PERIOD, Health
+from elastic_arm.nodes.support.listening import Listener
 from elastic_arm.nodes.support.parameters import declare, declare_texts
 from elastic_arm.nodes.support.running import LONGEST_REST, ArmNode, run
 from elastic_arm.nodes.support.type_definitions import installed_definition
@@ -49,7 +48,8 @@ class Recorder(ArmNode):
         _load_types()  # takes long where the machine is busy: not while samples arrive
         names = wanted or [graph.relative(topic) for topic in topics.TYPES]
         self._wanted = {self._resolved(name) for name in names}
-        self._subscribed: set[str] = set()
+        self._listeners: dict[str, tuple[str, Listener]] = {}  # topic -> type of its messages, and who receives them
+        self._refused: set[str] = set()  # whose type is not installed
         self._paused = False
         self._writer = StreamWriter(folder, compression, max_bytes=round(size * 1e6), max_seconds=length)
         for kind, serve in (
@@ -59,6 +59,9 @@ class Recorder(ArmNode):
             (IsPaused, self._is_paused),
         ):
             self.create_service(kind, f"~/{SERVICES[kind]}", serve)
+        for topic in sorted(self._wanted):  # before anybody publishes: what comes first is kept, too
+            if (own := f"/{topic.rpartition('/')[2]}") in topics.TYPES:
+                self._listen(topic, topics.TYPES[own])
         self._health = Health(self, "bag")
         self.every(SEARCH_PERIOD, self._search)
         self.every(PERIOD, self._report)
@@ -87,12 +90,12 @@ class Recorder(ArmNode):
         self.get_logger().info(f"{sum(counts.values())} messages of {len(counts)} topics in {self._writer.path}")
 
     def _search(self) -> None:
-        """Subscribe to the wanted topics that have a publisher by now."""
-        for topic in sorted(self._wanted | self._present() - self._subscribed):
+        """Listen to the wanted topics that have a publisher by now, as what it publishes."""
+        for topic in sorted((self._wanted | self._present()) - self._writer.counts.keys() - self._refused):
             if infos := self.get_publishers_info_by_topic(topic):
-                self._wanted.discard(topic)
-                self._subscribed.add(topic)
-                self._subscribe(topic, infos)
+                if self._listeners.get(topic, ("",))[0] != infos[0].topic_type:
+                    self._listen(topic, infos[0].topic_type)
+                self._announce(topic)
 
     def _present(self) -> set[str]:
         """Return all topics of the graph where all are wanted; a part of a hidden one's name begins with `_`."""
@@ -100,22 +103,28 @@ class Recorder(ArmNode):
             return set()
         return {name for name, _ in self.get_topic_names_and_types() if "/_" not in name}
 
-    def _subscribe(self, topic: str, infos: list[TopicEndpointInfo]) -> None:
-        type_name = infos[0].topic_type
+    def _listen(self, topic: str, type_name: str) -> None:
+        if topic in self._listeners:
+            self._listeners.pop(topic)[1].close()
         try:
             kind = graph.message_class(type_name)
         except GraphError as error:
+            self._refused.add(topic)
             self.get_logger().error(f"{topic} is not recorded: {error}")
             return
-        self._writer.add_topic(topic, type_name, *_definition(type_name))
-        take = partial(self._take, topic)
-        self.create_subscription(kind, topic, take, matching(infos), raw=True)
+        self._listeners[topic] = type_name, Listener(self, kind, topic, partial(self._take, topic), raw=True)
         self._writer.tick()  # to subscribe may take long as well
+
+    def _announce(self, topic: str) -> None:
+        if topic in self._listeners:
+            type_name = self._listeners[topic][0]
+            self._writer.add_topic(topic, type_name, *_definition(type_name))
 
     def _take(self, topic: str, data: bytes) -> None:
         if self._paused:
             return
         try:
+            self._announce(topic)
             self._writer.write(topic, data, self.get_clock().now().nanoseconds)
         except RecordingError as error:
             self.failure = error
@@ -159,17 +168,6 @@ def _load_types() -> None:
         with suppress(GraphError):  # reported where a topic of the type is found
             graph.message_class(type_name)
         _definition(type_name)
-
-
-def matching(infos: list[TopicEndpointInfo]) -> QoSProfile:
-    """Return a quality of service that receives from all these publishers, also what was latched."""
-    reliable = all(info.qos_profile.reliability == ReliabilityPolicy.RELIABLE for info in infos)
-    latched = all(info.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for info in infos)
-    return QoSProfile(
-        depth=graph.STREAM.depth,
-        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
-    )
 
 
 if __name__ == "__main__":

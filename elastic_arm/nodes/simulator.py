@@ -29,6 +29,7 @@ from elastic_arm.nodes.following.splines import Row
 from elastic_arm.nodes.support import graph
 from elastic_arm.nodes.support.description import ros_description
 from elastic_arm.nodes.support.health import PERIOD, Health
+from elastic_arm.nodes.support.listening import Listener
 from elastic_arm.nodes.support.pacing import Pace
 from elastic_arm.nodes.support.parameters import declare, declare_numbers, declare_texts, texts
 from elastic_arm.nodes.support.running import ArmNode, run
@@ -77,11 +78,9 @@ class SimulatorNode(ArmNode):
         self._publish_setup(names, real_time)
         graph.require_single_publisher(self, self._exclusive, SETTLING * graph.slowness())
         self._start_clock(real_time)
-        self._reference_topic = self.create_subscription(
-            JointTrajectory, graph.relative(topics.REFERENCE), self._follow, graph.qos(topics.REFERENCE)
-        ).topic_name
-        self.create_subscription(JointTrajectory, "~/joint_trajectory", self._go_to, graph.STREAM)
-        self.create_subscription(JointState, "~/joint_commands", self._command, graph.STREAM)
+        self._reference_topic = Listener(self, JointTrajectory, graph.relative(topics.REFERENCE), self._follow).topic
+        Listener(self, JointTrajectory, "~/joint_trajectory", self._go_to)
+        Listener(self, JointState, "~/joint_commands", self._command)
         self._action = TrajectoryAction(self, lambda: self._reference)
         self.create_service(Trigger, "~/reset", self._reset)
         self._health = Health(self, "pace", self._now)

@@ -18,6 +18,7 @@ from elastic_arm.nodes.following.plan import Plan
 from elastic_arm.nodes.following.splines import Row
 from elastic_arm.nodes.support import graph
 from elastic_arm.nodes.support.health import PERIOD, Health
+from elastic_arm.nodes.support.listening import Listener
 from elastic_arm.nodes.support.parameters import declare
 from elastic_arm.nodes.support.running import LONGEST_REST, ArmNode, run
 from elastic_arm.nodes.support.wire import NANOSECONDS, Form
@@ -73,9 +74,7 @@ class TrajectoryGenerator(ArmNode):
         self._born = time.monotonic()
         self._position = np.zeros(0)
         self._form: Form | None = None
-        self._states = self.create_subscription(
-            JointState, graph.relative(topics.MOTOR_STATES), self._found, graph.qos(topics.MOTOR_STATES)
-        )
+        self._states = Listener(self, JointState, graph.relative(topics.MOTOR_STATES), self._found)
 
     def tick(self) -> float:
         """Stream what is due."""
@@ -140,7 +139,7 @@ class TrajectoryGenerator(ArmNode):
             raise self._trouble
         if not self._names:
             return
-        self.destroy_subscription(self._states)
+        self._states.close()
         names = self._trajectory.joints or tuple(self._names)
         if sorted(names) != sorted(self._names) or len(names) != self._trajectory.n:
             moved = ", ".join(self._trajectory.joints) or f"{self._trajectory.n} joints"

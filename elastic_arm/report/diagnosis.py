@@ -17,6 +17,7 @@ from elastic_arm.diagnosis.words import (
     cause_size,
     change_text,
     effect_at,
+    event_notes,
     listed_alternatives,
     log_likelihood_text,
     percent,
@@ -170,6 +171,7 @@ def _unexplained(found: Diagnosis, context: DiagnosisContext) -> list[Block]:
     return [
         Text("No effect of the catalogue explains what is left here.", "warn"),
         Table(["joint", "side", "follows", f"left, {found.units.over('Nm')}"], rows, digits=3),
+        *map(Text, event_notes(found.events)),
         Text(caption),
         *figures.residual_blocks(found, context, row, context.after, added),
     ]

@@ -14,6 +14,7 @@ from elastic_arm.diagnosis import Question, diagnose
 from elastic_arm.diagnosis.history import courses, step_of
 from elastic_arm.effects import EFFECTS
 from elastic_arm.errors import DiagnosisError
+from elastic_arm.report.history import write_history_report
 from tests.helpers.gap_recordings import ROBOT, motions, record
 
 COMMON = 4e-4  # variance that all sizes share, Nm²
@@ -33,8 +34,8 @@ def test_a_drift_within_the_deviations_names_no_place() -> None:
     assert step_of(np.linspace(6.0, 6.1, 6), 0.01 * np.eye(6)).probability < 0.5
 
 
-def test_friction_that_rises_is_a_change_and_other_friction_is_none() -> None:
-    """From 6 to 9 Nm at one joint, known to 2 %; that of another stays the same within three deviations."""
+def test_friction_that_rises_is_a_change_and_other_friction_is_none(tmp_path: Path) -> None:
+    """From 6 to 9 Nm at one joint, known to 2 %; that of another stays the same. The report draws each number."""
     effects = [f"coulomb_friction:joint_1:torque=5|coulomb_friction:joint_2:torque={size}" for size in (6, 9)]
     first, second = (
         replace(record(motions()[0], *each.split("|"), seed=k), source=f"day_{k}") for k, each in enumerate(effects)
@@ -50,6 +51,8 @@ def test_friction_that_rises_is_a_change_and_other_friction_is_none() -> None:
     assert found[0] is one
     told = one.to_dict(("day_0", "day_1"))
     assert told["step"]["between"] == ["day_0", "day_1"] and told["unit"] == "Nm"
+    page = write_history_report(tmp_path / "report.html", whole, found, ("2026-03-03 06:00:00",) * 2).read_text()
+    assert "coulomb friction of joint_2 rose from" in page and page.count("<svg") == len(found)
     with pytest.raises(DiagnosisError, match="two recordings"):
         courses(replace(whole, identify=("day_0",)))
 

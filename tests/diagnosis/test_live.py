@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import fields, replace
 
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 
 from elastic_arm.diagnosis import Question, diagnose
-from elastic_arm.diagnosis.live import LiveDiagnosis, Window
+from elastic_arm.diagnosis.live import LiveDiagnosis, Sizes, Window
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.recording import Recording, Samples
 from elastic_arm.robot import load_robot
@@ -138,3 +139,24 @@ def test_the_live_diagnosis_is_that_of_the_recording(moved: Recording) -> None:
     live = found.to_dict()
     for part in ("noise", "gap", "causes"):
         assert live[part] == offline[part]
+
+
+def friction(value: float, std: float = 0.1) -> dict[str, object]:
+    size = {"value": value, "std": std, "unit": "Nm"}
+    cause = {"effect": "coulomb_friction", "joint": "joint_2", "parameters": {"torque": size, "side": {"value": "motor",
+             "std": None, "unit": ""}}}  # fmt: skip
+    return {"causes": [cause], "known": []}
+
+
+@pytest.mark.parametrize("spread", [0.1, 0.5], ids=["as their deviations", "more than these"])
+def test_a_size_that_changes_is_said_with_its_size_and_what_varies_is_none(spread: float) -> None:
+    """From 6 to 9 Nm, as long as it lasts; not one in 300 values that spread about 6 Nm, whatever they are said to."""
+    rng, sizes = np.random.default_rng(0), Sizes()
+    false = sum(bool(sizes.changes(friction(6.0 + spread * e))) for e in rng.normal(size=300))
+    assert false <= 1
+    for _ in range(3):
+        (said,) = sizes.changes(friction(9.0))
+        assert re.match(
+            r"torque of coulomb_friction on joint_2 changed from (6\.0|5\.9)\S* ± \S+ Nm to 9\.00 ± 0\.10 Nm", said
+        )
+    assert not sizes.changes(friction(6.05))

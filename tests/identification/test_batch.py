@@ -25,6 +25,7 @@ from elastic_arm.identification import (
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.batch.derivatives import DerivativeStage
 from elastic_arm.identification.batch.selection import BatchChoice, Trials
+from elastic_arm.identification.law_columns import SIGN_SPEEDS
 from elastic_arm.identification.stream import smoothed
 from elastic_arm.identification.verdict import relative_std
 from elastic_arm.recording import Recording, Samples, Side
@@ -314,3 +315,12 @@ def test_periodic_motion_repeats_and_a_ramp_does_not(model: Model, samples: Samp
     assert DerivativeStage(samples).repeats
     ramp = np.outer(np.linspace(0.0, 1.0, len(samples)) ** 2, np.ones(3))
     assert not DerivativeStage(replace(samples, q=ramp, theta=ramp)).repeats
+
+
+def test_of_the_speeds_that_are_tried_one_estimator_stays_in_memory(samples: Samples) -> None:
+    """And the one that was there before: each holds sums of squares by block."""
+    robot = load_robot(None)
+    settings = IdentificationSettings(effects=parse_laws(["coulomb_friction:joint_2"], robot))
+    trials = Trials([(recorded(samples), samples)], robot, settings, lambda what, share: None)
+    choice = trials._speed(BatchChoice(averaged=False))
+    assert choice.sign_speed in SIGN_SPEEDS and len(trials._known) == 1

@@ -114,6 +114,7 @@ class Trials:
     report: ProgressCallback  # Called with what is being done, and the share that is done
     beside: bool = False  # Whether imperfections are identified that nobody asked for
     _known: dict[tuple[object, ...], BatchTrial] = field(default_factory=dict)
+    _made: int = 0
 
     @functools.cached_property
     def effects(self) -> tuple[EffectInstance, ...]:
@@ -140,7 +141,7 @@ class Trials:
         unasked = {place_of(each.instance, self.robot) for each in choice.imperfections}
         asked = sum(column.name.rpartition(".")[0] not in unasked for column in columns)
         for j, (recording, samples) in enumerate(self.recordings):
-            self.report(f"equations of {recording.source}", len(self._known) / (len(self._known) + 1))
+            self.report(f"equations of {recording.source}", self._made / (self._made + 1))
             equations = _traced(identifier, samples, asked)
             made = self.stages[j](equations, ends=ends, stuck=not choice.sticking)
             derived.append(made.aligned(equations, derived[0] if derived else None))
@@ -149,6 +150,7 @@ class Trials:
         for motion in (motion for made in derived for motion in made.motions):
             identifier.add_motion(motion)
         trial = BatchTrial(identifier, derived)
+        self._made += 1
         if not ends:
             self._known[choice.key] = trial
         return trial
@@ -229,8 +231,17 @@ class Trials:
         """Return the choice with the speed at which each joint's dry friction turns over."""
         if not any(is_dry(instance) for instance in self.effects):
             return choice
-        tried = [self(replace(choice, sign_speed=speed)) for speed in SIGN_SPEEDS]
-        errors = np.array([_errors_by_block(trial, trial.fit) for trial in tried])
+        each: dict[float, Array] = {}
+        for speed in SIGN_SPEEDS:
+            trial = self(replace(choice, sign_speed=speed))
+            each[speed] = _errors_by_block(trial, trial.fit)
+            del trial
+            # Sums by block take much memory, and those of the best alone are asked for again.
+            usual = np.maximum(each[SIGN_SPEEDS[0]].sum(axis=0), 1e-300)
+            totals = {one: float(np.sum(e.sum(axis=0) / usual)) for one, e in each.items()}
+            for one in each.keys() - {min(totals, key=totals.__getitem__)}:
+                self._known.pop(replace(choice, sign_speed=one).key, None)
+        errors = np.array(list(each.values()))
         scale = np.maximum(errors.min(axis=0).sum(axis=0), 1e-300)
         by_joint = (errors / scale).reshape(*errors.shape[:2], -1, self.robot.n).sum(axis=2)
         best = [turning_speed(by_joint[:, :, j]) for j in range(self.robot.n)]

@@ -17,6 +17,7 @@ from rclpy.experimental import EventsExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation as rcl
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
+from rclpy.timer import Timer
 
 from elastic_arm.errors import ElasticArmError
 from elastic_arm.nodes.transport import choose_transport
@@ -37,9 +38,9 @@ class ArmNode(Node):
 
     failure: ElasticArmError | None = None
 
-    def every(self, seconds: float, callback: Callable[[], None]) -> None:
+    def every(self, seconds: float, callback: Callable[[], None]) -> Timer:
         """Call something again and again, in real time: also where the node goes by a clock that nobody publishes."""
-        self.create_timer(seconds, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        return self.create_timer(seconds, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def tick(self) -> float:
         """Do what is due; return the seconds until there is more to do."""

@@ -1,0 +1,155 @@
+"""Events inside a recording: stretches of it that its rest contradicts, as a contact, or a payload that is picked up.
+
+What effects and numbers leave of a residual, whitened by its sensors' noise, is cut into blocks of n values with
+squares s. Its power ordinarily varies from block to block, as what a model misses does,
+
+    p(s) = Gamma(n/2 + a) / Gamma(a) b^a / (b + s/2)^(n/2 + a)        a, b most probable, b >= a (sensors' noise)
+
+An event is a run of blocks of one power p, any that is larger: p(s) = integral of p^(-n/2) exp(-s/2p) dln p. It pays
+the odds that there is one, at one of so many places, and of so many runs. The most probable runs follow by dynamic
+programming; a torque that no law states acts during them (:class:`.FreeTorques`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import irfft, rfft
+from scipy.special import gammainc, gammaln
+
+from elastic_arm.arrays import Array
+from elastic_arm.estimation.whitening import EDGE, WhitenedData
+from elastic_arm.evidence.priors import EVENT, LARGER
+
+BLOCK = 0.3  # s: a contact lasts longer
+SPREADS = np.geomspace(0.5, 1e4, 40)[:, None]  # a that are tried: from powers of any size to equal ones
+NOISE = (1e4, 1e4)  # a, b of blocks of the sensors' noise alone
+STEPS = 50  # of b for each, and of runs and b in turns; numerical
+
+Runs = list[tuple[int, int]]  # first block, and the one after the last
+
+
+@dataclass(frozen=True)
+class Event:
+    """A stretch of a recording that its rest contradicts, at one joint and side."""
+
+    recording: str
+    joint: str
+    side: str
+    # begin, end: s from the recording's first sample
+    begin: float
+    end: float
+    rmse: float = field(compare=False)  # of what acts there, Nm
+
+
+class Blocks(NamedTuple):
+    """Residuals (M blocks, R rows) of a recording."""
+
+    begin: Array  # (M,) s
+    end: Array
+    values: Array  # (M,) how many are independent
+    white: Array  # (M, R) sums of their squares over the noise, at least that of noise: torques may have been removed
+    square: Array  # (M, R) mean squares, Nm²
+
+
+def blocks_of(data: WhitenedData, left: Sequence[Array], recording: int, offset: float) -> Iterator[Blocks]:
+    """Yield what is left (N', R) of each stretch of a recording in blocks, by times that begin at `offset` s."""
+    for part, own in zip(data.parts, left, strict=True):
+        if part.recording != recording:
+            continue
+        f, inner = np.fft.rfftfreq(len(own), 1 / data.band.kept_rate), slice(EDGE, len(own) - EDGE)
+        noise = np.real(np.einsum("frr->fr", part.noise.covariance)) / data.band.step
+        gain = np.stack([np.interp(f, part.noise.f, one**-0.5) for one in noise.T], axis=1)
+        white = irfft(rfft(own, axis=0) * gain * (f <= data.band.cutoff)[:, None], len(own), axis=0)[inner]
+        t, own = part.stretch.t[inner] + offset, own[inner]
+        edges = np.linspace(0, len(t), max(1, round((t[-1] - t[0]) / BLOCK)) + 1).astype(int)
+        n = np.diff(edges)
+        sums = [np.add.reduceat(one**2, edges[:-1], axis=0) for one in (white, own)]
+        count = n * 2.0 * data.band.cutoff / data.band.kept_rate
+        squares = np.maximum(sums[0], count[:, None]), sums[1] / n[:, None]
+        yield Blocks(t[edges[:-1]], t[edges[1:] - 1], count, *squares)
+
+
+def events_of(
+    stretches: Sequence[Blocks], recording: str, places: Sequence[tuple[str, str]], live: NDArray[np.bool_]
+) -> list[Event]:
+    """Return the most probable events in the stretches of a recording, by joint and side of each row."""
+    if not stretches:
+        return []
+    blocks, found = Blocks(*map(np.concatenate, zip(*stretches, strict=True))), []
+    for row in np.flatnonzero(live).tolist():
+        for i, j in runs_of(blocks.values, blocks.white[:, row], len(places)):
+            rmse = float(np.sqrt(np.mean(blocks.square[i:j, row])))
+            found.append(Event(recording, *places[row], float(blocks.begin[i]), float(blocks.end[j - 1]), rmse))
+    return found
+
+
+def runs_of(n: Array, s: Array, places: int) -> Runs:
+    """Return the most probable events among blocks of n (M,) values with squares s (M,), at one of so many places."""
+    price = float(np.log(places / EVENT) + np.log(len(n) * (len(n) + 1) / 2))
+    best: Runs = []
+    most, varying = _score(n, s, best, price)
+    for a, b in (varying, NOISE):  # powers as they vary with all events among them, and noise alone
+        before = None
+        for _ in range(STEPS):
+            runs = _most_probable(n, s, a, b, price)
+            score, (a, b) = _score(n, s, runs, price)
+            if score > most:
+                best, most = runs, score
+            if runs == before:
+                break
+            before = runs
+    return best
+
+
+def _score(n: Array, s: Array, runs: Runs, price: float) -> tuple[float, tuple[float, float]]:
+    """Return ln p(s, runs), and a and b most probable beside them."""
+    rest = np.ones(len(n), bool)
+    for i, j in runs:
+        rest[i:j] = False
+    if not rest.any():
+        return -np.inf, NOISE
+    a, h, x = SPREADS, n[rest] / 2, s[rest] / 2
+    b = a * np.median(x / h)
+    for _ in range(STEPS):
+        b = np.maximum(a, a * len(h) / np.sum((h + a) / (b + x), axis=1, keepdims=True))
+    each = _ordinary(n[rest], s[rest], a, b).sum(axis=1)
+    k = int(np.argmax(each))
+    best = float(a[k, 0]), float(b[k, 0])
+    power = best[1] / best[0]
+    events = sum(float(_event(n[i:j].sum(), s[i:j].sum(), power)) - price for i, j in runs)
+    return float(each[k]) + events, best
+
+
+def _ordinary(n: Array, s: Array, a: Array | float, b: Array | float) -> Array:
+    h, x = n / 2, s / 2
+    return np.asarray(gammaln(h + a) - gammaln(a) + a * np.log(b) - (h + a) * np.log(b + x))
+
+
+def _event(n: Array, s: Array, least: float) -> Array:
+    h, x = n / 2, s / 2
+    larger = np.log(np.maximum(gammainc(h, x / least), 1e-300))
+    return np.asarray(gammaln(h) + larger - h * np.log(x) - np.log(np.log(LARGER)))
+
+
+def _most_probable(n: Array, s: Array, a: float, b: float, price: float) -> Runs:
+    """Return the most probable runs beside blocks of these ordinary powers."""
+    N, S = (np.concatenate([[0.0], np.cumsum(v)]) for v in (n, s))
+    rest = _ordinary(n, s, a, b)
+    best, came = np.zeros(len(n) + 1), np.zeros(len(n) + 1, int)
+    for j in range(1, len(n) + 1):
+        runs = best[:j] + _event(N[j] - N[:j], S[j] - S[:j], b / a) - price
+        i = int(np.argmax(runs))
+        ordinary = best[j - 1] + rest[j - 1]
+        best[j], came[j] = (runs[i], i) if runs[i] > ordinary else (ordinary, -1)
+    found: Runs = []
+    j = len(n)
+    while j:
+        if came[j] >= 0:
+            found.append((int(came[j]), j))
+        j = int(came[j]) if came[j] >= 0 else j - 1
+    return found[::-1]
