@@ -53,6 +53,8 @@ EFFECT: Effect = SensorEffect(
     regime="drift",
     in_time=True,
     change=change,
+    prior=lambda rate: USUAL,
+    set_at_start=True,
     ordinary=Ordinary("rate", lambda rate: 3.0 * USUAL, note),
     confusions=(
         Confusion(

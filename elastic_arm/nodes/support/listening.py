@@ -1,4 +1,4 @@
-"""Subscriptions that receive from whoever publishes a topic, whatever quality of service they offer."""
+"""Subscriptions that receive from every publisher of a topic, whatever its quality of service."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ ADAPTING = 0.1  # s between looks at who publishes
 
 
 class Listener:
-    """A subscription that is made anew where publishers offer less than it asks for, or something latched."""
+    """A subscription that is made anew where publishers offer less than it requests, or something latched."""
 
     def __init__(self, node: ArmNode, kind: Any, topic: str, take: Callable[[Any], None], *, raw: bool = False) -> None:
         self._node, self._what, self._raw = node, (kind, topic, take), raw
