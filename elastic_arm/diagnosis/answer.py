@@ -358,9 +358,11 @@ class Answer:
         """
         model, data = self.explanation.search.model, self.judging.data
         fitted, judging = model.bands, Bands(data)
-        white = [data.whiten([r[:, :, None] for r in one])[:, 0] for one in (self.before, self.after)]
-        of_fitted = [model.fit(()).found.left, fitted.powers(self.white_left)]
-        of_judging = [judging.powers(w) for w in (*white, white[0] - white[1])]
+        causes = [self.added[t.ident] for t in self.best.optional if t.kind != "law"]
+        acting = _less([np.zeros_like(y) for y in self.before], causes)
+        white = [data.whiten([r[:, :, None] for r in one])[:, 0] for one in (self.before, self.after, acting)]
+        of_fitted = [fitted.n * fit.found.v for fit in (model.fit(()), self.best)]
+        of_judging = [judging.powers(w) for w in white]
         found = []
         for row in range(judging.places):
             own, other = _slow(fitted, row), _slow(judging, row)
@@ -369,10 +371,10 @@ class Answer:
                 continue
             # Mean powers, in those of the sensors' noise: without any term, with those of the best set, of the causes.
             first, left = (float(power[own].sum()) / n - 1.0 for power in of_fitted)
-            before, after, causes = (float(power[other].sum()) / m for power in of_judging)
+            before, after, moved = (float(power[other].sum()) / m for power in of_judging)
             follows = left > max(NOISY, LEFT * first) and _is_structured(fitted, self.white_left, own)
             noise = NOISY**2 * max(1.0, left + 1.0)  # it is known to NOISY in either recording
-            if follows or (causes > NOISY and after - 1.0 > max(noise, LEFT * (before - 1.0))):
+            if follows or (moved > NOISY and after - 1.0 > max(noise, LEFT * (before - 1.0))):
                 found.append(row)
         return found
 

@@ -127,9 +127,10 @@ def _descended(
     log: list[str] = []
     moves, most = SIMPLE, MOST
     refused: dict[frozenset[Key], float] = {}
-    for n in range(ROUNDS):
+    previous = -np.inf
+    for n in range(ROUNDS + 1):
         there, own = linear, before
-        if taken is None or before.keys == taken[1].keys or _far(before, taken[1].numbers):
+        if taken is None or before.keys == taken[1].keys or _apart(linear, before, taken[1].numbers):
             there = _settled(linear, before, before.model.name)
             own = linear_model(there, before.model.name).fit(_again(before, there))
         known = own if taken is None else taken[1]
@@ -144,29 +145,32 @@ def _descended(
             if changed == 1 or most == 1:
                 refused[own.keys] = score
             most = max(1, min(most, changed) // 2)
+        if n == ROUNDS:
+            break
         linear, last = taken
         found = _explained(
             linear, last.optional, last.model.name, refit, thetas, moves=moves, most=most, refused=refused
         )
         log += [f"{n}: {line}" for line in found.log]
         before = found.best
-        gains = max(before.score, score) > known.score + WORTH  # its nonlinear numbers move on
+        gains = max(before.score, score) > max(known.score, previous) + WORTH  # its nonlinear numbers move on
+        previous = before.score
         if before.keys == last.keys and not gains and (stays or worse or not _far(before)):
             if moves == ALL or (best is not None and before.score < best.score + WORTH):
                 break
             moves = ALL
         elif n == ROUNDS - 2:
             moves = ALL
-    # A set that was not taken is no more probable than the one that was, whatever it would gain at this linearisation.
     met = found.search.met
-    for keys in [keys for keys, fit in met.items() if fit.score > last.score + WORTH and keys != last.keys]:
-        del met[keys]
-    return replace(found, best=max(met.values(), key=lambda fit: fit.score), log=tuple(log))
+    if worse and not stays:  # A set that is not taken is no more probable than the last one, whatever it gains here.
+        for keys in [keys for keys, fit in met.items() if fit.score > known.score + WORTH and keys != known.keys]:
+            del met[keys]
+    return replace(found, best=max(met.values(), key=lambda fit: fit.score, default=known), log=tuple(log))
 
 
 def _settled(linear: Linearisation, before: Fit | None, trust: str) -> Linearisation:
     """Return the linearisation where the numbers are most probable beside a set, by Gauss and Newton."""
-    if before is not None and _far(before):
+    if before is not None and _apart(linear, before):
         linear = _moved(linear, before)
     best: tuple[Linearisation, Fit] | None = None
     for _ in range(STEPS):
@@ -189,6 +193,12 @@ def _settled(linear: Linearisation, before: Fit | None, trust: str) -> Linearisa
 def _moving(problem: Problem) -> NDArray[np.bool_]:
     """Return at which numbers' values (K,) the residuals are made."""
     return np.array([p.moves_model for p in problem.numbers], dtype=bool)
+
+
+def _apart(linear: Linearisation, fit: Fit, numbers: Array | float = 0.0) -> bool:
+    """Whether a fit needs a linearisation of its own: for its numbers, or for the effects that act in its torques."""
+    acting = {one.feature.key for one in linear.acting}
+    return _far(fit, numbers) or {one.feature.key for one in _acting(fit)} != acting
 
 
 def _far(fit: Fit, numbers: Array | float = 0.0) -> bool:
