@@ -60,8 +60,8 @@ WORTH = 1.0  # nats of a move that is taken: less is an alternative
 COMPARED = 100.0  # nats up to which scores at different linearisations compare, as those of one set at several show
 RELATED = 0.1  # correlation of two terms from which one may stand for both
 MOST = 24  # terms of a set
-ROUNDS = 8  # of search and linearisation
-ELSEWHERE, NEAR = 2, 15.0  # other sets that are linearised for themselves, and nats up to which they may be behind
+ROUNDS = 5  # of search and linearisation
+ELSEWHERE, NEAR = 1, 15.0  # other sets that are linearised for themselves, and nats up to which they may be behind
 
 
 REFERENCE = "docs/diagnosis.md lists the priors"
