@@ -28,11 +28,11 @@ def runs(robot: str, mapping: str, files: list[str]) -> list[Recording]:
 
 @pytest.fixture(scope="module")
 def six_axes() -> Diagnosis:
-    """The KR300 with known friction, its description refitted; fitted on run A."""
+    """The KR300 with known friction, its description refitted; fitted on runs A and C."""
     arm = load_robot(SHARED / "kuka_kr300" / "kr300_6_rigid.yaml")
-    first, judge = runs("kuka_kr300", "import_6.yaml", [f"run_{k}.mat" for k in "AB"])
+    first, judge, second = runs("kuka_kr300", "import_6.yaml", [f"run_{k}.mat" for k in "ABC"])
     friction = tuple(parse_laws(("coulomb_friction", "viscous_friction"), arm))
-    return diagnose([first], Question(arm, given=friction, refit=True), [judge])
+    return diagnose([first, second], Question(arm, given=friction, refit=True), [judge])
 
 
 def test_what_a_model_lacks_is_not_taken_for_noise(six_axes: Diagnosis) -> None:
