@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Sequence, Set
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -125,16 +125,17 @@ class Answer:
 
     def events(self) -> tuple[Event, ...]:
         """Return the stretches of recordings that the rest of each contradicts, in what effects and numbers leave."""
-        whole = self.prepared.without(()) if self.prepared.events else self.prepared
-        looks = [replace(self, prepared=whole, which=which) for which in (0, 1)]
-        problem, found = whole.problem, []
+        # What was made of the recordings that judge serves here, too.
+        whole = replace(self, prepared=self.prepared.without(())) if self.prepared.events else self
+        looks = replace(whole, which=0), whole
+        problem, found = whole.prepared.problem, []
         for number, source in problem.sources.items():
             parts = [
                 blocks
                 for look, own in zip(looks, problem.indices, strict=True)
                 if number in own
                 for blocks in blocks_of(
-                    look.judging.data, look.after, own.index(number), whole.begins(look.which, source)
+                    look.judging.data, look.after, own.index(number), whole.prepared.begins(look.which, source)
                 )
             ]
             found += events_of(parts, source, self.places, problem.layout.live)
@@ -409,8 +410,9 @@ class Answer:
             if p.is_number
         )
 
+    @cached_property
     def known(self) -> list[tuple[EffectInstance, dict[str, ParameterEstimate]]]:
-        """Return the known effects as they came out."""
+        """The known effects as they came out."""
         values = self.explanation.linear.values
         return [estimated(self.best, t, self.prepared.problem.numbers, values)[::-1] for t in self._always]
 
@@ -428,16 +430,8 @@ class Answer:
         data, names = self.judging.data, problem.robot.joint_names
         live = problem.layout.live
         named = lambda values: {p: float(v) for p, v, there in zip(self.places, values, live, strict=True) if there}  # noqa: E731
-        known = self.known()
-        notes = [law_note(names[t.what.joint], t.what) for _, t in laws]
-        notes += [shape_note(*self.places[row]) for row in rows]
-        notes += event_notes(prepared.events)
         noise, over = named(np.sqrt(before.noise.sum(axis=1))), named(after.rmse)
         left = {place[0] for place, size in over.items() if size > SURE * noise[place]}
-        if left and not problem.robot.elastic:
-            found = resonances(problem.robot, problem.model, [o.pieces for o in problem.observed[0]])
-            notes += [ringing_note(joint, frequency) for joint, frequency in found.items() if joint in left]
-        notes += [*prepared.notes, *(() if prepared.independent_motion else (REPEATED_MOTION,))]
         ratios = [self._gear_ratios(row) for row in range(len(self.places))]
         return Diagnosis(
             model=problem.model,
@@ -469,10 +463,10 @@ class Answer:
                     "sides": list(instance.sides),
                     "parameters": plain_parameters(parameters),
                 }
-                for instance, parameters in known
+                for instance, parameters in self.known
             ),
             events=prepared.events,
-            notes=tuple(notes),
+            notes=tuple(self._notes(laws, rows, left)),
             context=DiagnosisContext(
                 explanation=self.explanation,
                 judging=self.judging,
@@ -480,11 +474,24 @@ class Answer:
                 after=self.after,
                 alone=[alone for _, alone in causes],
                 regimes=[shares(data, self.before, row, ratios[row]) for row in range(len(self.places))],
-                known=tuple(instance for instance, _ in known),
+                known=tuple(instance for instance, _ in self.known),
                 unseen=prepared.unseen,
                 held_back=problem.held_back,
             ),
         )
+
+    def _notes(self, laws: Sequence[tuple[float, Term]], rows: Sequence[int], left: Set[str]) -> Iterator[str]:
+        """Yield what the reader should know besides: of laws, of rows that are open, and of joints that keep much."""
+        prepared, problem = self.prepared, self.prepared.problem
+        yield from (law_note(problem.robot.joint_names[t.what.joint], t.what) for _, t in laws)
+        yield from (shape_note(*self.places[row]) for row in rows)
+        yield from event_notes(prepared.events)
+        if left and not problem.robot.elastic:
+            found = resonances(problem.robot, problem.model, [o.pieces for o in problem.observed[0]])
+            yield from (ringing_note(joint, frequency) for joint, frequency in found.items() if joint in left)
+        yield from prepared.notes
+        if not prepared.independent_motion:
+            yield REPEATED_MOTION
 
     def _whitened_share(self) -> float:
         """Return the share of the whitened power over the noise that is gone, where no octave shows a gap by itself."""

@@ -112,6 +112,11 @@ class CircularGains(NamedTuple):
     first: NDArray[np.intp]  # (R,) the first row in which each shows
 
 
+def frequencies(harmonics: Harmonics, rate: float) -> Array:
+    """Return the frequencies (H,) of harmonics of samples at a rate, Hz."""
+    return np.asarray(np.arange(harmonics.size // 2) * rate / harmonics.samples)
+
+
 def filtered_circularly(values: Array, gains: CircularGains) -> Array:
     """Convolve columns circularly with the responses of one row to another.
 

@@ -21,7 +21,7 @@ from elastic_arm.estimation.motion import Motion, rates_of, with_filtered_deflec
 from elastic_arm.estimation.noise import HIGHEST_CUTOFF, ORDER, Telegraph, encoder_steps, estimate_noise
 from elastic_arm.estimation.resampling import Clock, Grid, extended
 from elastic_arm.estimation.smoother import Smoother, left_out
-from elastic_arm.recording import Recording
+from elastic_arm.recording import Recording, Samples
 from elastic_arm.recording.inspection.torque_spectrum import TorqueSpectrum, torque_spectra
 from elastic_arm.recording.sides import Lacking
 from elastic_arm.robot import JointController, Robot
@@ -269,6 +269,29 @@ def _followed(controller: JointController, motion: Motion, i: int) -> Array:
     return np.asarray(np.clip(kp * felt + kd * of_rate, -limit, limit))
 
 
+def _bridged(samples: Samples, clock: Clock) -> tuple[list[Grid], Array]:
+    """Return samples on a grid across holes, and from when to when (k, 2) s are those in which an arm may do much."""
+    placed = clock.place(samples, max(clock.longest_hole, int(BRIDGED * clock.rate)))
+    apart = np.diff(samples.t)
+    unknown = np.flatnonzero((apart * clock.rate > clock.longest_hole + 1.5) & (apart < BRIDGED + 2.0 / clock.rate))
+    return placed, np.stack([samples.t[unknown], samples.t[unknown + 1]], axis=1)
+
+
+def _longest(grids: Sequence[Grid], where: str) -> Grid:
+    """Return the longest piece, which has to hold motion."""
+    if not grids:
+        raise DiagnosisError(
+            f"{where} is too short: it has no {SHORTEST:g} s without a hole of {BRIDGED:g} s",
+            "Record at least 10 s of motion",
+        )
+    longest = max(grids, key=len)
+    if longest.theta is None and longest.q is None:
+        raise DiagnosisError(f"{where} holds no positions", "Record /motor_states or /joint_states with positions")
+    if not longest.moves():
+        raise DiagnosisError(f"{where} holds no motion", "Record an excitation: `elastic-arm excite` makes one")
+    return longest
+
+
 def observe(recording: Recording, band: float | None = None) -> Observation:
     """Bring a recording on a grid, estimate the noise of its channels and smooth it.
 
@@ -283,21 +306,9 @@ def observe(recording: Recording, band: float | None = None) -> Observation:
             f"{where} holds no torque", f"Record the effort of /motor_states, of /joint_states, or both; {CONTROLLED}"
         )
     clock = Clock.of(samples, where)
-    placed = clock.place(samples, max(clock.longest_hole, int(BRIDGED * clock.rate)))
+    placed, holes = _bridged(samples, clock)
     grids = [grid for grid in placed if len(grid) > SHORTEST * grid.rate]
-    if not grids:
-        raise DiagnosisError(
-            f"{where} is too short: it has no {SHORTEST:g} s without a hole of {BRIDGED:g} s",
-            "Record at least 10 s of motion",
-        )
-    apart = np.diff(samples.t)
-    unknown = np.flatnonzero((apart * clock.rate > clock.longest_hole + 1.5) & (apart < BRIDGED + 2.0 / clock.rate))
-    holes = np.stack([samples.t[unknown], samples.t[unknown + 1]], axis=1)
-    longest = max(grids, key=len)
-    if longest.theta is None and longest.q is None:
-        raise DiagnosisError(f"{where} holds no positions", "Record /motor_states or /joint_states with positions")
-    if not longest.moves():
-        raise DiagnosisError(f"{where} holds no motion", "Record an excitation: `elastic-arm excite` makes one")
+    longest = _longest(grids, where)
     band = band or widest_band(clock.rate)
     link = None if longest.q is None else estimate_noise(longest.q, longest.dq, longest.rate)
     motor = None if longest.theta is None else estimate_noise(longest.theta, longest.dtheta, longest.rate)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -20,7 +20,13 @@ from elastic_arm.arrays import Array
 from elastic_arm.dynamics import Model
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.band import Band, LowPass
-from elastic_arm.estimation.convolution import CircularGains, Harmonics, circular_gains, filtered_circularly
+from elastic_arm.estimation.convolution import (
+    CircularGains,
+    Harmonics,
+    circular_gains,
+    filtered_circularly,
+    frequencies,
+)
 from elastic_arm.estimation.effect_columns import Feature, starting_state
 from elastic_arm.estimation.equations import EquationSet
 from elastic_arm.estimation.known_torques import ActingEffect, inertia_of, known_torques, true_load
@@ -51,10 +57,15 @@ class NoiseModel:
     apart: Array
     # (F, n) of the load that the model predicts for the quiet motion, Nm², in units as `covariance`
     load: Array | None = None
-    # (F,) ln of the density of the recorded values z over that of the whitened rows: ln |dr/dz|² - ln |covariance|
-    density: Array | None = None
+    measure: Array | None = None  # (F,) ln |dr/dz|², z the recorded values
     _whiteners: dict[bytes, NDArray[np.complex128]] = field(default_factory=dict, init=False, repr=False, compare=False)
     _gains: dict[int, CircularGains] = field(default_factory=dict, init=False, repr=False, compare=False)
+
+    @cached_property
+    def density(self) -> Array:
+        """Ln of the density of the recorded values over that of the whitened rows, (F,)."""
+        assert self.measure is not None
+        return np.asarray(self.measure - np.linalg.slogdet(self.covariance)[1])
 
     def std(self, low_pass: LowPass) -> Array:
         """Return the standard deviation (R,) of each residual behind a low pass."""
@@ -133,8 +144,7 @@ def noise_models(
     for floor in floors:
         own = covariance * (1.0 + floor**2 * np.eye(equations.rows))
         own += np.diag(np.tile(floor**2 * level + 1e-8, equations.rows // n))
-        density = measure - np.linalg.slogdet(own)[1]
-        found.append(NoiseModel(f, own, observation.rate, equations.apart, load, density))
+        found.append(NoiseModel(f, own, observation.rate, equations.apart, load, measure))
     return found
 
 
@@ -297,8 +307,7 @@ class WhitenedData:
         """Ln of the density of the recorded values over that of the whitened rows: it depends on the linearisation."""
         found = 0.0
         for part, own in zip(self.parts, self.harmonics, strict=True):
-            assert part.noise.density is not None
-            f = np.arange(own.size // 2) * self.band.kept_rate / own.samples
+            f = frequencies(own, self.band.kept_rate)
             found += float(np.interp(f, part.noise.f, part.noise.density).sum())
         return found
 

@@ -12,6 +12,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from elastic_arm.arrays import Array
+from elastic_arm.estimation.convolution import frequencies
 from elastic_arm.estimation.whitening import WhitenedData
 from elastic_arm.evidence.term import Ident, Term
 
@@ -42,9 +43,7 @@ class Bands:
     """Place and octave of each whitened row."""
 
     def __init__(self, data: WhitenedData) -> None:
-        f = np.concatenate(
-            [np.repeat(np.arange(h.size // 2) * data.band.kept_rate / h.samples, 2) for h in data.harmonics]
-        )
+        f = np.concatenate([np.repeat(frequencies(h, data.band.kept_rate), 2) for h in data.harmonics])
         octaves, self.places = len(OCTAVES) + 1, data.layout.rows
         own = np.searchsorted(OCTAVES, f, side="right")
         self.of_rows = np.concatenate([place * octaves + own for place in range(self.places)])

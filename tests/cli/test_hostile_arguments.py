@@ -125,13 +125,14 @@ def test_numbers_that_json_lacks_are_null_and_named(capsys: pytest.CaptureFixtur
 
 
 MAIN = "from elastic_arm.app import main; main()"
+HEED = "import signal; [signal.signal(number, signal.SIG_DFL) for number in (signal.SIGINT, signal.SIGTERM)]"
 BAG = str(Path(__file__).parents[2] / "bags" / "validation")
 SPEAKING = {"describe": ("describe",), "bag info": ("bag", "info", BAG, "--json")}
 
 
 def in_a_process(arguments: Sequence[str], before: str = "", **options: Any) -> subprocess.CompletedProcess[str]:
-    """Run a command in a process of its own, after some Python."""
-    command = [sys.executable, "-c", f"{before}\n{MAIN}", *arguments]
+    """Run a command in a process of its own, after some Python; it heeds signals, also where the tests ignore them."""
+    command = [sys.executable, "-c", f"{HEED}\n{before}\n{MAIN}", *arguments]
     return subprocess.run(command, text=True, timeout=60, **options)
 
 
