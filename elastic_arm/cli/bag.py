@@ -13,7 +13,7 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from elastic_arm.cli.console import out, print_json, reports_errors
+from elastic_arm.cli.console import err, out, print_json, reports_errors, shares_of
 from elastic_arm.cli.options import AtOption, ChainOption, Namespace, load_arm
 from elastic_arm.cli.outputs import Force, claim_bag, claim_folder
 from elastic_arm.errors import RecordingError, require_ros
@@ -80,7 +80,8 @@ def check(
     Example: elastic-arm bag check --repair runs/killed
     """
     arm = None if robot is None else load_arm(robot, chain, at)
-    report = check_bag(bag, _channels(channels), arm, namespace)
+    with err.status(f"checking {escape(str(bag))}") as status:
+        report = check_bag(bag, _channels(channels), arm, namespace, shares_of(status))
     mended = repair_bag(bag, out_folder) if repair and not report.ok else None
     after = None if mended is None else check_bag(mended.path, _channels(channels), arm, namespace)
     if json:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from functools import partial
+from itertools import count
 from json import dumps as json_text
 from pathlib import Path
 from typing import Annotated, Any
@@ -28,17 +31,19 @@ from elastic_arm.cli.options import (
 )
 from elastic_arm.cli.outputs import Force, claim_folder
 from elastic_arm.diagnosis import Question, diagnose
-from elastic_arm.diagnosis.history import Course, courses
+from elastic_arm.diagnosis.history import History
 from elastic_arm.diagnosis.result import Diagnosis
 from elastic_arm.diagnosis.words import size_text, step_text
 from elastic_arm.effects import Catalogue
 from elastic_arm.effects.text import known_effects
-from elastic_arm.errors import RecordingError
+from elastic_arm.errors import ElasticArmError, RecordingError
 from elastic_arm.estimation.segments import DIAGNOSED, SEGMENT
 from elastic_arm.memory import keep_memory
 from elastic_arm.output_files import csv_text, write_result
-from elastic_arm.recording import Recording, load_channels
+from elastic_arm.processes import ProcessPool
+from elastic_arm.recording import ChannelMap, Recording, load_channels
 from elastic_arm.recording.storage.bag import METADATA
+from elastic_arm.robot import Robot
 
 RESULTS = ("history.json", "history.csv", "report.html")
 FILES = (".mcap", ".db3")
@@ -61,6 +66,12 @@ def history_command(
     ] = False,
     out_dir: Annotated[Path, typer.Option("--out", help="Folder for the results.")] = Path("history"),
     force: Force = False,
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Diagnose each recording alone, by so many processes.")
+    ] = None,
+    scheduler: Annotated[
+        str | None, typer.Option(help="The same on a Dask cluster, by its address; it must see the same files.")
+    ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print history.json.")] = False,
     fail_on: FailOn = None,
 ) -> None:
@@ -70,43 +81,97 @@ def history_command(
     it finds, or that is known to be there (--with), has its size in each recording.
     Writes history.json, history.csv and report.html, with a plot of each size.
 
+    One diagnosis holds some tens of recordings. With --workers or --scheduler each
+    is diagnosed alone, any number of them: sizes that a recording does not show are
+    missing there, and those of which none are known less closely.
+
     Examples:
 
         elastic-arm history march.bag april.bag may.bag --with coulomb_friction --out history
 
         elastic-arm history bags/ --robot arm.urdf --fail-on change:5%
+
+        elastic-arm history archive/ --with coulomb_friction --scheduler tcp://10.0.0.2:8786
     """
     keep_memory()
     check_gate(fail_on or ())
     paths = _bags(bags)
     require_bags(paths)
     claim_folder(out_dir, RESULTS, force=force)
-    catalogue = Catalogue.default()
-    robot = load_arm(robot_file, chain, at, catalogue)
-    mapping = None if channels is None else load_channels(channels)
-    seconds = max(DIAGNOSED / len(paths), SEGMENT - 1.0)
-    with err.status("reading") as status:
-        says = shares_of(status)
-        read = [read_motion(path, mapping, robot, clock, namespace, says, seconds) for path in paths]
-        recordings = sorted(read, key=lambda one: one.start_ns)
-    given = known_effects(with_ or (), robot, catalogue)
-    with err.status(f"diagnosing {len(recordings)} recordings"):
-        found = diagnose(recordings, Question(robot, model, refit=refit, given=given, catalogue=catalogue))
-        all_of = courses(found)
-    dates = [_date(one) for one in recordings]
-    result = to_dict(found, all_of, dates)
+    robot = load_arm(robot_file, chain, at, Catalogue.default())
+    known_effects(with_ or (), robot, Catalogue.default())  # what is none is refused before the work
+    asked = Asked(
+        robot, model, None if channels is None else load_channels(channels), namespace, clock, with_ or (), refit
+    )
+    alone = workers is not None or scheduler is not None
+    whole = _of_each(paths, asked, workers or 1, scheduler) if alone else _of_all(paths, asked)
+    result = to_dict(whole)
     write_result(out_dir / RESULTS[0], json_text(result, indent=2, allow_nan=False) + "\n")
     write_result(out_dir / RESULTS[1], to_csv(result))
     # Matplotlib is slow to import, and only reports need it.
     from elastic_arm.report.history import write_history_report
 
-    write_history_report(out_dir / RESULTS[2], found, all_of, dates)
+    write_history_report(out_dir / RESULTS[2], whole)
     if json:
         print_json(result)
     else:
-        print_history(found, all_of, dates)
+        print_history(whole)
         out.print(f"written: {escape(str(out_dir))}/{', '.join(RESULTS)}")
-    pass_gate(found, fail_on or ())
+    pass_gate(whole, fail_on or ())
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What is asked of every recording, as workers take it."""
+
+    robot: Robot
+    model: str
+    channels: ChannelMap | None
+    namespace: str | None
+    clock: ClockChoice
+    known: Sequence[str]
+    refit: bool
+
+    def read(self, path: Path, seconds: float, report: Callable[[str, float], None]) -> Recording:
+        """Read the motion of a recording."""
+        return read_motion(path, self.channels, self.robot, self.clock, self.namespace, report, seconds)
+
+    def diagnosis(self, recordings: Sequence[Recording]) -> Diagnosis:
+        """Diagnose recordings together."""
+        given = known_effects(self.known, self.robot, Catalogue.default())
+        return diagnose(recordings, Question(self.robot, self.model, refit=self.refit, given=given))
+
+
+def _of_all(paths: Sequence[Path], asked: Asked) -> History:
+    """Diagnose all recordings together."""
+    seconds = max(DIAGNOSED / len(paths), SEGMENT - 1.0)
+    with err.status("reading") as status:
+        read = [asked.read(path, seconds, shares_of(status)) for path in paths]
+        recordings = sorted(read, key=lambda one: one.start_ns)
+    with err.status(f"diagnosing {len(recordings)} recordings"):
+        return History.of(asked.diagnosis(recordings), [_date(one.start_ns) for one in recordings])
+
+
+def _of_each(paths: Sequence[Path], asked: Asked, workers: int, scheduler: str | None) -> History:
+    """Diagnose each recording alone, by processes; one that allows no diagnosis is a note."""
+    done = count()
+    with err.status(f"diagnosing {len(paths)} recordings") as status:
+        advance = lambda: status.update(f"diagnosed {next(done) + 1} of {len(paths)} recordings")  # noqa: E731
+        with ProcessPool(min(workers, len(paths)), scheduler) as pool:
+            answers = pool.run([partial(_alone, path.resolve(), asked) for path in paths], advance)
+    found = sorted((one for one in answers if not isinstance(one, str)), key=lambda one: one[0])
+    refused = [one for one in answers if isinstance(one, str)]
+    return History.of_each([one for _, one in found], [_date(begin) for begin, _ in found], refused)
+
+
+def _alone(path: Path, asked: Asked) -> tuple[int, Diagnosis] | str:
+    """Return when a recording begins and its diagnosis, or why there is none."""
+    keep_memory()
+    try:
+        recording = asked.read(path, DIAGNOSED, lambda what, share: None)
+        return recording.start_ns, replace(asked.diagnosis([recording]), context=None)
+    except ElasticArmError as error:
+        return f"left out: {error}"
 
 
 def _bags(paths: Sequence[Path]) -> list[Path]:
@@ -119,20 +184,20 @@ def _bags(paths: Sequence[Path]) -> list[Path]:
     return found
 
 
-def _date(recording: Recording) -> str:
-    """Return when a recording began, UTC."""
-    return datetime.fromtimestamp(recording.start_ns // 10**9, UTC).strftime("%Y-%m-%d %H:%M:%S")
+def _date(begin_ns: int) -> str:
+    """Return a time in words, UTC."""
+    return datetime.fromtimestamp(begin_ns // 10**9, UTC).strftime("%Y-%m-%d %H:%M:%S")
 
 
-def to_dict(found: Diagnosis, all_of: Sequence[Course], dates: Sequence[str]) -> dict[str, Any]:
+def to_dict(whole: History) -> dict[str, Any]:
     """Return what `history.json` holds."""
     return {
-        "robot": found.robot,
-        "model": found.model,
-        "verdict": found.verdict,
-        "recordings": [{"recording": r, "date": d} for r, d in zip(found.identify, dates, strict=True)],
-        "numbers": [one.to_dict(found.identify) for one in all_of],
-        "notes": list(found.notes),
+        "robot": whole.robot,
+        "model": whole.model,
+        "verdict": whole.verdict,
+        "recordings": [{"recording": r, "date": d} for r, d in zip(whole.recordings, whole.dates, strict=True)],
+        "numbers": [one.to_dict(whole.recordings) for one in whole.courses],
+        "notes": list(whole.notes),
     }
 
 
@@ -147,23 +212,23 @@ def to_csv(result: dict[str, Any]) -> str:
     return csv_text(COLUMNS, rows)
 
 
-def print_history(found: Diagnosis, all_of: Sequence[Course], dates: Sequence[str]) -> None:
+def print_history(whole: History) -> None:
     """Print a line for each recording, and what changed in words."""
     table = Table(box=None, header_style="bold", pad_edge=False)
     for heading in ("recording", "date"):
         table.add_column(heading, no_wrap=True)
-    for one in all_of:
+    for one in whole.courses:
         where = f"{one.sized.effect} {one.sized.joint or ''}".strip()
         table.add_column(escape(f"{where}, {one.sized.unit}"), justify="right")
-    for k, (source, date) in enumerate(zip(found.identify, dates, strict=True)):
-        sizes = (size_text(float(one.sized.values[k]), float(one.sized.stds[k]), "").strip() for one in all_of)
-        table.add_row(escape(source), date, *sizes)
+    sizes = [{r: size_text(v, s, "").strip() for r, v, s in one.sizes(whole.recordings)} for one in whole.courses]
+    for source, date in zip(whole.recordings, whole.dates, strict=True):
+        table.add_row(escape(source), date, *(own.get(source, "–") for own in sizes))
     out.print(table)
-    for one in all_of:
+    for one in whole.courses:
         if one.step is not None:
-            out.print(f"[yellow]changed:[/] {escape(step_text(one, found.identify))}")
-    rest = "nothing else changed" if any(one.step for one in all_of) else "nothing changed"
+            out.print(f"[yellow]changed:[/] {escape(step_text(one, whole.recordings))}")
+    rest = "nothing else changed" if any(one.step for one in whole.courses) else "nothing changed"
     out.print(f"{rest} beyond what the recordings tell")
-    for place in found.unexplained:
-        out.print(f"unexplained: {escape(place.joint)}, {place.side} side, follows {place.regime}")
-    out.print(f"notes on the recordings: {len(found.notes)}, in {RESULTS[0]}")
+    for place in dict.fromkeys((p.joint, p.side, p.regime) for p in whole.unexplained):
+        out.print(escape("unexplained: {}, {} side, follows {}".format(*place)))
+    out.print(f"notes on the recordings: {len(whole.notes)}, in {RESULTS[0]}")

@@ -7,29 +7,41 @@ follows from these sizes x with their covariance C: for a step after recording k
     ln p(x | k) = -1/2 |x - X_k (a, b)|² in C⁻¹ - 1/2 ln |X_k' C⁻¹ X_k|        a, b anything
 
 each k as likely beforehand.
+
+Of more recordings than one diagnosis holds, each is diagnosed alone. Sizes x of variances S then differ as far as they
+are likelier with a spread of their own, of a share w of the size, than without:
+
+    p(x | w) = N(x; a, S + w² a²)        a anything, odds of a change and shares w by `evidence.priors`
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from operator import eq
 from typing import Any
 
 import numpy as np
+from scipy.special import expit, logsumexp
 
 from elastic_arm.arrays import Array
 from elastic_arm.diagnosis.changes import SizedTerm, sizes_of
-from elastic_arm.diagnosis.result import Diagnosis
+from elastic_arm.diagnosis.result import Cause, Change, Diagnosis, UnexplainedResidual, plain_parameters
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.evidence.changes import change_key, change_of
+from elastic_arm.evidence.priors import CHANGED, SCALES
+
+FEW = "a history needs two recordings or more"
 
 
 @dataclass(frozen=True)
 class Step:
     """A change between two recordings."""
 
-    after: int  # index of the last recording before it
+    # after, until: index of the last recording before it, and of the first one after it that shows the size
+    after: int
+    until: int
     # before_value, before_std, after_value, after_std: size before and after it
     before_value: float
     before_std: float
@@ -46,21 +58,30 @@ class Course:
     changed: float  # probability that it is not the same in all
     step: Step | None  # where it changed most probably; None where it is likelier the same in all
 
+    def sizes(self, recordings: Sequence[str]) -> list[tuple[str, float, float]]:
+        """Return recording, value and standard deviation of each that shows it."""
+        each = zip(recordings, self.sized.values.tolist(), self.sized.stds.tolist(), strict=True)
+        return [one for one in each if np.isfinite(one[1])]
+
+    def change(self, recordings: Sequence[str]) -> Change:
+        """Return it as a change of what these recordings show."""
+        one = self.sized
+        return Change(one.effect, one.joint, one.parameter, one.unit, tuple(self.sizes(recordings)), self.changed)
+
     def to_dict(self, recordings: tuple[str, ...]) -> dict[str, Any]:
         """Return it as in `history.json`."""
         one, step = self.sized, self.step
-        values = zip(recordings, one.values, one.stds, strict=True)
         return {
             "effect": one.effect,
             "joint": one.joint,
             "parameter": one.parameter,
             "unit": one.unit,
-            "values": [{"recording": r, "value": v, "std": s} for r, v, s in values],
+            "values": [{"recording": r, "value": v, "std": s} for r, v, s in self.sizes(recordings)],
             "changed": self.changed,
             "step": None
             if step is None
             else {
-                "between": list(recordings[step.after : step.after + 2]),
+                "between": [recordings[step.after], recordings[step.until]],
                 "before": {"value": step.before_value, "std": step.before_std},
                 "after": {"value": step.after_value, "std": step.after_std},
                 "probability": step.probability,
@@ -68,10 +89,95 @@ class Course:
         }
 
 
+@dataclass(frozen=True)
+class History:
+    """One arm over recordings, in the order of their times."""
+
+    robot: str
+    model: str
+    verdict: str  # of one diagnosis; of several, that which says most
+    recordings: tuple[str, ...]
+    dates: tuple[str, ...]  # when they begin, UTC
+    courses: tuple[Course, ...]  # those that changed first
+    changes: tuple[Change, ...]
+    causes: tuple[Cause, ...]
+    unexplained: tuple[UnexplainedResidual, ...]
+    notes: tuple[str, ...]
+
+    @staticmethod
+    def of(found: Diagnosis, dates: Sequence[str]) -> History:
+        """Return what one diagnosis of all recordings says."""
+        return History(
+            found.robot,
+            found.model,
+            found.verdict,
+            found.identify,
+            tuple(dates),
+            courses(found),
+            found.changes,
+            found.causes,
+            found.unexplained,
+            found.notes,
+        )
+
+    @staticmethod
+    def of_each(found: Sequence[Diagnosis], dates: Sequence[str], refused: Sequence[str] = ()) -> History:
+        """Return what diagnoses of one recording each say; `refused` are notes on recordings that allowed none."""
+        if len(found) < 2:
+            raise DiagnosisError("; ".join((FEW, *refused[:1])), "Name them, or the folder that they are in.")
+        recordings, followed = tuple(one.identify[0] for one in found), courses_of_each(found)
+        verdicts = {one.verdict for one in found}
+        return History(
+            found[0].robot,
+            found[0].model,
+            next(verdict for verdict in ("unknown", "explained", "none") if verdict in verdicts),
+            recordings,
+            tuple(dates),
+            followed,
+            tuple(one.change(recordings) for one in followed if one.step is not None),
+            tuple(cause for one in found for cause in one.causes),
+            tuple(place for one in found for place in one.unexplained),
+            (*refused, *(note for one in found for note in one.notes)),
+        )
+
+
+def courses_of_each(found: Sequence[Diagnosis]) -> tuple[Course, ...]:
+    """Return every number that two diagnoses of single recordings or more hold, those that changed first."""
+    sizes: dict[tuple[str, str | None, str, str], dict[int, tuple[float, float]]] = {}
+    for k, one in enumerate(found):
+        causes = [(c.effect, c.joint, plain_parameters(c.parameters)) for c in one.causes]
+        for effect, joint, parameters in [*((o["effect"], o["joint"], o["parameters"]) for o in one.known), *causes]:
+            name, size = next(iter(parameters.items()), ("", {"std": None}))
+            if size["std"]:
+                sizes.setdefault((effect, joint, name, size["unit"]), {})[k] = size["value"], size["std"]
+    result = []
+    for key, own in sizes.items():
+        where = np.array(list(own))
+        every = np.full((2, len(found)), np.nan)
+        every[:, where] = np.array(list(own.values())).T
+        values, variances = every[0, where], every[1, where] ** 2
+        changed = changed_of_each(values, variances)
+        step = step_of(values, np.diag(variances)) if changed > 0.5 else None
+        if step is not None:
+            step = replace(step, after=int(where[step.after]), until=int(where[step.until]))
+        result.append(Course(SizedTerm(*key, every[0], np.diag(every[1] ** 2)), changed, step))
+    return tuple(sorted(result, key=lambda one: -one.changed))
+
+
+def changed_of_each(values: Array, variances: Array) -> float:
+    """Return the probability that sizes (n,) of these variances are not all the same."""
+    spread = np.append(0.0, SCALES * np.abs(values).max())[:, None] ** 2
+    weights = 1.0 / (variances + spread)
+    total = weights.sum(axis=1)
+    left = np.sum(weights * (values - (weights @ values / total)[:, None]) ** 2, axis=1)
+    scores = 0.5 * (np.log(weights).sum(axis=1) - np.log(total) - left)
+    return float(expit(np.log(CHANGED) + logsumexp(scores[1:]) - np.log(len(SCALES)) - scores[0]))
+
+
 def courses(found: Diagnosis) -> tuple[Course, ...]:
     """Return every number that a diagnosis of several recordings found or knew, those that changed first."""
     if found.context is None or len(found.identify) < 2:
-        raise DiagnosisError("a history needs two recordings or more", "Name them, or the folder that they are in.")
+        raise DiagnosisError(FEW, "Name them, or the folder that they are in.")
     explanation = found.context.explanation
     best, linear, model = explanation.best, explanation.linear, explanation.search.model
     result = []
@@ -104,4 +210,4 @@ def step_of(values: Array, covariance: Array) -> Step:
     weights = np.exp(np.array(scores) - max(scores))
     best = int(np.argmax(weights))
     (a, b), (a_std, b_std) = fits[best][0].tolist(), fits[best][1].tolist()
-    return Step(best, a, a_std, b, b_std, float(weights[best] / weights.sum()))
+    return Step(best, best + 1, a, a_std, b, b_std, float(weights[best] / weights.sum()))

@@ -334,7 +334,7 @@ def step_text(one: Course, recordings: Sequence[str]) -> str:
         for value, std in ((step.before_value, step.before_std), (step.after_value, step.after_std))
     )
     what = f"{sized.effect.replace('_', ' ')} of {sized.joint or 'the whole arm'}"
-    when = f"between {recordings[step.after]} and {recordings[step.after + 1]}"
+    when = f"between {recordings[step.after]} and {recordings[step.until]}"
     return (
         f"{what} {way} from {before} to {after} {when} ({probability_text(step.probability)} there), "
         f"{probability_text(one.changed)}"

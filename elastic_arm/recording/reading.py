@@ -54,6 +54,11 @@ class Content:
     currents: tuple[str, ...] = ()
     namespace: str = ""  # Of the arm; names in `series` and `decoders` are those within it
 
+    @property
+    def share(self) -> float:
+        """How much of the bags has been read, as far as they say how much they hold."""
+        return min(self.messages / (self.promised or self.messages or 1), 1.0)
+
     def decoded(self) -> Content:
         """Turn what was decoded since the last time into series; return itself."""
         self.series = {topic: decoder.series() for topic, decoder in self.decoders.items()}
@@ -106,14 +111,22 @@ def read_recording(
     """
     if isinstance(channels, str | Path):
         channels = load_channels(channels)
-    content = open_content(path, channels, namespace)
+    (content,) = open_contents(path, channels, namespace)
     return recording_of(content, channels, joints, arrival=arrival)[0]
 
 
-def open_content(
-    path: str | Path | Sequence[str | Path], channels: ChannelMap | None, namespace: str | None, *, strict: bool = True
-) -> Content:
-    """Decode what a recording is made of; with `strict` a damaged chunk raises, otherwise it is skipped and noted."""
+def open_contents(
+    path: str | Path | Sequence[str | Path],
+    channels: ChannelMap | None,
+    namespace: str | None,
+    *,
+    strict: bool = True,
+    most: float = np.inf,
+) -> Iterator[Content]:
+    """Decode what a recording is made of, in parts of so many messages.
+
+    With `strict` a damaged chunk raises, otherwise it is skipped and noted.
+    """
     paths = [path] if isinstance(path, str | Path) else list(path)
     if not paths:
         raise RecordingError("no bag was given", "Name at least one.")
@@ -121,7 +134,7 @@ def open_content(
         raise RecordingError("a channel map and a namespace are given", "Name whole topics in the map.")
     bags = [open_bag(each) for each in paths]
     chosen = choose_namespace(bags, namespace) if channels is None else ""
-    return read_content(bags, _CONTRACT if channels is None else channels.topics(), strict, chosen)
+    return _contents(bags, _CONTRACT if channels is None else channels.topics(), strict, chosen, most)
 
 
 def read_content(bags: Sequence[Bag], wanted: Collection[str], strict: bool = True, namespace: str = "") -> Content:
@@ -168,15 +181,12 @@ def read_parts(
 
     A bag of fewer is one part. Parts of a longer one that lack a topic of the first are left out.
     """
-    bag = open_bag(path)
-    chosen = choose_namespace([bag], namespace) if channels is None else ""
-    wanted = _CONTRACT if channels is None else channels.topics()
     topics: set[str] = set()
-    for content in _contents([bag], wanted, True, chosen, most):
+    for content in open_contents(path, channels, namespace, most=most):
         topics = topics or set(content.series) - {REFERENCE}
         if topics <= set(content.series):
             read = recording_of(content, channels, joints, arrival=arrival)[0]
-            yield read, min(content.messages / (content.promised or content.messages or 1), 1.0)
+            yield read, content.share
 
 
 def choose_namespace(bags: Sequence[Bag], wanted: str | None = None) -> str:

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from elastic_arm.app import app
 from elastic_arm.diagnosis import Question, diagnose
-from elastic_arm.diagnosis.history import courses, step_of
+from elastic_arm.diagnosis.history import History, changed_of_each, courses, step_of
 from elastic_arm.effects import EFFECTS
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.report.history import write_history_report
@@ -51,10 +51,19 @@ def test_friction_that_rises_is_a_change_and_other_friction_is_none(tmp_path: Pa
     assert found[0] is one
     told = one.to_dict(("day_0", "day_1"))
     assert told["step"]["between"] == ["day_0", "day_1"] and told["unit"] == "Nm"
-    page = write_history_report(tmp_path / "report.html", whole, found, ("2026-03-03 06:00:00",) * 2).read_text()
+    history = History.of(whole, ("2026-03-03 06:00:00",) * 2)
+    page = write_history_report(tmp_path / "report.html", history).read_text()
     assert "coulomb friction of joint_2 rose from" in page and page.count("<svg") == len(found)
     with pytest.raises(DiagnosisError, match="two recordings"):
         courses(replace(whole, identify=("day_0",)))
+
+
+def test_sizes_of_single_recordings_differ_by_more_than_their_deviations() -> None:
+    """Noise of ten recordings is no change in a hundred histories; a step of ten deviations is."""
+    noise = np.random.default_rng(0).normal(6.0, 0.01, (100, 10))
+    assert max(changed_of_each(values, np.full(10, 1e-4)) for values in noise) < 0.5
+    noise[:, 7:] += 0.1
+    assert min(changed_of_each(values, np.full(10, 1e-4)) for values in noise) > 0.99
 
 
 def test_a_folder_without_bags_is_refused(tmp_path: Path) -> None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,7 @@ from elastic_arm.recording.inspection.report import Finding, Report
 from elastic_arm.recording.inspection.stuck_channels import channel_findings, frozen
 from elastic_arm.recording.inspection.two_encoders import disagreeing
 from elastic_arm.recording.joint_names import matched_names
-from elastic_arm.recording.reading import Content, open_content, recording_of, urdf_joints
+from elastic_arm.recording.reading import Content, open_contents, recording_of, urdf_joints
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.series import Series
 from elastic_arm.recording.sides import Stamps
@@ -27,6 +28,8 @@ from elastic_arm.recording.storage.bag import open_bag
 from elastic_arm.recording.topics import JOINT_STATES, JOINT_TORQUES, MOTOR_STATES, REFERENCE
 from elastic_arm.robot import Robot
 
+CHECKED = 1_200_000  # messages of a part of a long bag: ten minutes of two topics at 1 kHz
+_THROUGHOUT = ("short", "no_motion", "one_side")  # what nothing is wrong with in a part
 _STATES = (JOINT_STATES, MOTOR_STATES)
 _SIDES = {"link": JOINT_STATES, "motor": MOTOR_STATES, "reference": REFERENCE}
 _GAP = 2.5  # sample intervals: more is a gap, not jitter
@@ -36,18 +39,56 @@ _DRIFT = 20e-6  # two good crystals differ by less
 
 
 def check_bag(
-    path: str | Path, channels: ChannelMap | None = None, robot: Robot | None = None, namespace: str | None = None
+    path: str | Path,
+    channels: ChannelMap | None = None,
+    robot: Robot | None = None,
+    namespace: str | None = None,
+    report_share: Callable[[str, float], None] = lambda what, share: None,
 ) -> Report:
-    """Look for everything that may be wrong with a bag: what readers refuse or mend, and what no arm measures."""
-    report = Report(str(path))
-    recording = _read(path, channels, robot, namespace, report)
+    """Look for everything that may be wrong with a bag: what readers refuse or mend, and what no arm measures.
+
+    A long bag is looked at in parts: what begins in a later one is said with its time.
+    """
+    report, parts = Report(str(path)), list[Report]()
+    # What is no bag at all is no finding.
+    open_bag(path)
+    try:
+        for content in open_contents(path, channels, namespace, strict=False, most=CHECKED):
+            parts.append(_checked(content, channels, robot, Report(str(path))))
+            report_share(f"checking {path}", content.share)
+        _check_content(content, report)
+    except RecordingError as error:
+        report.add("error", "undecodable", str(error))
+    report.findings += _together(parts)
+    return report
+
+
+def _checked(content: Content, channels: ChannelMap | None, robot: Robot | None, report: Report) -> Report:
+    """Report what is wrong with a part of a bag."""
+    recording = _read(content, channels, robot, report)
     if recording is not None:
+        report.begin_ns = recording.start_ns if any(map(len, recording.measured().values())) else None
         _check_times(recording, report, named=channels is None)
         try:
             report.findings += [*looked_through(recording, robot)]
         except RecordingError as error:
             report.add("error", "unusable", str(error))
     return report
+
+
+def _together(parts: Sequence[Report]) -> Iterator[Finding]:
+    """Yield what was found in parts of a bag, each kind when it first shows; of the whole what all of them show."""
+    seen: set[tuple[str, str | None, str | None]] = set()
+    every = set[str].intersection(*({one.code for one in part.findings} for part in parts)) if parts else set()
+    first = next((part.begin_ns for part in parts if part.begin_ns is not None), 0)
+    for k, part in enumerate(parts):
+        fresh = [one for one in part.findings if (one.code, one.topic, one.joint) not in seen]
+        seen |= {(one.code, one.topic, one.joint) for one in fresh}
+        offset = ((part.begin_ns or first) - first) * 1e-9
+        for one in fresh:
+            if one.code in every or one.code not in _THROUGHOUT:
+                time = None if one.time is None else one.time + offset
+                yield replace(one, message=f"from {offset:.0f} s on: {one.message}", time=time) if k else one
 
 
 def looked_through(recording: Recording, robot: Robot | None = None) -> list[Finding]:
@@ -81,22 +122,9 @@ def _seen(whole: Recording, recording: Recording, robot: Robot | None) -> list[F
     return found if robot is None else [*found, *beyond_limits(whole, robot), *contradicted_gravity(whole, robot)]
 
 
-def _read(
-    path: str | Path, channels: ChannelMap | None, robot: Robot | None, namespace: str | None, report: Report
-) -> Recording | None:
-    """Return the recording as readers do, None where they refuse it; what they say goes into the report.
-
-    The files are closed behind it: one may take half of the memory, unpacked.
-    """
+def _read(content: Content, channels: ChannelMap | None, robot: Robot | None, report: Report) -> Recording | None:
+    """Return the recording as readers do, None where they refuse it; what they say goes into the report."""
     joints = None if robot is None else robot.joint_names
-    # What is no bag at all is no finding.
-    open_bag(path)
-    try:
-        content = open_content(path, channels, namespace, strict=False)
-    except RecordingError as error:
-        report.add("error", "undecodable", str(error))
-        return None
-    _check_content(content, report)
     if channels is None:
         _check_names(content, report, joints)
     try:

@@ -39,6 +39,7 @@ class Report:
 
     path: str
     findings: list[Finding] = field(default_factory=list)
+    begin_ns: int | None = None  # of what was looked at
 
     @property
     def ok(self) -> bool:

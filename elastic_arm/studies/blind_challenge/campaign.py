@@ -24,6 +24,7 @@ from elastic_arm.errors import DiagnosisError, ElasticArmError, SimulationError
 from elastic_arm.input_files import read_text
 from elastic_arm.memory import keep_memory
 from elastic_arm.output_files import write_result
+from elastic_arm.processes import ProcessPool
 from elastic_arm.recording import load_channels, read_recording
 from elastic_arm.robot import load_robot
 from elastic_arm.studies.blind_challenge.draw import (
@@ -40,7 +41,6 @@ from elastic_arm.studies.blind_challenge.hidden_arms.effect_laws import KNOWN
 from elastic_arm.studies.blind_challenge.hidden_arms.further_laws import FOREIGN
 from elastic_arm.studies.blind_challenge.levels import LABORATORY, Level, level_of
 from elastic_arm.studies.blind_challenge.servo_arms import record_servos
-from elastic_arm.studies.parallel import ProcessPool
 
 MANIFEST, SEALED, PIECES = "challenge.json", "truth.sealed", "truth"
 MAKE_ONE = "Name the folder of a challenge, or make one in a new folder: elastic-arm challenge create DIR"

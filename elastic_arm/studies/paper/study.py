@@ -11,6 +11,7 @@ import numpy as np
 
 from elastic_arm.dynamics import build_model
 from elastic_arm.excitation import ExcitationResult
+from elastic_arm.processes import Advance, ProcessPool, Results, Task
 from elastic_arm.robot.description import Robot
 from elastic_arm.studies.paper import feedforward, torques
 from elastic_arm.studies.paper.coupling import symbolic_coupling
@@ -19,7 +20,6 @@ from elastic_arm.studies.paper.identification_study import study as identify
 from elastic_arm.studies.paper.torques import MODELS, TorqueResult, follow
 from elastic_arm.studies.paper.virtual_prototype.mechanism import Bushing, engine
 from elastic_arm.studies.paper.virtual_prototype.motions import PeriodicMotion
-from elastic_arm.studies.parallel import Advance, ProcessPool, Results, Task
 
 StageStart = Callable[[str, int], Advance]
 """Called with a stage's name and its number of tasks; returns what to call after each task."""

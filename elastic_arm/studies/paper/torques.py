@@ -10,12 +10,12 @@ import numpy as np
 
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.errors import RobotError
+from elastic_arm.processes import Task
 from elastic_arm.robot.description import Robot
 from elastic_arm.studies.paper.coupling import SymbolicCoupling
 from elastic_arm.studies.paper.virtual_prototype.mechanism import Bushing, transmissions
 from elastic_arm.studies.paper.virtual_prototype.motions import QUINTIC, ImposedMotion, StepRamp
 from elastic_arm.studies.paper.virtual_prototype.prototype import Prototype, PrototypeRun
-from elastic_arm.studies.parallel import Task
 
 MODELS = ("mod1", "mod2", "mod3")
 PROTOTYPE = "mod_ad"

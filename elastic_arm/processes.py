@@ -1,4 +1,4 @@
-"""Independent tasks over the machine's cores, with progress."""
+"""Independent tasks over the machine's cores, or the workers of a Dask cluster, with progress."""
 
 from __future__ import annotations
 
@@ -7,11 +7,13 @@ import os
 import signal
 import threading
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import Executor, ProcessPoolExecutor
+from functools import partial
 from multiprocessing.process import BaseProcess
 from types import TracebackType
 from typing import Any, TypeVar
 
+from elastic_arm.errors import ElasticArmError, one_line, require_libraries
 from elastic_arm.interrupts import interrupts_held, take_interrupts
 
 Result = TypeVar("Result")
@@ -22,15 +24,18 @@ Results = Callable[[], list[Result]]
 
 
 class ProcessPool:
-    """Processes that run tasks; a context."""
+    """Processes that run tasks, those of a Dask cluster where its scheduler's address is given; a context."""
 
-    def __init__(self, workers: int) -> None:
-        self._pool: ProcessPoolExecutor | None = None
+    def __init__(self, workers: int, scheduler: str | None = None) -> None:
+        self._pool: Executor | None = None
         self._own: set[BaseProcess] = set()
-        if workers > 1:
+        if scheduler is not None:
+            self._pool, self._end = _cluster(scheduler)
+        elif workers > 1:
             # Spawned, not forked: this process may hold threads of the kernels' engine.
             context = multiprocessing.get_context("spawn")
-            self._pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_begin)
+            self._pool = pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_begin)
+            self._end = partial(pool.shutdown, cancel_futures=True)
 
     def __enter__(self) -> ProcessPool:
         return self
@@ -42,7 +47,7 @@ class ProcessPool:
             if kind is KeyboardInterrupt:  # nobody waits for what they are at
                 for process in self._own:
                     process.terminate()
-            self._pool.shutdown(cancel_futures=True)
+            self._end()
 
     def start(self, tasks: Sequence[Task], advance: Advance) -> Results[Any]:
         """Begin tasks (functions of a module, bound to their arguments); what is begun first is done first.
@@ -67,6 +72,21 @@ class ProcessPool:
     def run(self, tasks: Sequence[Task], advance: Advance) -> list[Any]:
         """Run tasks and return their results in order: :meth:`start` and the wait for all of them."""
         return self.start(tasks, advance)()
+
+
+def _cluster(scheduler: str) -> tuple[Executor, Callable[[], Any]]:
+    """Return what hands tasks to a Dask cluster, and what leaves it, with the tasks that nobody waits for."""
+    require_libraries("a cluster needs", "distributed")
+    from distributed import Client
+
+    try:
+        client = Client(scheduler)
+    except (OSError, ValueError) as error:
+        problem = f"no Dask scheduler answers at {scheduler}: {one_line(str(error))}"
+        raise ElasticArmError(
+            problem, "Start `dask scheduler` and `dask worker`, and give its tcp:// address"
+        ) from None
+    return client.get_executor(pure=False), client.close
 
 
 def _begin() -> None:

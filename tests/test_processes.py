@@ -1,7 +1,8 @@
-"""Tasks of the paper's study over processes."""
+"""Independent tasks over processes, and over the workers of a Dask cluster."""
 
 from __future__ import annotations
 
+import importlib
 import math
 import multiprocessing
 import subprocess
@@ -13,7 +14,8 @@ from multiprocessing.process import BaseProcess
 import psutil
 import pytest
 
-from elastic_arm.studies.parallel import ProcessPool
+from elastic_arm.errors import ElasticArmError
+from elastic_arm.processes import ProcessPool
 from tests.helpers.interrupted import interrupted
 
 
@@ -29,6 +31,22 @@ def test_results_come_in_the_order_of_the_tasks_and_each_is_counted(workers: int
     assert sorted(done) == [1, 1, 1, 2]
 
 
+def test_workers_of_a_cluster_give_the_same() -> None:
+    """Results in order, a task's error where it is waited for; an address where none answers is refused in one line."""
+    distributed = pytest.importorskip("distributed")
+    local = {"n_workers": 1, "threads_per_worker": 1, "processes": False, "dashboard_address": None}
+    with distributed.LocalCluster(**local, protocol="tcp://") as cluster:
+        done: list[int] = []
+        with ProcessPool(1, cluster.scheduler_address) as pool:
+            found = pool.run([partial(math.factorial, k) for k in (3, 4, 3)], lambda: done.append(1))
+            assert (found, len(done)) == ([6, 24, 6], 3)
+            with pytest.raises(ValueError, match="domain"):
+                pool.run([partial(math.sqrt, -1.0)], lambda: None)
+    quickly = importlib.import_module("dask").config.set({"distributed.comm.timeouts.connect": "0.2s"})
+    with quickly, pytest.raises(ElasticArmError, match="no Dask scheduler answers"):
+        ProcessPool(1, "tcp://127.0.0.1:9")
+
+
 def test_a_tasks_error_is_raised_where_its_result_is_waited_for() -> None:
     """Not before, so that other stages are not disturbed, and not lost."""
     with ProcessPool(2) as pool:
@@ -40,7 +58,7 @@ def test_a_tasks_error_is_raised_where_its_result_is_waited_for() -> None:
 
 SCRIPT = """
 import functools, sys, time
-from elastic_arm.studies.parallel import ProcessPool
+from elastic_arm.processes import ProcessPool
 try:
     with ProcessPool(2) as pool:
         results = pool.start([functools.partial(time.sleep, 60.0)] * 2, lambda: None)
@@ -70,7 +88,7 @@ def test_an_interrupt_ends_the_pools_own_processes_alone(bystander: BaseProcess)
 
 ORPHANS = """
 import functools, multiprocessing, time
-from elastic_arm.studies.parallel import ProcessPool
+from elastic_arm.processes import ProcessPool
 with ProcessPool(2) as pool:
     print(pool.run([functools.partial(abs, -1)] * 2, lambda: None), flush=True)
     print(*(process.pid for process in multiprocessing.active_children()), flush=True)
