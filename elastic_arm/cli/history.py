@@ -37,7 +37,7 @@ from elastic_arm.diagnosis.words import size_text, step_text
 from elastic_arm.effects import Catalogue
 from elastic_arm.effects.text import known_effects
 from elastic_arm.errors import ElasticArmError, RecordingError
-from elastic_arm.estimation.segments import DIAGNOSED, SEGMENT
+from elastic_arm.estimation.segments import DIAGNOSED, SEGMENT, in_parts
 from elastic_arm.memory import keep_memory
 from elastic_arm.output_files import csv_text, write_result
 from elastic_arm.processes import ProcessPool
@@ -79,7 +79,9 @@ def history_command(
 
     One diagnosis of all recordings, in the order of their times. Every effect that
     it finds, or that is known to be there (--with), has its size in each recording.
-    Writes history.json, history.csv and report.html, with a plot of each size.
+    Of one recording its parts of ten seconds of motion are followed: a payload that
+    is picked up and kept. Writes history.json, history.csv and report.html, with a
+    plot of each size.
 
     One diagnosis holds some tens of recordings. With --workers or --scheduler each
     is diagnosed alone, any number of them: sizes that a recording does not show are
@@ -147,7 +149,7 @@ def _of_all(paths: Sequence[Path], asked: Asked) -> History:
     seconds = max(DIAGNOSED / len(paths), SEGMENT - 1.0)
     with err.status("reading") as status:
         read = [asked.read(path, seconds, shares_of(status)) for path in paths]
-        recordings = sorted(read, key=lambda one: one.start_ns)
+        recordings = sorted(read, key=lambda one: one.start_ns) if len(read) > 1 else in_parts(read[0])
     with err.status(f"diagnosing {len(recordings)} recordings"):
         return History.of(asked.diagnosis(recordings), [_date(one.start_ns) for one in recordings])
 

@@ -22,7 +22,7 @@ from elastic_arm.robot import Robot
 
 # s of motion that are taken of one recording of three joints, and less in proportion to more: a diagnosis takes 2 GB
 # beside as much, and an identification two minutes (benchmarks/bench_day.py); deviations fall with its root alone.
-DIAGNOSED, IDENTIFIED = 75.0, 600.0
+DIAGNOSED, IDENTIFIED = 60.0, 600.0
 SEGMENT = 10.0  # s; several swings of an arm
 RATE = 50.0  # Hz at which a motion is looked at, and s over which its derivatives are taken
 WINDOW = 0.2
@@ -32,6 +32,18 @@ USUAL, FRICTION = 0.1, 5.0
 # Errors of a torque: noise, Nm, and what the model misses, of the torque itself. A jump of an encoder, whose torque
 # would be absurd, so tells no more than any other sample.
 NOISE, MISSED = 1.0, 0.02
+
+
+def in_parts(recording: Recording) -> list[Recording]:
+    """Return the parts of a recording, two or more, that hold some seconds of samples each."""
+    stamps = max((side.stamp_ns for side in recording.measured().values()), key=len)
+    t = (stamps - stamps[0]) * 1e-9
+    count = max(2, round(len(t) * float(np.median(np.diff(t))) / SEGMENT)) if len(t) > 1 else 2
+    edges = [*t[np.linspace(0, len(t), count, endpoint=False).astype(int)].tolist(), float(t[-1]) + 1.0]
+    return [
+        replace(recording.between(a, b), source=f"{recording.source}, {a:.0f} to {min(b, t[-1]):.0f} s")
+        for a, b in pairwise(edges)
+    ]
 
 
 @dataclass

@@ -22,8 +22,9 @@ def squares(power: np.ndarray, seed: int) -> np.ndarray:
     return np.maximum(power * np.random.default_rng(seed).chisquare(COUNT, len(power)), COUNT)
 
 
-def runs(power: np.ndarray, seed: int = 0) -> list[tuple[int, int]]:
-    return runs_of(np.full(len(power), COUNT), squares(power, seed), 9)
+def runs(power: np.ndarray, seed: int = 0, speed: np.ndarray | None = None) -> list[tuple[int, int]]:
+    w = np.ones(len(power)) if speed is None else speed
+    return runs_of(np.full(len(power), COUNT), squares(power, seed), w, 9)
 
 
 def test_noise_and_powers_that_vary_hold_no_event() -> None:
@@ -42,6 +43,23 @@ def test_stretches_that_the_rest_contradicts_are_found(stretches: list[tuple[int
     for begin, end in stretches:
         power[begin:end] = 30.0
     assert runs(power) == stretches
+
+
+def test_a_drive_that_saturates_at_each_peak_for_a_while_is_one_event() -> None:
+    """Of powers that vary over two powers of ten, each third block; the same throughout is none."""
+    power = np.ones(100)
+    power[30:60:3] = 100.0
+    assert [runs(power, seed) for seed in range(4)] == [[(30, 58)]] * 4
+    power[0::3] = 100.0
+    assert not any(runs(power, seed) for seed in range(4))
+
+
+def test_what_a_model_misses_of_a_motion_between_rests_is_no_event() -> None:
+    """Nor of a faster one after a slow one, with 16 times the power at twice the speed."""
+    gamma, speed = np.random.default_rng(0).gamma(1.0, 20.0, 100), np.where(np.arange(100) < 30, 1.0, 1e-4)
+    assert not runs(1.0 + gamma * speed, speed=speed)
+    speed = np.where(np.arange(100) < 60, 1.0, 2.0)
+    assert not runs(1.0 + gamma * speed**4, speed=speed)
 
 
 def touched(recording: Recording, begin: float, end: float, torque: float) -> Recording:

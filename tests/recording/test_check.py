@@ -10,8 +10,10 @@ import pytest
 
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording import Recording, read_recording, write_recording
+from elastic_arm.recording.inspection import check
 from elastic_arm.recording.inspection.check import check_bag
 from elastic_arm.recording.inspection.repair import repair_bag
+from elastic_arm.recording.sides import Side
 from tests.helpers.bags import (
     JOINT_STATE,
     JOINTS,
@@ -147,3 +149,19 @@ def test_what_is_no_bag_is_refused(tmp_path: Path, name: str, content: bytes | N
     for use in (read_recording, check_bag, repair_bag):
         with pytest.raises(RecordingError, match=words):
             use(tmp_path / name)
+
+
+def test_a_long_bag_is_checked_in_parts_with_the_times_of_what_begins_later(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A lost stretch in the third part is said once, at its time; that the arm rests in two parts is no finding."""
+    t = np.arange(16000) * 5e-3
+    position = np.where(t < 60.0, 0.0, 1.0 - np.cos(t - 60.0))[:, None] * [1.0, 0.5]
+    there = (t < 50.0) | (t > 51.0)
+    sides = [Side((t[there] * 1e9).astype(np.int64), position[there]) for _ in range(2)]
+    bag = write_recording(tmp_path / "bag", Recording(("joint_1", "joint_2"), *sides))
+    monkeypatch.setattr(check, "CHECKED", 8000)
+    said = {finding.code: finding for finding in check_bag(bag).findings}
+    assert "no_motion" not in said and "short" not in said
+    assert said["gaps"].time == pytest.approx(50.0, abs=0.01) and said["gaps"].message.startswith("from ")
+    assert said["no_torque"].message.startswith("/motor_states")

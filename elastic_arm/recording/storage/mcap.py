@@ -23,7 +23,7 @@ from elastic_arm.errors import RecordingError
 from elastic_arm.recording import limits
 from elastic_arm.recording.spans import Bytes, Offsets, by_value, column
 from elastic_arm.recording.storage.mcap_blocks import LATEST_NS, McapBlock, indexed, repeated
-from elastic_arm.recording.storage.mcap_scan import Record, Scan, scan
+from elastic_arm.recording.storage.mcap_scan import Record, Scan, give_back, scan
 from elastic_arm.recording.storage.metadata import INSIDE, Topic, plain_data, stated_currents
 from elastic_arm.recording.storage.unpacking import PACKED_FILES, unpack_chunk, unpack_file
 
@@ -159,14 +159,7 @@ class McapFile:
                 raise block
             elif block.problem not in self.damage:  # as after an earlier look
                 self.damage.append(block.problem)
-            self._give_back(chunk)
-
-    def _give_back(self, chunk: Chunk) -> None:
-        """Have the system take back the memory of a chunk that was read; it comes again from the file when needed."""
-        mapping = getattr(self.buffer.base, "obj", None)
-        if isinstance(mapping, mmap.mmap) and hasattr(mmap, "MADV_DONTNEED"):
-            begin = chunk.begin // mmap.PAGESIZE * mmap.PAGESIZE
-            mapping.madvise(mmap.MADV_DONTNEED, begin, chunk.end - begin)
+            give_back(self.buffer, chunk.begin, chunk.indexes[-1].end if chunk.indexes else chunk.end)
 
     def _unpacked_chunks(self) -> Iterator[Bytes | RecordingError]:
         """Yield the plain bytes of each chunk, or why there are none."""

@@ -7,6 +7,7 @@ known, and whole arrays of rounds are checked at once. Where the pattern breaks 
 
 from __future__ import annotations
 
+import mmap
 import struct
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -26,6 +27,7 @@ HEAD_WORDS = (("<u4", 0), ("<u8", 3))
 _SHORTEST = MESSAGE_HEAD - RECORD_HEAD  # of a message's record
 _WALK = 24  # messages walked before a round is looked for
 _LONGEST_ROUND = 8
+_LOOKED = 1 << 26  # bytes that are looked at before the system takes them back
 
 
 def message_head(size: int, channel: int, sequence: int, log_ns: int, publish_ns: int) -> bytes:
@@ -70,7 +72,7 @@ def scan(buffer: Bytes, begin: int, end: int, most: int = limits.RECORDS) -> Sca
     found: list[Offsets] = []
     walked: list[int] = []
     others: list[Record] = []
-    at, look = begin, _WALK
+    at, given, look = begin, begin, _WALK
     while at + RECORD_HEAD <= end:
         opcode, size = _HEAD.unpack_from(view, at)
         after = at + RECORD_HEAD + size
@@ -96,8 +98,19 @@ def scan(buffer: Bytes, begin: int, end: int, most: int = limits.RECORDS) -> Sca
                 found.append(np.array(walked, np.int64))
                 walked = []
         at = after
+        if at - given > _LOOKED:
+            give_back(buffer, given, at)
+            given = at
     messages = np.concatenate([*found, np.array(walked, np.int64)])
     return Scan(messages, others, at)
+
+
+def give_back(buffer: Bytes, begin: int, end: int) -> None:
+    """Have the system take back the memory of a file's bytes that were read; they come again when needed."""
+    mapping = getattr(buffer.base, "obj", None)
+    if isinstance(mapping, mmap.mmap) and hasattr(mmap, "MADV_DONTNEED"):
+        begin = begin // mmap.PAGESIZE * mmap.PAGESIZE
+        mapping.madvise(mmap.MADV_DONTNEED, begin, end - begin)
 
 
 def _leap(buffer: Bytes, walked: list[int], at: int, end: int) -> Offsets:
