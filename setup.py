@@ -62,6 +62,7 @@ setup(
         "test": ["pytest", "pytest-xdist", "hypothesis"],
         "notebook": ["pandas"],
         "usd": ["usd-core"],
+        "cluster": ["distributed"],
         # One installation has it all; these names stay for whoever asks by them.
         **{name: [] for name in ("all", "challenge", "learning", "mujoco", "paper")},
     },

@@ -10,7 +10,6 @@ import typer
 from rich.markup import escape
 
 from elastic_arm.cli.console import err
-from elastic_arm.diagnosis.history import History
 from elastic_arm.diagnosis.result import Cause, Change, Diagnosis
 from elastic_arm.errors import DiagnosisError
 
@@ -37,7 +36,7 @@ def check_gate(gates: Sequence[str]) -> None:
             )
 
 
-def pass_gate(found: Diagnosis | History, gates: Sequence[str]) -> None:
+def pass_gate(found: Diagnosis, gates: Sequence[str]) -> None:
     """End with exit status 1 if a diagnosis fails at a gate, and say at which on stderr."""
     failed = [words for gate in gates for words in _failures(found, gate)]
     for words in failed:
@@ -46,7 +45,7 @@ def pass_gate(found: Diagnosis | History, gates: Sequence[str]) -> None:
         raise typer.Exit(1)
 
 
-def _failures(found: Diagnosis | History, gate: str) -> Iterator[str]:
+def _failures(found: Diagnosis, gate: str) -> Iterator[str]:
     if gate in VERDICTS and found.verdict == gate:
         yield f"the verdict is {gate}"
     if (limit := _CHANGE.fullmatch(gate)) is not None:

@@ -31,7 +31,7 @@ from elastic_arm.cli.options import (
 )
 from elastic_arm.cli.outputs import Force, claim_folder
 from elastic_arm.diagnosis import Question, diagnose
-from elastic_arm.diagnosis.history import History
+from elastic_arm.diagnosis.history import Course, courses, together
 from elastic_arm.diagnosis.result import Diagnosis
 from elastic_arm.diagnosis.words import size_text, step_text
 from elastic_arm.effects import Catalogue
@@ -47,6 +47,7 @@ from elastic_arm.robot import Robot
 
 RESULTS = ("history.json", "history.csv", "report.html")
 FILES = (".mcap", ".db3")
+Followed = tuple[Diagnosis, tuple[Course, ...], list[str]]  # with the numbers, and when each recording begins
 COLUMNS = ("effect", "joint", "parameter", "unit", "recording", "date", "value", "std", "changed")
 
 
@@ -106,20 +107,20 @@ def history_command(
         robot, model, None if channels is None else load_channels(channels), namespace, clock, with_ or (), refit
     )
     alone = workers is not None or scheduler is not None
-    whole = _of_each(paths, asked, workers or 1, scheduler) if alone else _of_all(paths, asked)
-    result = to_dict(whole)
+    found, all_of, dates = _of_each(paths, asked, workers or 1, scheduler) if alone else _of_all(paths, asked)
+    result = to_dict(found, all_of, dates)
     write_result(out_dir / RESULTS[0], json_text(result, indent=2, allow_nan=False) + "\n")
     write_result(out_dir / RESULTS[1], to_csv(result))
     # Matplotlib is slow to import, and only reports need it.
     from elastic_arm.report.history import write_history_report
 
-    write_history_report(out_dir / RESULTS[2], whole)
+    write_history_report(out_dir / RESULTS[2], found, all_of, dates)
     if json:
         print_json(result)
     else:
-        print_history(whole)
+        print_history(found, all_of, dates)
         out.print(f"written: {escape(str(out_dir))}/{', '.join(RESULTS)}")
-    pass_gate(whole, fail_on or ())
+    pass_gate(found, fail_on or ())
 
 
 @dataclass(frozen=True)
@@ -144,17 +145,18 @@ class Asked:
         return diagnose(recordings, Question(self.robot, self.model, refit=self.refit, given=given))
 
 
-def _of_all(paths: Sequence[Path], asked: Asked) -> History:
+def _of_all(paths: Sequence[Path], asked: Asked) -> Followed:
     """Diagnose all recordings together."""
     seconds = max(DIAGNOSED / len(paths), SEGMENT - 1.0)
     with err.status("reading") as status:
         read = [asked.read(path, seconds, shares_of(status)) for path in paths]
         recordings = sorted(read, key=lambda one: one.start_ns) if len(read) > 1 else in_parts(read[0])
     with err.status(f"diagnosing {len(recordings)} recordings"):
-        return History.of(asked.diagnosis(recordings), [_date(one.start_ns) for one in recordings])
+        found = asked.diagnosis(recordings)
+        return found, courses(found), [_date(one.start_ns) for one in recordings]
 
 
-def _of_each(paths: Sequence[Path], asked: Asked, workers: int, scheduler: str | None) -> History:
+def _of_each(paths: Sequence[Path], asked: Asked, workers: int, scheduler: str | None) -> Followed:
     """Diagnose each recording alone, by processes; one that allows no diagnosis is a note."""
     done = count()
     with err.status(f"diagnosing {len(paths)} recordings") as status:
@@ -163,7 +165,7 @@ def _of_each(paths: Sequence[Path], asked: Asked, workers: int, scheduler: str |
             answers = pool.run([partial(_alone, path.resolve(), asked) for path in paths], advance)
     found = sorted((one for one in answers if not isinstance(one, str)), key=lambda one: one[0])
     refused = [one for one in answers if isinstance(one, str)]
-    return History.of_each([one for _, one in found], [_date(begin) for begin, _ in found], refused)
+    return *together([one for _, one in found], refused), [_date(begin) for begin, _ in found]
 
 
 def _alone(path: Path, asked: Asked) -> tuple[int, Diagnosis] | str:
@@ -191,15 +193,15 @@ def _date(begin_ns: int) -> str:
     return datetime.fromtimestamp(begin_ns // 10**9, UTC).strftime("%Y-%m-%d %H:%M:%S")
 
 
-def to_dict(whole: History) -> dict[str, Any]:
+def to_dict(found: Diagnosis, all_of: Sequence[Course], dates: Sequence[str]) -> dict[str, Any]:
     """Return what `history.json` holds."""
     return {
-        "robot": whole.robot,
-        "model": whole.model,
-        "verdict": whole.verdict,
-        "recordings": [{"recording": r, "date": d} for r, d in zip(whole.recordings, whole.dates, strict=True)],
-        "numbers": [one.to_dict(whole.recordings) for one in whole.courses],
-        "notes": list(whole.notes),
+        "robot": found.robot,
+        "model": found.model,
+        "verdict": found.verdict,
+        "recordings": [{"recording": r, "date": d} for r, d in zip(found.identify, dates, strict=True)],
+        "numbers": [one.to_dict(found.identify) for one in all_of],
+        "notes": list(found.notes),
     }
 
 
@@ -214,23 +216,23 @@ def to_csv(result: dict[str, Any]) -> str:
     return csv_text(COLUMNS, rows)
 
 
-def print_history(whole: History) -> None:
+def print_history(found: Diagnosis, all_of: Sequence[Course], dates: Sequence[str]) -> None:
     """Print a line for each recording, and what changed in words."""
     table = Table(box=None, header_style="bold", pad_edge=False)
     for heading in ("recording", "date"):
         table.add_column(heading, no_wrap=True)
-    for one in whole.courses:
+    for one in all_of:
         where = f"{one.sized.effect} {one.sized.joint or ''}".strip()
         table.add_column(escape(f"{where}, {one.sized.unit}"), justify="right")
-    sizes = [{r: size_text(v, s, "").strip() for r, v, s in one.sizes(whole.recordings)} for one in whole.courses]
-    for source, date in zip(whole.recordings, whole.dates, strict=True):
+    sizes = [{r: size_text(v, s, "").strip() for r, v, s in one.sizes(found.identify)} for one in all_of]
+    for source, date in zip(found.identify, dates, strict=True):
         table.add_row(escape(source), date, *(own.get(source, "–") for own in sizes))
     out.print(table)
-    for one in whole.courses:
+    for one in all_of:
         if one.step is not None:
-            out.print(f"[yellow]changed:[/] {escape(step_text(one, whole.recordings))}")
-    rest = "nothing else changed" if any(one.step for one in whole.courses) else "nothing changed"
+            out.print(f"[yellow]changed:[/] {escape(step_text(one, found.identify))}")
+    rest = "nothing else changed" if any(one.step for one in all_of) else "nothing changed"
     out.print(f"{rest} beyond what the recordings tell")
-    for place in dict.fromkeys((p.joint, p.side, p.regime) for p in whole.unexplained):
-        out.print(escape("unexplained: {}, {} side, follows {}".format(*place)))
-    out.print(f"notes on the recordings: {len(whole.notes)}, in {RESULTS[0]}")
+    for joint, side, regime in dict.fromkeys((p.joint, p.side, p.regime) for p in found.unexplained):
+        out.print(f"unexplained: {escape(joint)}, {side} side, follows {regime}")
+    out.print(f"notes on the recordings: {len(found.notes)}, in {RESULTS[0]}")

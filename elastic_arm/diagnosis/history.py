@@ -27,7 +27,7 @@ from scipy.special import expit, logsumexp
 
 from elastic_arm.arrays import Array
 from elastic_arm.diagnosis.changes import SizedTerm, sizes_of
-from elastic_arm.diagnosis.result import Cause, Change, Diagnosis, UnexplainedResidual, plain_parameters
+from elastic_arm.diagnosis.result import Change, Diagnosis, plain_parameters
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.evidence.changes import change_key, change_of
 from elastic_arm.evidence.priors import CHANGED, SCALES
@@ -89,56 +89,22 @@ class Course:
         }
 
 
-@dataclass(frozen=True)
-class History:
-    """One arm over recordings, in the order of their times."""
-
-    robot: str
-    model: str
-    verdict: str  # of one diagnosis; of several, that which says most
-    recordings: tuple[str, ...]
-    dates: tuple[str, ...]  # when they begin, UTC
-    courses: tuple[Course, ...]  # those that changed first
-    changes: tuple[Change, ...]
-    causes: tuple[Cause, ...]
-    unexplained: tuple[UnexplainedResidual, ...]
-    notes: tuple[str, ...]
-
-    @staticmethod
-    def of(found: Diagnosis, dates: Sequence[str]) -> History:
-        """Return what one diagnosis of all recordings says."""
-        return History(
-            found.robot,
-            found.model,
-            found.verdict,
-            found.identify,
-            tuple(dates),
-            courses(found),
-            found.changes,
-            found.causes,
-            found.unexplained,
-            found.notes,
-        )
-
-    @staticmethod
-    def of_each(found: Sequence[Diagnosis], dates: Sequence[str], refused: Sequence[str] = ()) -> History:
-        """Return what diagnoses of one recording each say; `refused` are notes on recordings that allowed none."""
-        if len(found) < 2:
-            raise DiagnosisError("; ".join((FEW, *refused[:1])), "Name them, or the folder that they are in.")
-        recordings, followed = tuple(one.identify[0] for one in found), courses_of_each(found)
-        verdicts = {one.verdict for one in found}
-        return History(
-            found[0].robot,
-            found[0].model,
-            next(verdict for verdict in ("unknown", "explained", "none") if verdict in verdicts),
-            recordings,
-            tuple(dates),
-            followed,
-            tuple(one.change(recordings) for one in followed if one.step is not None),
-            tuple(cause for one in found for cause in one.causes),
-            tuple(place for one in found for place in one.unexplained),
-            (*refused, *(note for one in found for note in one.notes)),
-        )
+def together(found: Sequence[Diagnosis], refused: Sequence[str] = ()) -> tuple[Diagnosis, tuple[Course, ...]]:
+    """Return diagnoses of one recording each as one, and every number; `refused`: why other recordings allowed none."""
+    if len(found) < 2:
+        raise DiagnosisError("; ".join((FEW, *refused[:1])), "Name them, or the folder that they are in.")
+    recordings, followed = tuple(one.identify[0] for one in found), courses_of_each(found)
+    verdicts = {one.verdict for one in found}
+    whole = replace(
+        found[0],
+        identify=recordings,
+        verdict=next(verdict for verdict in ("unknown", "explained", "none") if verdict in verdicts),
+        causes=tuple(cause for one in found for cause in one.causes),
+        changes=tuple(one.change(recordings) for one in followed if one.step is not None),
+        unexplained=tuple(place for one in found for place in one.unexplained),
+        notes=(*refused, *(note for one in found for note in one.notes)),
+    )
+    return whole, followed
 
 
 def courses_of_each(found: Sequence[Diagnosis]) -> tuple[Course, ...]:

@@ -8,28 +8,27 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure as MplFigure
 
-from elastic_arm.diagnosis.history import Course, History
+from elastic_arm.diagnosis.history import Course
+from elastic_arm.diagnosis.result import Diagnosis
 from elastic_arm.diagnosis.words import effect_at, probability_text, step_text
 from elastic_arm.report.html import Figure, Section, Table, Text, write_report
 from elastic_arm.report.style import BLUE, VERMILION, new_figure, style
 
 
-def write_history_report(path: Path, found: History) -> Path:
+def write_history_report(path: Path, found: Diagnosis, numbers: Sequence[Course], dates: Sequence[str]) -> Path:
     """Write what changed of an arm over recordings, each number drawn over them, and notes.
 
     Raises an OutputError if the file cannot be written.
     """
-    steps = [
-        Text(f"Changed: {step_text(one, found.recordings)}.", "warn") for one in found.courses if one.step is not None
-    ]
+    steps = [Text(f"Changed: {step_text(one, found.identify)}.", "warn") for one in numbers if one.step is not None]
     rest = "Nothing else changed" if steps else "Nothing changed"
     sections = [Section("What changed", [*steps, Text(f"{rest} beyond what the recordings tell.", "good")])]
-    for one in found.courses:
+    for one in numbers:
         sized = one.sized
         caption = f"Bars: 95 % intervals. Not the same in all recordings: {probability_text(one.changed)}."
         title = effect_at(sized.effect.replace("_", " "), sized.joint)
-        sections.append(Section(title, [Figure(drawn(one, found.dates), caption)]))
-    table = Table(["recording", "begins, UTC"], list(zip(found.recordings, found.dates, strict=True)))
+        sections.append(Section(title, [Figure(drawn(one, dates), caption)]))
+    table = Table(["recording", "begins, UTC"], list(zip(found.identify, dates, strict=True)))
     sections.append(Section("Recordings", [table, *map(Text, found.notes)], folded=True))
     return write_report(path, "History", sections, subtitle=f"{found.robot}, {found.model}")
 

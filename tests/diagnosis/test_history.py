@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from elastic_arm.app import app
 from elastic_arm.diagnosis import Question, diagnose
-from elastic_arm.diagnosis.history import History, changed_of_each, courses, step_of
+from elastic_arm.diagnosis.history import changed_of_each, courses, step_of
 from elastic_arm.effects import EFFECTS
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.report.history import write_history_report
@@ -51,8 +51,7 @@ def test_friction_that_rises_is_a_change_and_other_friction_is_none(tmp_path: Pa
     assert found[0] is one
     told = one.to_dict(("day_0", "day_1"))
     assert told["step"]["between"] == ["day_0", "day_1"] and told["unit"] == "Nm"
-    history = History.of(whole, ("2026-03-03 06:00:00",) * 2)
-    page = write_history_report(tmp_path / "report.html", history).read_text()
+    page = write_history_report(tmp_path / "report.html", whole, found, ("2026-03-03 06:00:00",) * 2).read_text()
     assert "coulomb friction of joint_2 rose from" in page and page.count("<svg") == len(found)
     with pytest.raises(DiagnosisError, match="two recordings"):
         courses(replace(whole, identify=("day_0",)))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -30,6 +31,7 @@ from elastic_arm.robot import Robot
 
 CHECKED = 1_200_000  # messages of a part of a long bag: ten minutes of two topics at 1 kHz
 _THROUGHOUT = ("short", "no_motion", "one_side")  # what nothing is wrong with in a part
+_NUMBER = re.compile(r"(?<!\w)\d[\d.e+-]*")  # which findings of two parts may not share
 _STATES = (JOINT_STATES, MOTOR_STATES)
 _SIDES = {"link": JOINT_STATES, "motor": MOTOR_STATES, "reference": REFERENCE}
 _GAP = 2.5  # sample intervals: more is a gap, not jitter
@@ -77,18 +79,18 @@ def _checked(content: Content, channels: ChannelMap | None, robot: Robot | None,
 
 
 def _together(parts: Sequence[Report]) -> Iterator[Finding]:
-    """Yield what was found in parts of a bag, each kind when it first shows; of the whole what all of them show."""
-    seen: set[tuple[str, str | None, str | None]] = set()
+    """Yield what was found in parts of a bag, each in the first that has it; of the whole what all of them have."""
+    seen = set[str]()
     every = set[str].intersection(*({one.code for one in part.findings} for part in parts)) if parts else set()
     first = next((part.begin_ns for part in parts if part.begin_ns is not None), 0)
     for k, part in enumerate(parts):
-        fresh = [one for one in part.findings if (one.code, one.topic, one.joint) not in seen]
-        seen |= {(one.code, one.topic, one.joint) for one in fresh}
         offset = ((part.begin_ns or first) - first) * 1e-9
-        for one in fresh:
-            if one.code in every or one.code not in _THROUGHOUT:
+        words = [_NUMBER.sub("", one.message) for one in part.findings]
+        for one, same in zip(part.findings, words, strict=True):
+            if same not in seen and (one.code in every or one.code not in _THROUGHOUT):
                 time = None if one.time is None else one.time + offset
                 yield replace(one, message=f"from {offset:.0f} s on: {one.message}", time=time) if k else one
+        seen.update(words)
 
 
 def looked_through(recording: Recording, robot: Robot | None = None) -> list[Finding]:
