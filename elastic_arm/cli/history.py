@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from datetime import UTC, datetime
 from functools import partial
 from itertools import count
@@ -41,12 +41,13 @@ from elastic_arm.estimation.segments import DIAGNOSED, SEGMENT, in_parts
 from elastic_arm.memory import keep_memory
 from elastic_arm.output_files import csv_text, write_result
 from elastic_arm.processes import ProcessPool
-from elastic_arm.recording import ChannelMap, Recording, load_channels
+from elastic_arm.recording import Recording, load_channels
 from elastic_arm.recording.storage.bag import METADATA
 from elastic_arm.robot import Robot
 
 RESULTS = ("history.json", "history.csv", "report.html")
 FILES = (".mcap", ".db3")
+Read, Ask = Callable[..., Recording], Callable[[Sequence[Recording]], Diagnosis]
 Followed = tuple[Diagnosis, tuple[Course, ...], list[str]]  # with the numbers, and when each recording begins
 COLUMNS = ("effect", "joint", "parameter", "unit", "recording", "date", "value", "std", "changed")
 
@@ -84,9 +85,8 @@ def history_command(
     is picked up and kept. Writes history.json, history.csv and report.html, with a
     plot of each size.
 
-    One diagnosis holds some tens of recordings. With --workers or --scheduler each
-    is diagnosed alone, any number of them: sizes that a recording does not show are
-    missing there, and those of which none are known less closely.
+    One diagnosis holds some tens of recordings; with --workers or --scheduler any
+    number is diagnosed, each alone.
 
     Examples:
 
@@ -103,11 +103,11 @@ def history_command(
     claim_folder(out_dir, RESULTS, force=force)
     robot = load_arm(robot_file, chain, at, Catalogue.default())
     known_effects(with_ or (), robot, Catalogue.default())  # what is none is refused before the work
-    asked = Asked(
-        robot, model, None if channels is None else load_channels(channels), namespace, clock, with_ or (), refit
-    )
+    mapping = None if channels is None else load_channels(channels)
+    read = partial(read_motion, channels=mapping, robot=robot, clock=clock, namespace=namespace)
+    ask = partial(_asked, robot, model, refit, with_ or ())
     alone = workers is not None or scheduler is not None
-    found, all_of, dates = _of_each(paths, asked, workers or 1, scheduler) if alone else _of_all(paths, asked)
+    found, all_of, dates = _of_each(paths, read, ask, workers or 1, scheduler) if alone else _of_all(paths, read, ask)
     result = to_dict(found, all_of, dates)
     write_result(out_dir / RESULTS[0], json_text(result, indent=2, allow_nan=False) + "\n")
     write_result(out_dir / RESULTS[1], to_csv(result))
@@ -123,59 +123,42 @@ def history_command(
     pass_gate(found, fail_on or ())
 
 
-@dataclass(frozen=True)
-class Asked:
-    """What is asked of every recording, as workers take it."""
-
-    robot: Robot
-    model: str
-    channels: ChannelMap | None
-    namespace: str | None
-    clock: ClockChoice
-    known: Sequence[str]
-    refit: bool
-
-    def read(self, path: Path, seconds: float, report: Callable[[str, float], None]) -> Recording:
-        """Read the motion of a recording."""
-        return read_motion(path, self.channels, self.robot, self.clock, self.namespace, report, seconds)
-
-    def diagnosis(self, recordings: Sequence[Recording]) -> Diagnosis:
-        """Diagnose recordings together."""
-        given = known_effects(self.known, self.robot, Catalogue.default())
-        return diagnose(recordings, Question(self.robot, self.model, refit=self.refit, given=given))
+def _asked(robot: Robot, model: str, refit: bool, known: Sequence[str], recordings: Sequence[Recording]) -> Diagnosis:
+    given = known_effects(known, robot, Catalogue.default())
+    return diagnose(recordings, Question(robot, model, refit=refit, given=given))
 
 
-def _of_all(paths: Sequence[Path], asked: Asked) -> Followed:
+def _of_all(paths: Sequence[Path], read: Read, ask: Ask) -> Followed:
     """Diagnose all recordings together."""
     seconds = max(DIAGNOSED / len(paths), SEGMENT - 1.0)
     with err.status("reading") as status:
-        read = [asked.read(path, seconds, shares_of(status)) for path in paths]
-        recordings = sorted(read, key=lambda one: one.start_ns) if len(read) > 1 else in_parts(read[0])
+        recordings = [read(path, report=shares_of(status), usual=seconds) for path in paths]
+    recordings = sorted(recordings, key=lambda one: one.start_ns) if len(paths) > 1 else in_parts(recordings[0])
     with err.status(f"diagnosing {len(recordings)} recordings"):
-        found = asked.diagnosis(recordings)
+        found = ask(recordings)
         return found, courses(found), [_date(one.start_ns) for one in recordings]
 
 
-def _of_each(paths: Sequence[Path], asked: Asked, workers: int, scheduler: str | None) -> Followed:
+def _of_each(paths: Sequence[Path], read: Read, ask: Ask, workers: int, scheduler: str | None) -> Followed:
     """Diagnose each recording alone, by processes; one that allows no diagnosis is a note."""
-    done = count()
+    done = count(1)
     with err.status(f"diagnosing {len(paths)} recordings") as status:
-        advance = lambda: status.update(f"diagnosed {next(done) + 1} of {len(paths)} recordings")  # noqa: E731
+        advance = lambda: status.update(f"diagnosed {next(done)} of {len(paths)} recordings")  # noqa: E731
         with ProcessPool(min(workers, len(paths)), scheduler) as pool:
-            answers = pool.run([partial(_alone, path.resolve(), asked) for path in paths], advance)
+            answers = pool.run([partial(_alone, path.resolve(), read, ask) for path in paths], advance)
     found = sorted((one for one in answers if not isinstance(one, str)), key=lambda one: one[0])
     refused = [one for one in answers if isinstance(one, str)]
     return *together([one for _, one in found], refused), [_date(begin) for begin, _ in found]
 
 
-def _alone(path: Path, asked: Asked) -> tuple[int, Diagnosis] | str:
+def _alone(path: Path, read: Read, ask: Ask) -> tuple[int, Diagnosis] | str:
     """Return when a recording begins and its diagnosis, or why there is none."""
     keep_memory()
     try:
-        recording = asked.read(path, DIAGNOSED, lambda what, share: None)
-        return recording.start_ns, replace(asked.diagnosis([recording]), context=None)
-    except ElasticArmError as error:
-        return f"left out: {error}"
+        recording = read(path, report=lambda what, share: None, usual=DIAGNOSED)
+        return recording.start_ns, replace(ask([recording]), context=None)
+    except (ElasticArmError, MemoryError) as error:
+        return f"left out: {str(error) or f'{path}: memory is used up'}"
 
 
 def _bags(paths: Sequence[Path]) -> list[Path]:
