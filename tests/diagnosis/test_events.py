@@ -9,9 +9,12 @@ import pytest
 
 from elastic_arm.diagnosis import Diagnosis, Question, diagnose
 from elastic_arm.diagnosis.events import runs_of
-from elastic_arm.effects import EFFECTS
+from elastic_arm.effects import EFFECTS, Catalogue
+from elastic_arm.effects.text import known_effects
+from elastic_arm.excitation import Shape, random_trajectories
 from elastic_arm.recording import Recording
-from tests.helpers.gap_recordings import ROBOT, motions, record
+from elastic_arm.sensors import Sensors
+from tests.helpers.gap_recordings import LIMITS, MODEL, ROBOT, motions, record
 
 COUNT = 24.0  # values of a block
 FRICTION = "coulomb_friction:joint_2:torque=6"
@@ -102,3 +105,22 @@ def test_what_the_rest_tells_is_as_without_it(contact: Diagnosis) -> None:
     found = cause.parameters["torque"]
     assert (cause.effect, cause.joint) == ("coulomb_friction", "joint_2")
     assert abs(found.value - 6.0) < 3.0 * found.std < 0.18
+
+
+@pytest.mark.slow(5)
+def test_a_drive_that_saturates_for_a_while_is_left_out_of_what_is_known() -> None:
+    """What it was asked for was recorded: known friction is right all the same, and no law stands for the peaks."""
+    (motion,) = random_trajectories(MODEL, LIMITS, 1, rng=np.random.default_rng(3), shape=Shape(5, 13.0, 1.0))
+    recording = replace(record(motion, FRICTION, sensors=Sensors.real()), source="run")
+    assert recording.motor is not None and recording.motor.effort is not None
+    t, effort = (recording.motor.stamp_ns - recording.start_ns) * 1e-9, recording.motor.effort.copy()
+    asked, busy = np.abs(effort[:, 1]), (t > 5.0) & (t < 10.0)
+    over = np.maximum(asked - np.quantile(asked[busy], 0.85), 0.0) * busy
+    effort[:, 1] += 1.5 * np.sign(effort[:, 1]) * over
+    recording = replace(recording, motor=replace(recording.motor, effort=effort))
+    known = known_effects(["coulomb_friction"], ROBOT, Catalogue.default())
+    found = diagnose([recording], Question(ROBOT, effects=(EFFECTS["payload"],), given=known))
+    assert {(e.joint, e.side) for e in found.events} == {("joint_2", "motor")} and not found.causes
+    assert all(5.0 < e.begin < e.end < 10.5 for e in found.events)
+    torque = next(one for one in found.known if one["joint"] == "joint_2")["parameters"]["torque"]
+    assert abs(torque["value"] - 6.0) < 3.0 * torque["std"] < 0.1

@@ -14,8 +14,12 @@ from elastic_arm.diagnosis import Question, diagnose
 from elastic_arm.diagnosis.history import changed_of_each, courses, step_of
 from elastic_arm.effects import EFFECTS
 from elastic_arm.errors import DiagnosisError
+from elastic_arm.estimation.segments import in_parts
+from elastic_arm.excitation import Shape, random_trajectories
+from elastic_arm.recording import Recording
 from elastic_arm.report.history import write_history_report
-from tests.helpers.gap_recordings import ROBOT, motions, record
+from elastic_arm.sensors import Sensors
+from tests.helpers.gap_recordings import LIMITS, MODEL, ROBOT, motions, record
 
 COMMON = 4e-4  # variance that all sizes share, Nm²
 
@@ -55,6 +59,21 @@ def test_friction_that_rises_is_a_change_and_other_friction_is_none(tmp_path: Pa
     assert "coulomb friction of joint_2 rose from" in page and page.count("<svg") == len(found)
     with pytest.raises(DiagnosisError, match="two recordings"):
         courses(replace(whole, identify=("day_0",)))
+
+
+@pytest.mark.slow(5)
+def test_a_payload_that_is_picked_up_and_kept_is_a_change_between_parts_of_a_recording() -> None:
+    """From none to 2 kg at half of it; one payload throughout would be as far from either."""
+    shape = Shape(5, 7.0, 1.0)
+    first, second = random_trajectories(MODEL, LIMITS, 2, rng=np.random.default_rng(3), shape=shape)
+    empty = record(first, sensors=Sensors.real())
+    loaded = record(second, "payload:mass=2.0", seed=1, sensors=Sensors.real())
+    later = {n: replace(s, stamp_ns=s.stamp_ns + 12 * 10**9) for n, s in loaded.sides().items() if s is not None}
+    parts = in_parts(replace(Recording.joined([empty, replace(loaded, **later)]), source="run"))
+    assert [part.source for part in parts] == ["run, 0 to 12 s", "run, 12 to 21 s"]
+    (found,) = courses(diagnose(parts, Question(ROBOT, effects=(EFFECTS["payload"],))))
+    assert found.sized.effect == "payload" and found.changed > 0.99 and found.step is not None
+    assert found.sized.values == pytest.approx([0.0, 2.0], abs=0.02)
 
 
 def test_sizes_of_single_recordings_differ_by_more_than_their_deviations() -> None:
