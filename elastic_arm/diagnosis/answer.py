@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from elastic_arm.arrays import Array
 from elastic_arm.diagnosis.changes import changes_between
@@ -51,6 +52,7 @@ MOUNTED = float(np.radians(STEP))  # rad, to which a mounting is known where no 
 Name = tuple[str, str | None]  # effect and joint: the same law on two sides is one cause
 
 
+@threadpool_limits.wrap(limits=1, user_api="blas")  # more wait for each other, and take thirty times as long
 def diagnose(recordings: Sequence[Recording], question: Question, validate: Sequence[Recording] = ()) -> Diagnosis:
     """Find where recordings and model differ, which effects cause it, and how far the gap shrinks with them.
 
