@@ -118,12 +118,8 @@ class Answer:
     @cached_property
     def judging(self) -> Linearisation:
         """The last linearisation, of the recordings that judge."""
-        last, problem = self.explanation.linear, self.prepared.problem
-        return (
-            last
-            if not self.which and problem is last.problem
-            else replace(last, problem=problem, which=self.which, near=None)
-        )
+        last, problem = self.explanation.judging if self.which else self.explanation.linear, self.prepared.problem
+        return last if problem is last.problem else replace(last, problem=problem, near=None)
 
     def events(self) -> tuple[Event, ...]:
         """Return the stretches of recordings that the rest of each contradicts, in what effects and numbers leave."""

@@ -175,7 +175,7 @@ class Search:
         for pair in combinations(fit.optional, 2):
             if fit.correlation(*pair) < RELATED:
                 continue
-            less = self._keep(self.model.fit(_without(fit, *pair), fit))
+            less = self._keep(self.model.fit(without(fit, *pair), fit))
             for t in self.proposals(less, 2, self._instead(fit, *pair), fit.score - less.score):
                 yield self._with(less.optional, t, less)
 
@@ -189,7 +189,7 @@ class Search:
 
     def _left_out(self, fit: Fit) -> list[tuple[Term, Fit]]:
         """Return each term of a fit, and the fit without it."""
-        return [(t, self._keep(self.model.fit(_without(fit, t), fit))) for t in fit.optional]
+        return [(t, self._keep(self.model.fit(without(fit, t), fit))) for t in fit.optional]
 
     def probabilities(self) -> dict[frozenset[Key], float]:
         """Return the probability of each set met."""
@@ -202,7 +202,7 @@ class Search:
         return sum(p for keys, p in self.probabilities().items() if any(held(key) for key in keys))
 
 
-def _without(fit: Fit, *terms: Term) -> list[Term]:
+def without(fit: Fit, *terms: Term) -> list[Term]:
     """Return the terms of a fit without some and their changes between recordings."""
     keys = {t.key for t in terms}
     return [u for u in fit.optional if u not in terms and not (u.kind == CHANGE and u.what in keys)]
