@@ -47,7 +47,8 @@ from elastic_arm.robot import Robot
 
 RESULTS = ("history.json", "history.csv", "report.html")
 FILES = (".mcap", ".db3")
-Read, Ask = Callable[..., Recording], Callable[[Sequence[Recording]], Diagnosis]
+Read = Callable[..., Recording]
+Ask = Callable[[Sequence[Recording]], Diagnosis]
 Followed = tuple[Diagnosis, tuple[Course, ...], list[str]]  # with the numbers, and when each recording begins
 COLUMNS = ("effect", "joint", "parameter", "unit", "recording", "date", "value", "std", "changed")
 

@@ -125,15 +125,15 @@ def _score(n: Array, s: Array, w: Array, runs: Runs, price: float) -> tuple[floa
         rest[i:j] = False
     if not rest.any():
         return -np.inf, (np.full(len(n), NOISE),) * 2
-    a, k = (each.reshape(-1, 1) for each in np.meshgrid(SPREADS, np.arange(len(GROWTHS)), indexing="ij"))
-    grown = np.maximum(w, STANDS) ** GROWTHS[:, None]
-    own, h, x = grown[k[:, 0]][:, rest], n[rest] / 2, s[rest] / 2
+    a, g = np.repeat(SPREADS, len(GROWTHS), axis=0), np.tile(GROWTHS, len(SPREADS))[:, None]
+    grown = np.maximum(w, STANDS) ** g
+    own, h, x = grown[:, rest], n[rest] / 2, s[rest] / 2
     c = a * np.median(x / h)
     for _ in range(STEPS):
         c = a * len(h) / np.sum((h + a) * own / (c * own + x), axis=1, keepdims=True)
     each = _ordinary(n[rest], s[rest], *_noisy(a, c * own)).sum(axis=1)
     m = int(np.argmax(each))
-    found = _noisy(a[m], c[m] * grown[k[m, 0]])
+    found = _noisy(a[m], c[m] * grown[m])
     up_to = _events(n, s, found[1] / found[0])
     return float(each[m]) + sum(float(up_to(j)[i]) - price for i, j in runs), found
 

@@ -113,9 +113,9 @@ def courses_of_each(found: Sequence[Diagnosis]) -> tuple[Course, ...]:
     for k, one in enumerate(found):
         causes = [(c.effect, c.joint, plain_parameters(c.parameters)) for c in one.causes]
         for effect, joint, parameters in [*((o["effect"], o["joint"], o["parameters"]) for o in one.known), *causes]:
-            name, size = next(iter(parameters.items()), ("", {"std": None}))
-            if size["std"]:
-                sizes.setdefault((effect, joint, name, size["unit"]), {})[k] = size["value"], size["std"]
+            for name, size in list(parameters.items())[:1]:
+                if size["std"]:
+                    sizes.setdefault((effect, joint, name, size["unit"]), {})[k] = size["value"], size["std"]
     result = []
     for key, own in sizes.items():
         where = np.array(list(own))

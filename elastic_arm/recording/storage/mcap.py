@@ -257,6 +257,7 @@ def open_mcap(path: Path) -> McapFile:
         most = limits.RECORDS + len(buffer) // limits.RECORD_BYTES
         found = scan(buffer, 8, len(buffer) - 8 if whole else len(buffer), most)
         file._parse(found.others, buffer)
+        give_back(buffer, 0, len(buffer))
     except _BAD_RECORD as error:
         raise RecordingError(f"{path} has a damaged record ({error})", "Record again.") from None
     file.loose = found.messages
