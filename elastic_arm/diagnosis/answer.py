@@ -104,7 +104,7 @@ class Answer:
 
     @property
     def lawless(self) -> Answer:
-        """What the most probable set without laws of no form says."""
+        """Return it with the most probable set that has no law without a form in place of the most probable one."""
         return replace(self, chosen=next((fit for _, fit in self.sets if all(k[0] != LAW for k in fit.keys)), None))
 
     def without_events(self) -> Answer:
