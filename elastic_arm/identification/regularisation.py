@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from elastic_arm.arrays import Array
 from elastic_arm.dynamics.double_double import add
 from elastic_arm.identification.base_regression import BaseRegression
-from elastic_arm.identification.consistency.estimation import description_covariance
+from elastic_arm.identification.consistent import description_covariance
 from elastic_arm.identification.least_squares import Blocks, Fit, Prior
 from elastic_arm.identification.verdict import natural_scales
 

@@ -16,7 +16,7 @@ from elastic_arm.effects import EffectInstance
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.identification.accumulator import averaged
 from elastic_arm.identification.base_regression import BaseRegression
-from elastic_arm.identification.consistency.estimation import with_consistency
+from elastic_arm.identification.consistent import with_consistency
 from elastic_arm.identification.deviations import residual_norms
 from elastic_arm.identification.regularisation import (
     DOUBT,

@@ -18,10 +18,9 @@ from elastic_arm.identification import (
     identify_with,
     parse_laws,
 )
-from elastic_arm.identification.consistency import estimation
-from elastic_arm.identification.consistency.chart import pseudo_inertia
-from elastic_arm.identification.consistency.estimation import consistent, correlation_of_errors
-from elastic_arm.identification.consistency.identified_robot import identified_robot, odd_masses
+from elastic_arm.identification import consistent as module
+from elastic_arm.identification.chart import pseudo_inertia
+from elastic_arm.identification.consistent import consistent, correlation_of_errors, identified_robot, odd_masses
 from elastic_arm.identification.verdict import remarks
 from elastic_arm.recording import Recording, Samples, Side
 from elastic_arm.robot import Inertia, Robot, load_robot, parse_urdf, to_urdf
@@ -215,7 +214,7 @@ def test_a_solution_that_is_no_body_is_a_note(monkeypatch: pytest.MonkeyPatch, t
     def refusing(*_: object) -> Robot:
         raise RobotError("inertia violates the triangle inequality", "Check it")
 
-    monkeypatch.setattr(estimation, "identified_robot", refusing)
+    monkeypatch.setattr(module, "identified_robot", refusing)
     samples = record(build_model(true_robot, "mod3"), np.random.default_rng(1), encoder_noise=1e-6)
     found = identify(recorded(samples, true_robot), true_robot)
     assert found.identified is None

@@ -21,8 +21,7 @@ from elastic_arm.identification.batch.imperfections import nuisance_effects
 from elastic_arm.identification.batch.mounting import other_mounting
 from elastic_arm.identification.batch.selection import BatchChoice, BatchTrial, ProgressCallback, Trials, with_trace
 from elastic_arm.identification.batch.settings import USUAL, IdentificationSettings
-from elastic_arm.identification.consistency.estimation import correlation_of_errors, with_consistency
-from elastic_arm.identification.consistency.identified_robot import odd_masses
+from elastic_arm.identification.consistent import correlation_of_errors, odd_masses, with_consistency
 from elastic_arm.identification.law_columns import law_columns, on_recorded_side, with_stated
 from elastic_arm.identification.least_squares import Prior
 from elastic_arm.identification.misfit import poor_fits, resonance
