@@ -12,8 +12,8 @@ from elastic_arm.lazy_names import lazily
 if TYPE_CHECKING:
     from elastic_arm.effects.text import parse_laws
     from elastic_arm.identification.batch.derivatives import DerivativeStage
-    from elastic_arm.identification.batch.identify import identifier_of, identify, identify_with
-    from elastic_arm.identification.batch.settings import IdentificationSettings
+    from elastic_arm.identification.batch.identify import identify, identify_with
+    from elastic_arm.identification.batch.selection import IdentificationSettings, identifier_of
     from elastic_arm.identification.result import (
         Comparison,
         Estimate,
@@ -43,11 +43,11 @@ _MODULES = {
     "DerivativeStage": "elastic_arm.identification.batch.derivatives",
     "Estimate": "elastic_arm.identification.result",
     "Identification": "elastic_arm.identification.result",
-    "IdentificationSettings": "elastic_arm.identification.batch.settings",
+    "IdentificationSettings": "elastic_arm.identification.batch.selection",
     "Identifier": "elastic_arm.identification.stream",
     "chi_square": "elastic_arm.identification.result",
     "compare": "elastic_arm.identification.result",
-    "identifier_of": "elastic_arm.identification.batch.identify",
+    "identifier_of": "elastic_arm.identification.batch.selection",
     "identify": "elastic_arm.identification.batch.identify",
     "identify_with": "elastic_arm.identification.batch.identify",
     "parse_laws": "elastic_arm.effects.text",
