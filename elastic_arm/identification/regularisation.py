@@ -55,7 +55,7 @@ def prior_of(
         sized = np.flatnonzero(np.isfinite(laws))
         excess[sized] = np.where(np.isfinite(_ordinary(equations)[sized]), np.sqrt(correlated), 1.0)
         factor[sized, sized] = excess[sized] / laws[sized]
-    return Prior(base.T @ equations.nominal, factor, excess)
+    return Prior(equations.described, factor, excess)
 
 
 def law_sizes(blocks: Blocks, equations: BaseRegression) -> Array:
@@ -104,16 +104,14 @@ def description_error(fit: Fit, equations: BaseRegression, doubt: float = 0.0) -
     """
     own, covariance = _description_errors(equations)
     seen = np.isfinite(fit.std[own])
-    off = (fit.Psi - equations.base.T @ equations.nominal)[own][seen]
+    off = (fit.Psi - equations.described)[own][seen]
     described, noise = np.diag(covariance)[seen], fit.std[own][seen] ** 2
-    likelihoods = []
-    for error in ERRORS:
-        variance = noise + error**2 * described
-        likelihoods.append(-0.5 * np.sum(np.log(variance) + off**2 / variance))
+    variances = noise + np.square(ERRORS)[:, None] * described
+    likelihoods = -0.5 * np.sum(np.log(variances) + off**2 / variances, axis=1)
     best = int(np.argmax(likelihoods))
     if not doubt:
         return ERRORS[best]
-    unlikely = np.flatnonzero(likelihoods[best] - np.array(likelihoods) > doubt)
+    unlikely = np.flatnonzero(likelihoods[best] - likelihoods > doubt)
     return ERRORS[min(unlikely[unlikely > best].tolist(), default=-1)]
 
 
@@ -154,11 +152,8 @@ def _gram(blocks: Blocks, part: NDArray[np.intp], weights: Array) -> Array:
 def _left_out_errors(parts: Sequence[Array], prior: Prior | None) -> Array:
     """Return the squared weighted errors of each part, predicted from the others, (folds,)."""
     whole = np.sum(parts, axis=0)
-    found = []
-    for part in parts:
-        solution = np.append(-solved(whole - part, prior), 1.0)
-        found.append(solution @ part @ solution)
-    return np.array(found)
+    solutions = [np.append(-solved(whole - part, prior), 1.0) for part in parts]
+    return np.array([solution @ part @ solution for solution, part in zip(solutions, parts, strict=True)])
 
 
 def solved(gram: Array, prior: Prior | None) -> Array:
@@ -172,6 +167,5 @@ def solved(gram: Array, prior: Prior | None) -> Array:
 
 def described_width(width: float, judge: str) -> str:
     """Return in words that the description served as a prior, and what chose how far it is trusted."""
-    return (
-        f"regularised towards the description, with a prior of {100 * width:.2g} % of it: {judge} are predicted best so"
-    )
+    prior = f"a prior of {100 * width:.2g} % of it"
+    return f"regularised towards the description, with {prior}: {judge} are predicted best so"

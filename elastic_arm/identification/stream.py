@@ -207,19 +207,18 @@ class Identifier:
                 f"{self._piece.waiting} samples are not yet enough for an estimate",
                 "Wait some seconds, or record longer.",
             )
-        rows = Deflections.of(self.equations)
-        if rows is not None:
-            return fit_deflections(blocks, rows, 1.0, prior)
+        if self.equations.summed:
+            return fit_deflections(blocks, Deflections(self.equations), prior)
         return fit(blocks, MISFIT_POWER if self.equations.rigid else 1.0, prior=prior)
 
     def linear_blocks(self, found: Fit | None = None) -> Blocks:
         """Return the sums of rows that are linear in the base parameters, at the estimate where they are not."""
-        blocks, rows = self._ready().snapshot(), Deflections.of(self.equations)
-        if rows is None:
+        blocks = self._ready().snapshot()
+        if not self.equations.summed:
             return blocks
         found = found or self.fit()
         fixed = {k: float(found.Psi[k]) for k in found.fixed}
-        return blocks.transformed(rows.transform(found.Psi, fixed, blocks.groups))
+        return blocks.transformed(Deflections(self.equations).transform(found.Psi, fixed, blocks.groups))
 
     def estimate(
         self,

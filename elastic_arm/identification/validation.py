@@ -92,7 +92,7 @@ class HeldOut:
     @cached_property
     def nominal(self) -> dict[str, dict[str, dict[str, float]]]:
         """Judged errors of the description."""
-        return self.judged(self.equations.base.T @ self.equations.nominal)
+        return self.judged(self.equations.described)
 
     def ratio(self, Psi_base: Array) -> float:
         """Return the mean log ratio of rms errors to those of the description; above 0 is worse."""
@@ -120,14 +120,19 @@ def validated(
         consistent = partial(with_consistency, result, identifier, robot, effects, correlated=correlated)
         result = _consistent_or_none(result, consistent, held_out)
     equations = held_out.equations
-    arms = {"nominal": equations.base.T @ equations.nominal, "identified": result.Psi_base}
+    arms = {"nominal": equations.described, "identified": result.Psi_base}
     if result.Psi is not None:
         arms["consistent"] = equations.base.T @ result.Psi
     tables = {arm: held_out.errors(Psi) for arm, Psi in arms.items()}
     found = {source: {arm: table[source] for arm, table in tables.items()} for source in held_out.motions}
     notes = list(result.notes)
     for source, judged in held_out.judged(result.Psi_base).items():
-        worse = worse_joints(judged, held_out.nominal[source], equations)
+        pairs = _pairs([judged], [held_out.nominal[source]], equations)
+        worse = [
+            f"{joint} ({side}: {a:.3g} against {b:.3g} {result.units.at(joint, 'Nm')})"
+            for side, joint, a, b in pairs
+            if a > WORSE * b
+        ]
         notes += [f"{source} is predicted worse than by the description: {', '.join(worse)}"] if worse else []
     return result.with_(validation=found, notes=tuple(notes))
 
@@ -193,15 +198,6 @@ def log_ratio(found: Sequence[ByJoint], nominal: Sequence[ByJoint], equations: B
     return float(np.mean([np.log(a / b) for _, _, a, b in _pairs(found, nominal, equations)]))
 
 
-def worse_joints(found: ByJoint, nominal: ByJoint, equations: BaseRegression) -> list[str]:
-    """Return the joints that are predicted clearly worse than by the description, in words."""
-    pairs = _pairs([found], [nominal], equations)
-    unit = equations.model.robot.units.at
-    return [
-        f"{joint} ({side}: {a:.3g} against {b:.3g} {unit(joint, 'Nm')})" for side, joint, a, b in pairs if a > WORSE * b
-    ]
-
-
 def _described(joints: Sequence[str], equations: BaseRegression) -> str:
     motors = any(f"{joint}.{ARMATURE}" in equations.names for joint in joints)
     what = "laws and the motor inertia" if motors else "laws"
@@ -214,12 +210,10 @@ def _described(joints: Sequence[str], equations: BaseRegression) -> str:
 def _pairs(
     found: Sequence[ByJoint], nominal: Sequence[ByJoint], equations: BaseRegression
 ) -> list[tuple[str, str, float, float]]:
-    sides = [
-        side for side in equations.sides if equations.equations.equation(side).torque is not None
-    ] or equations.sides
+    torques = [side for side in equations.sides if equations.equations.equation(side).torque is not None]
     return [
         (side, joint, max(one[side][joint], 1e-300), max(other[side][joint], 1e-300))
         for one, other in zip(found, nominal, strict=True)
-        for side in sides
+        for side in torques or equations.sides
         for joint in one[side]
     ]

@@ -57,11 +57,10 @@ class Excitation:
 class MotionStatistics:
     """Running sums over a motion, from which its typical frequency and its number of independent samples follow."""
 
-    samples: int = 0  # Number of samples
+    samples: int = 0
     seconds: float = 0.0
-    # speed, acceleration: (n,) sums of squares
-    speed: Array | float = 0.0
-    acceleration: Array | float = 0.0
+    speed: Array | float = 0.0  # (n,) sum of squares
+    acceleration: Array | float = 0.0  # (n,) sum of squares
     forward: Array | float = 0.0  # (n,) sum of squared speeds in the positive direction
     stuck: Array | float = 0.0  # (n,) samples at which a joint sticks, where the motion states it
 
@@ -114,7 +113,7 @@ def natural_scales(equations: BaseRegression) -> Array:
     for members in groups.values():
         sizes[members] = np.max(own[members])
     base = equations.base
-    scale = np.maximum(np.abs(base.T @ equations.nominal), sizes[base.columns])
+    scale = np.maximum(np.abs(equations.described), sizes[base.columns])
     return np.where(scale > 0, scale, np.nan)
 
 
@@ -182,11 +181,11 @@ def relative_std(equations: BaseRegression, Psi_base: Array, std: Array) -> Arra
 
 def directions(undetermined: Array, names: Sequence[str]) -> tuple[str, ...]:
     """Name the combinations of base parameters that the data leave open."""
-    found = []
-    for direction in undetermined:
-        parts = [f"{direction[k]:+.2f} ({names[k]})" for k in np.flatnonzero(np.abs(direction) > TAKES_PART).tolist()]
-        found.append(" ".join(parts))
-    return tuple(found)
+    taking_part = [np.flatnonzero(np.abs(direction) > TAKES_PART).tolist() for direction in undetermined]
+    return tuple(
+        " ".join(f"{direction[k]:+.2f} ({names[k]})" for k in part)
+        for direction, part in zip(undetermined, taking_part, strict=True)
+    )
 
 
 def impossible(equations: BaseRegression, Psi: Array) -> NDArray[np.bool_]:

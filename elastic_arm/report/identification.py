@@ -67,7 +67,7 @@ def torques(equations: BaseRegression, motion: Motion, result: Identification) -
     """Draw measured torques, what the nominal and the identified arm predict, and what is left."""
     measured = equations.measured(motion)
     sides = [side for side in equations.sides if side != "link"] or list(equations.sides)
-    nominal = _predicted(equations, motion, equations.base.T @ equations.nominal)
+    nominal = _predicted(equations, motion, equations.described)
     found = _predicted(equations, motion, result.Psi_base)
     with style():
         figure, axes = new_figure(equations.n, len(sides), size=(4.6 * len(sides), 1.7 * equations.n), sharex=True)

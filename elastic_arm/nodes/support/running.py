@@ -6,8 +6,9 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from types import FrameType
+from typing import Any
 
 import rclpy
 from rclpy.clock import Clock, ClockType
@@ -16,10 +17,13 @@ from rclpy.executors import Executor
 from rclpy.experimental import EventsExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation as rcl
 from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.service import Service
 from rclpy.signals import SignalHandlerOptions
 from rclpy.timer import Timer
 
 from elastic_arm.errors import ElasticArmError
+from elastic_arm.nodes.support import graph
 from elastic_arm.nodes.transport import choose_transport
 
 # How long a stop signal may wait for a node that has nothing to do.
@@ -41,6 +45,31 @@ class ArmNode(Node):
     def every(self, seconds: float, callback: Callable[[], None]) -> Timer:
         """Call something again and again, in real time: also where the node goes by a clock that nobody publishes."""
         return self.create_timer(seconds, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def output(self, topic: str, kind: Any) -> Publisher:
+        """Return a publisher of one of the suite's topics."""
+        return self.create_publisher(kind, graph.relative(topic), graph.qos(topic))
+
+    def serve(self, kind: Any, name: str, answer: Callable[[Any], Mapping[str, Any] | None]) -> Service:
+        """Offer a service: `answer` makes the fields of the response that are not its defaults."""
+
+        def reply(request: Any, response: Any) -> Any:
+            for field, value in (answer(request) or {}).items():
+                setattr(response, field, value)
+            return response
+
+        return self.create_service(kind, f"~/{name}", reply)
+
+    def serve_words(self, kind: Any, name: str, act: Callable[[Any], str]) -> Service:
+        """Offer a service whose response states whether it succeeded, and in words what was done, or is wrong."""
+
+        def answer(request: Any) -> Mapping[str, Any]:
+            try:
+                return {"message": act(request), "success": True}
+            except ElasticArmError as error:
+                return {"message": str(error), "success": False}
+
+        return self.serve(kind, name, answer)
 
     def tick(self) -> float:
         """Do what is due; return the seconds until there is more to do."""
