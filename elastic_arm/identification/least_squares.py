@@ -87,12 +87,6 @@ class Blocks:
         if len(self.grams) == self.most and not self._units:
             self._halve()
 
-    def close(self) -> None:
-        """Begin a new block with the next samples, as after a gap."""
-        self._units = 0
-        while len(self.grams) >= self.most:
-            self._halve()
-
     @property
     def samples(self) -> int:
         """Samples in all blocks."""
@@ -135,18 +129,6 @@ class Blocks:
         """Return all samples, of which there must be some, as one block."""
         whole, noise = functools.reduce(add, self.grams), functools.reduce(np.add, self.known_noise)
         return replace(self, grams=[whole], counts=[self.samples], known_noise=[noise])
-
-    def merged(self, other: Blocks) -> Blocks:
-        """Return the blocks of both, as of two recordings."""
-        both = replace(
-            self,
-            grams=self.grams + other.grams,
-            counts=self.counts + other.counts,
-            known_noise=self.known_noise + other.known_noise,
-        )
-        both.span = max(self.span, other.span)
-        both.close()
-        return both
 
     def _halve(self) -> None:
         pairs = [slice(k, k + 2) for k in range(0, len(self.grams), 2)]

@@ -283,8 +283,9 @@ def result_of(
 
 
 def _from_dict(data: dict[str, Any]) -> Identification:
-    estimates = ({name: np.inf if value is None else value for name, value in e.items()} for e in data["estimates"])
-    data["estimates"] = tuple(Estimate(**e) for e in estimates)
+    for e in data["estimates"]:
+        e |= {name: np.inf for name, value in e.items() if value is None}
+    data["estimates"] = tuple(Estimate(**e) for e in data["estimates"])
     for name in ("recordings", "joints", "undetermined", "derivatives", "parameter_names", "notes", "prismatic"):
         data[name] = tuple(data.get(name, ()))
     for name in ("T", "covariance", "Psi"):

@@ -19,7 +19,7 @@ class Listener:
     """A subscription that is made anew where publishers offer less than it requests, or something latched."""
 
     def __init__(self, node: ArmNode, kind: Any, topic: str, take: Callable[[Any], None], *, raw: bool = False) -> None:
-        self._node, self._what, self._raw = node, (kind, topic, take), raw
+        self._node, self._what, self._raw, self._closed = node, (kind, topic, take), raw, False
         self._subscribe(graph.qos(topic))
         self._timer = node.every(ADAPTING, self.adapt)
         self.adapt()
@@ -31,6 +31,8 @@ class Listener:
 
     def adapt(self) -> None:
         """Ask for what all publishers offer."""
+        if self._closed:  # a timer that was due already calls once more
+            return
         if infos := self._node.get_publishers_info_by_topic(self.topic):
             wanted = matching(infos)
             if (wanted.reliability, wanted.durability) != (self._qos.reliability, self._qos.durability):
@@ -45,6 +47,7 @@ class Listener:
 
     def close(self) -> None:
         """Receive nothing more."""
+        self._closed = True
         self._node.destroy_timer(self._timer)
         self._node.destroy_subscription(self._subscription)
 
