@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import json
+import re
 import sys
 from contextlib import suppress
 from functools import cache, partial
+from pathlib import Path
 from typing import Any
 
+from ament_index_python import PackageNotFoundError, get_package_share_directory
 from rclpy.impl.implementation_singleton import rclpy_implementation as rcl
 from rosbag2_interfaces.srv import IsPaused, Pause, Resume, SplitBagfile
 
@@ -16,7 +20,6 @@ from elastic_arm.nodes.support.health import Health
 from elastic_arm.nodes.support.listening import Listener
 from elastic_arm.nodes.support.parameters import Setting, declared
 from elastic_arm.nodes.support.running import LONGEST_REST, ArmNode, run
-from elastic_arm.nodes.support.type_definitions import installed_definition
 from elastic_arm.recording import message_types, topics
 from elastic_arm.recording.storage.mcap_sink import COMPRESSIONS
 from elastic_arm.recording.stream_writer import StreamWriter
@@ -136,6 +139,43 @@ class Recorder(ArmNode):
         if self._paused:
             problems.append("paused")
         return problems, {"messages": sum(counts.values()), **counts}
+
+
+_SEPARATOR = "=" * 80
+# A field's type at the beginning of a line: package, name; arrays, bounds and what follows do not matter.
+_FIELD = re.compile(r"^\s*(?:(\w+)/(?:msg/)?)?([A-Z]\w*)", flags=re.MULTILINE)
+
+
+def installed_definition(type_name: str) -> tuple[str, str]:
+    """Return the full ros2msg text of a type and all it is made of, and its RIHS01 hash; empty where not found."""
+    package, _, name = type_name.split("/")
+    texts: dict[str, str] = {}
+    try:
+        _gather(package, name, texts)
+        described = json.loads((_share(package) / f"{name}.json").read_text())
+    except (PackageNotFoundError, OSError, ValueError):
+        return "", ""
+    hashes = {entry["type_name"]: entry["hash_string"] for entry in described["type_hashes"]}
+    whole, *parts = texts.items()
+    blocks = [whole[1], *(f"{_SEPARATOR}\nMSG: {key}\n{text}" for key, text in parts)]
+    return "\n".join(blocks), hashes.get(type_name, "")
+
+
+def _share(package: str) -> Path:
+    return Path(get_package_share_directory(package)) / "msg"
+
+
+def _gather(package: str, name: str, texts: dict[str, str]) -> None:
+    """Add the text of a type and of those of its fields."""
+    key = f"{package}/{name}"
+    if key in texts:
+        return
+    texts[key] = (_share(package) / f"{name}.msg").read_text(encoding="utf-8")
+    plain = re.sub(r"#.*", "", texts[key])
+    for other, field in _FIELD.findall(plain):
+        if field == "Header" and not other:
+            other = "std_msgs"
+        _gather(other or package, field, texts)
 
 
 @cache

@@ -25,13 +25,12 @@ from elastic_arm.identification import (
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.batch.derivatives import DerivativeStage
 from elastic_arm.identification.batch.selection import BatchChoice, Trials
-from elastic_arm.identification.law_columns import SIGN_SPEEDS
 from elastic_arm.identification.stream import smoothed
 from elastic_arm.identification.verdict import relative_std
 from elastic_arm.recording import Recording, Samples, Side
 from elastic_arm.robot import load_robot, to_urdf
 from elastic_arm.robot.urdf import parse_urdf
-from tests.helpers.periodic_arm import record
+from tests.helpers.periodic_arm import record, recording_of
 
 REAL = {"encoder_noise": 1e-6, "velocity_noise": 1e-4}
 SEEDS = range(9)
@@ -48,10 +47,7 @@ def samples(model: Model) -> Samples:
 
 
 def recorded(samples: Samples, **changes: Side | None) -> Recording:
-    link = Side(samples.stamp_ns, samples.q, samples.dq, samples.tau_J)
-    motor = Side(samples.stamp_ns, samples.theta, samples.dtheta, samples.tau_m)
-    names = load_robot(None).joint_names
-    return Recording(names, **{"link": link, "motor": motor, "source": "test", **changes})
+    return recording_of(samples, load_robot(None), **changes)
 
 
 def fed(model: Model, samples: Samples, cuts: list[int]) -> Identifier:
@@ -60,16 +56,6 @@ def fed(model: Model, samples: Samples, cuts: list[int]) -> Identifier:
         identifier.add(part(samples, piece))
     identifier.finish()
     return identifier
-
-
-def test_stream_and_batch_agree_to_rounding_however_samples_are_cut(model: Model, samples: Samples) -> None:
-    """Estimates and standard deviations from one call and from hundreds of uneven ones agree to 1e-9."""
-    cuts = np.sort(np.random.default_rng(5).choice(np.arange(1, len(samples)), 300, replace=False)).tolist()
-    whole, cut = fed(model, samples, []).fit(), fed(model, samples, cuts).fit()
-    assert cut.samples == whole.samples
-    assert np.abs((cut.Psi - whole.Psi) / whole.std).max() < 1e-6
-    assert cut.Psi == pytest.approx(whole.Psi, rel=1e-9)
-    assert cut.std == pytest.approx(whole.std, rel=1e-6)
 
 
 def test_all_threads_identify_what_one_does(model: Model, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -308,19 +294,3 @@ def test_noise_is_that_of_the_rows_that_count(model: Model, samples: Samples) ->
         noise = identifier.estimate().noise["motor"]
         found.append(list(noise.values()))
     assert found[1] == pytest.approx(found[0], rel=0.1)
-
-
-def test_periodic_motion_repeats_and_a_ramp_does_not(model: Model, samples: Samples) -> None:
-    """Whether a motion repeats is found from it."""
-    assert DerivativeStage(samples).repeats
-    ramp = np.outer(np.linspace(0.0, 1.0, len(samples)) ** 2, np.ones(3))
-    assert not DerivativeStage(replace(samples, q=ramp, theta=ramp)).repeats
-
-
-def test_of_the_speeds_that_are_tried_one_estimator_stays_in_memory(samples: Samples) -> None:
-    """And the one that was there before: each holds sums of squares by block."""
-    robot = load_robot(None)
-    settings = IdentificationSettings(effects=parse_laws(["coulomb_friction:joint_2"], robot))
-    trials = Trials([(recorded(samples), samples)], robot, settings, lambda what, share: None)
-    choice = trials._speed(BatchChoice(averaged=False))
-    assert choice.sign_speed in SIGN_SPEEDS and len(trials._known) == 1
