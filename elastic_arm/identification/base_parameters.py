@@ -1,9 +1,11 @@
 """Base parameters: the combinations of parameters that the equations can see at all.
 
+    Phi Psi = Phi[:, columns] T Psi = Phi[:, columns] Psi_base
+
 Columns of the regressor that are combinations of others are found by orthogonalising the columns in an order of
-preference (a rank-revealing QR whose pivoting keeps to readable columns). The remaining columns are the base columns;
-each base parameter is the parameter of its column plus what the dependent ones add to it (M. Gautier and W. Khalil,
-IEEE Trans. Robotics and Automation 6 (1990) 368).
+preference (a rank-revealing QR whose pivoting keeps to readable columns). Each base parameter is the parameter of its
+column plus what the dependent ones add to it (M. Gautier and W. Khalil, IEEE Trans. Robotics and Automation 6 (1990)
+368).
 """
 
 from __future__ import annotations

@@ -1,14 +1,12 @@
 """All parameters, physically consistent: what base parameters leave open is filled in as close to the nominal arm.
 
-Every body's pseudo-inertia is positive definite (P. Wensing, S. Kim, J.-J. Slotine, IEEE Robotics and Automation
-Letters 3 (2018) 60), so masses are positive and inertias belong to real mass distributions; solids of revolution stay
-so; K, D and armatures are positive, and what no arm has below zero, such as friction, is not negative.
-Distance to the nominal arm is the entropic divergence of the pseudo-inertias (T. Lee, P. Wensing, F. Park, IEEE Trans.
-Robotics 36 (2020) 837), which does not depend on coordinates and units. The problem is convex and solved by Clarabel
-through cvxpy.
+    min |A (x - x0) - b|² / 2 + sum [tr X - log det X - 4] / trust² over bodies,    X > 0
 
-How far the nominal is trusted is not tuned by hand: the relative error of the nominal that makes the recording most
-probable (its evidence) is taken.
+in the coordinates of :mod:`.chart`. Every body's pseudo-inertia X, over the nominal's, is positive definite, and what
+no arm has below zero, such as friction, is not negative. Distance to the nominal is the entropic divergence (T. Lee,
+P. Wensing, F. Park, IEEE Trans. Robotics 36 (2020) 837), which does not depend on coordinates and units. The problem is
+convex and solved by Clarabel through cvxpy. The trust is the relative error of the nominal that makes the recording
+most probable (its evidence).
 """
 
 from __future__ import annotations

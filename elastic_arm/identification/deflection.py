@@ -1,13 +1,14 @@
 """Fits in which the deflection of the drives is a measured quantity: two encoders, motor torque, no torque sensor.
 
-The link's row is homogeneous: 0 = tau_l - K d - D d' + a q' + b holds for no mass and no spring at all. As an equation
-for what was measured, the deflection d, it is r / K with r the row, and no fit can make that small by small parameters.
-It is bilinear in 1 / K and the other parameters; Gauss-Newton from the description solves it (J. Nocedal and S. Wright,
-Numerical Optimization, 2006, ch. 10). Rows of its linearisation are combinations of the columns of the row, so the sums
-of the recording are all that it takes.
+    r = tau_l - K d - D d' + a q' + b,    minimised: r / K
 
-Zeros of link encoders may differ between recordings: after a restart an encoder may count from elsewhere. An offset
-that all recordings share is a column of the regression; what differs between them is taken off beforehand.
+The link's row r is zero for no mass and no spring at all; as an equation for what was measured, the deflection d, it is
+r / K, which no small parameters make small. It is bilinear in 1 / K and the other parameters; Gauss-Newton from the
+description solves it (J. Nocedal and S. Wright, Numerical Optimization, 2006, ch. 10). Rows of its linearisation are
+combinations of the columns of the row, so the sums of the recording are all that it takes.
+
+Zeros of link encoders may differ between recordings: an offset that all share is a column of the regression, and what
+differs is taken off beforehand.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
 """Least squares in constant memory: Gram matrices of blocks of samples, and what follows from them.
 
-A *group* is the rows of one equation of one joint. Each block of samples leaves [Phi y]'[Phi y] of each group, in twice
-the working precision, so that nothing is lost by squaring. At most :data:`MOST_BLOCKS` blocks are kept: when they are
-full, neighbours are added up and blocks become twice as long. Nothing else is stored, however long the stream runs, and
-still the scores of the blocks, Phi'(y - Phi Psi), are there for any Psi: they give standard deviations that hold for
-coloured errors too.
+    Psi = argmin sum w_g² |y_g - Phi_g Psi|² over groups g,    w_g = 1 / std(y_g - Phi_g Psi)
+
+A group is the rows of one equation of one joint. Each block of samples leaves [Phi y]'[Phi y] of each group, in twice
+the working precision, so that nothing is lost by squaring. At most :data:`MOST_BLOCKS` are kept: when they are full,
+neighbours are added up. The scores of the blocks, Phi'(y - Phi Psi), give standard deviations for coloured errors too.
 """
 
 from __future__ import annotations

@@ -1,11 +1,12 @@
 """The description as a prior, where a recording alone predicts other motion badly.
 
-Base parameters that a short or slow recording hardly shows go wherever its errors send them, and predict other motion
-badly. A prior around the description holds them (ridge regression; A. Hoerl and R. Kennard, Technometrics 12 (1970)
-55). Its width is the one that predicts left-out parts of the fitted recordings best: the narrowest within a standard
-error of the best (T. Hastie, R. Tibshirani, J. Friedman, The Elements of Statistical Learning, 2009, 7.10), that of the
-difference of both part by part, as parts differ by much more than widths do. Without a clear gain there is none, but
-for arms that are taken for rigid a wide one.
+    Psi = argmin sum w_g² |y_g - Phi_g Psi|² + |F (Psi - Psi_described)|² / width²
+
+Base parameters that a short or slow recording hardly shows go wherever its errors send them; the prior holds them
+(ridge regression; A. Hoerl and R. Kennard, Technometrics 12 (1970) 55). Its width is the one that predicts left-out
+parts of the fitted recordings best: the narrowest within a standard error of the best (T. Hastie, R. Tibshirani,
+J. Friedman, The Elements of Statistical Learning, 2009, 7.10), that of the difference of both part by part. Without a
+clear gain there is none, but for arms that are taken for rigid a wide one.
 """
 
 from __future__ import annotations
@@ -127,19 +128,18 @@ def chosen_width(blocks: Blocks, fit: Fit, equations: BaseRegression, correlated
     if (1.0 - GAIN) * plain.sum() <= solution @ whole @ solution:
         # Nothing predicts left-out parts much better than it fits them.
         return None
+
+    def standard_error(summands: Array) -> float:
+        return float(np.std(summands, ddof=1) * np.sqrt(len(summands)))
+
     errors = np.array([plain, *(_left_out_errors(parts, prior) for prior in priors)])
     total = errors.sum(axis=1)
     best = int(np.argmin(total))
     gain = errors[0] - errors[best]
-    if total[best] > (1.0 - GAIN) * total[0] or gain.sum() < _standard_error(gain):
+    if total[best] > (1.0 - GAIN) * total[0] or gain.sum() < standard_error(gain):
         return None
-    near = [k for k in range(1, len(errors)) if total[k] - total[best] <= _standard_error(errors[k] - errors[best])]
+    near = [k for k in range(1, len(errors)) if total[k] - total[best] <= standard_error(errors[k] - errors[best])]
     return WIDTHS[max(near, default=best) - 1]
-
-
-def _standard_error(summands: Array) -> float:
-    """Return the standard deviation of the sum of these."""
-    return float(np.std(summands, ddof=1) * np.sqrt(len(summands)))
 
 
 def _gram(blocks: Blocks, part: NDArray[np.intp], weights: Array) -> Array:

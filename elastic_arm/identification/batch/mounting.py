@@ -1,5 +1,7 @@
 """How an arm is mounted as its torques show it, where its description has it mounted otherwise.
 
+    tau = tau(q, q', q'', gravity = 0) + G(q) gravity + F sign(q') + zero
+
 A description rarely states how the arm was mounted: on a wall, upside down, on its side. About a wrong mounting all
 else is far from linear, and masses and gains of a calibration stand in for it. So it is looked for first.
 """
