@@ -97,6 +97,10 @@ class Blocks:
         """Whether any noise in Phi is known."""
         return any(noise.any() for noise in self.known_noise)
 
+    def sums(self) -> tuple[Pair, Array]:
+        """Return the sums of all blocks, of which there must be some, and what noise is known to add to them."""
+        return functools.reduce(add, self.grams), functools.reduce(np.add, self.known_noise)
+
     def total(self) -> Array:
         """Return the triangular factors (groups, width, width) of all samples."""
         shape = (self.groups, self.width, self.width)
@@ -107,7 +111,7 @@ class Blocks:
         whole = triangular((weights[:, None, None] * factors).reshape(-1, self.width))
         if not self.noisy:
             return whole
-        (hi, lo), noise = functools.reduce(add, self.grams), functools.reduce(np.add, self.known_noise)
+        (hi, lo), noise = self.sums()
         noise = correction_share(whole, np.tensordot(weights**2, noise, 1)) * noise
         rest = add((hi, lo), (-noise, np.zeros_like(noise)))
         square = np.broadcast_to((weights**2)[:, None, None], hi.shape)
@@ -127,7 +131,7 @@ class Blocks:
 
     def together(self) -> Blocks:
         """Return all samples, of which there must be some, as one block."""
-        whole, noise = functools.reduce(add, self.grams), functools.reduce(np.add, self.known_noise)
+        whole, noise = self.sums()
         return replace(self, grams=[whole], counts=[self.samples], known_noise=[noise])
 
     def _halve(self) -> None:
@@ -271,7 +275,7 @@ def _covariances(
     Psi, weights, noise = solved
     systematic = deviations.white(r, weights, CLOSURE * deviations.largest_terms(r, Psi), back)
     if blocks.noisy:
-        known_noise = (weights**2)[:, None, None] * functools.reduce(np.add, blocks.known_noise)
+        known_noise = (weights**2)[:, None, None] * blocks.sums()[1]
         rows = triangular((weights[:, None, None] * r).reshape(-1, blocks.width))
         described = np.zeros_like(Psi) if prior is None else prior.mean
         left = covariance_left(known_noise, rows, Psi, described, blocks.samples)[:-1, :-1]

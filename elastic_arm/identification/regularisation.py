@@ -66,7 +66,7 @@ def law_sizes(blocks: Blocks, equations: BaseRegression) -> Array:
     joint. A joint that never reverses shows friction and the zero of its torque as one and the same constant: any two
     numbers of the right sum would fit.
     """
-    squares = np.diagonal(functools.reduce(add, blocks.grams)[0], axis1=1, axis2=2)
+    squares = np.diagonal(blocks.sums()[0][0], axis1=1, axis2=2)
     columns, torques = squares[:, :-1], squares[:, -1:]
     whole = np.sum(np.where(columns > 0.0, torques, 0.0), axis=0)
     law = np.array([":" in name and not name.startswith("link_encoder:") for name in equations.base.names])
