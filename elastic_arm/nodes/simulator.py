@@ -5,7 +5,9 @@ from __future__ import annotations
 import sys
 import time
 from array import array
+from collections import Counter
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -142,9 +144,13 @@ class SimulatorNode(ArmNode):
         self._publish_setup(list(self._arm.robot.joint_names), real_time)
         graph.require_single_publisher(self, self._exclusive, SETTLING * graph.slowness())
         self._start_clock(real_time)
-        self._reference_topic = Listener(self, JointTrajectory, graph.relative(topics.REFERENCE), self._follow).topic
-        Listener(self, JointTrajectory, "~/joint_trajectory", self._go_to)
-        Listener(self, JointState, "~/joint_commands", self._command)
+        self._reference_topic = graph.resolved(self, topics.REFERENCE)
+        for kind, topic, take in (
+            (JointTrajectory, self._reference_topic, lambda message: self._reference.take(message)),
+            (JointTrajectory, "~/joint_trajectory", lambda message: self._reference.go_to(message)),
+            (JointState, "~/joint_commands", self._obey),
+        ):
+            Listener(self, kind, topic, partial(self._take_points, take, topic))
         self._action = TrajectoryAction(self, lambda: self._reference)
         self.serve_words(Trigger, "reset", self._reset)
         Health(self, "pace", "pace held", self._status, self._now)
@@ -202,7 +208,8 @@ class SimulatorNode(ArmNode):
         # Stamps lie on the grid of the time of day; a clock of its own begins at zero.
         self._origin_ns = time.time_ns() // self._step_ns * self._step_ns if real_time else 0
         self._step = 0 if real_time else 1  # a stamp of zero means no time at all
-        self._skipped = self._told = self._starved = self._refused = self._refused_before = 0
+        self._skipped = self._refused = 0
+        self._told = Counter[str]()
         self._reference = self._standing()
         self._pace = Pace(self._arm.rate, self._wanted.real_time_factor, CATCH_UP if real_time else MAKE_GOOD)
         self._pace.wait(time.monotonic())
@@ -285,24 +292,13 @@ class SimulatorNode(ArmNode):
         self._reference = self._standing()
         return "the arm is at rest at its initial position"
 
-    def _follow(self, message: JointTrajectory) -> None:
-        """Take streamed points or a goal."""
-        self._take_points(self._reference.take, message, self._reference_topic)
-
-    def _go_to(self, message: JointTrajectory) -> None:
-        """Take a goal, as joint_trajectory_controller does on its topic."""
-        self._take_points(self._reference.go_to, message, "~/joint_trajectory")
-
-    def _command(self, message: JointState) -> None:
+    def _obey(self, message: JointState) -> None:
         """Take what a controller commands in one cycle, as ros2_control's topic-based system sends it."""
-        goal = commanded(message, self._wanted.command_period)
-        if goal is not None:
-            self._take_points(self._reference.obey, goal, "~/joint_commands")
+        if (goal := commanded(message, self._wanted.command_period)) is not None:
+            self._reference.obey(goal)
 
-    def _take_points(
-        self, take: Callable[[JointTrajectory], Goal | None], message: JointTrajectory, topic: str
-    ) -> None:
-        """Take a message; what cannot be followed is refused, and the arm goes on as before."""
+    def _take_points(self, take: Callable[[Any], Goal | None], topic: str, message: Any) -> None:
+        """Take streamed points or a goal; what cannot be followed is refused, and the arm goes on as before."""
         try:
             goal = take(message)
         except GraphError as error:
@@ -346,20 +342,19 @@ class SimulatorNode(ArmNode):
         behind = max(-self._pace.wait(now), 0.0)
         if behind > BEHIND:
             problems.append(f"samples come {behind:.3g} s after their time, as the machine is busy")
-        if self._skipped > self._told:
-            problems.append(f"{self._skipped - self._told} samples skipped, as the process was held up")
-            self._told = self._skipped
         reference = self._reference.stream
+        counts = Counter(skipped=self._skipped, starved=reference.starved, refused=self._refused)
+        new, self._told = counts - self._told, counts
+        if new["skipped"]:
+            problems.append(f"{new['skipped']} samples skipped, as the process was held up")
         delay = reference.delay / self._arm.rate
-        if reference.starved > self._starved:
+        if new["starved"]:
             problems.append(f"the stream on {self._reference_topic} broke off in motion: the arm slowed down")
-            self._starved = reference.starved
         elif delay > 0:
             problems.append(f"the reference came late: it is followed {delay:.3g} s behind its stamps")
-        if self._refused > self._refused_before:
-            count = self._refused - self._refused_before
-            problems.append(f"{count} messages on {self._reference_topic} refused, the last one {self._refusal}")
-            self._refused_before = self._refused
+        if new["refused"]:
+            said = f"refused, the last one {self._refusal}"
+            problems.append(f"{new['refused']} messages on {self._reference_topic} {said}")
         figures = {
             "rate, Hz": pace * self._arm.rate * self._wanted.real_time_factor,
             "behind the clock, s": behind,
