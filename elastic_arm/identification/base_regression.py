@@ -230,15 +230,15 @@ class BaseRegression:
                 found[side][joint] = value
         return found
 
-    def comparable(self, Psi_base: Array) -> dict[str, Array]:
-        """Return factors (n,) by side that make residuals of different parameters comparable.
+    def comparable(self, Psi_base: Array) -> Array:
+        """Return factors (groups,) that make residuals of different parameters comparable.
 
         A homogeneous row is an equation for the measured deflection: it counts by the nominal stiffness.
         """
-        factors = {side: np.ones(self.n) for side in self.sides}
-        if self.summed:
+        factors = np.ones(len(self.groups))
+        if self.summed:  # the link's rows come first
             places = [K for K, _ in self.drive_columns]
-            factors["link"][list(self.wound)] = self.described[places] / Psi_base[places]
+            factors[list(self.wound)] = self.described[places] / Psi_base[places]
         return factors
 
     def measured(self, motion: Motion) -> dict[str, Array]:

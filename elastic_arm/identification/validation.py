@@ -75,7 +75,7 @@ class HeldOut:
         Noise in accelerations is weighed by the inertias that predict, so that of two arms the one with less inertia
         would seem to be better by the rows themselves.
         """
-        scale = np.concatenate(list(self.equations.comparable(Psi_base).values()))
+        scale = self.equations.comparable(Psi_base)
         factors = self._averages if averages else self._rows
         return {
             source: self.equations.by_joint(scale * residual_norms(own, Psi_base)) for source, own in factors.items()

@@ -114,8 +114,8 @@ def identify_with(
     prepared = [recording.samples() for recording in chosen]
     held_out = _held_out(validate, prepared[0], robot, settings.model)
     motored = any(samples.tau_m is not None for samples in prepared)
-    described, robot = robot, robot.with_armatures() if motored else robot
-    armed = robot is not described
+    armed = robot.with_armatures() if motored else robot
+    notes, robot = [MOTOR_INERTIA] if armed is not robot else [], armed
     asked, moved = on_recorded_side(asked, robot, motored=motored)
     known = with_stated(asked, robot, motored=motored, catalogue=settings.catalogue)
     known, unseen = with_trace(known, robot, settings.model, prepared[0])
@@ -132,13 +132,11 @@ def identify_with(
         trials = replace(trials, robot=robot, settings=replace(settings, effects=effects), _known={})
         choice = trials.selected()
     result, trial, correlated = _estimated(trials, choice)
-    notes = [MOTOR_INERTIA] if armed else []
-    notes += [] if mounting is None else [mounting.note]
-    notes += [f"{', '.join(moved)}: {FELT}"] if moved else []
     equations = {name for rms in result.noise.values() for name in rms}
     bare = [name for name in prepared[0].without_torque(robot.joint_names) if name not in equations]
-    notes += [f"{', '.join(bare)}: {BARE}"] if bare else []
-    notes += [f"{', '.join(unseen)}: {UNSEEN}"] if unseen else []
+    notes += [mounting.note] if mounting else []
+    said = ((moved, FELT), (bare, BARE), (unseen, UNSEEN))
+    notes += [f"{', '.join(names)}: {words}" for names, words in said if names]
     result = result.with_(notes=tuple(dict.fromkeys([*result.notes, *notes])))
     if validate:
         motions = _held_out_motions(held_out, trial, not choice.sticking, report)
