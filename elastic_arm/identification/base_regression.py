@@ -65,6 +65,11 @@ class Column:
     sensor: bool = False  # Whether it is an error of a sensor
     dry: bool = False  # Whether it follows the sign of a velocity
 
+    @property
+    def place(self) -> str:
+        """What the names of all parameters of its law begin with."""
+        return self.name.rpartition(".")[0]
+
 
 class BaseRegression:
     """The rows of a recording's equations in base parameters.

@@ -24,7 +24,7 @@ from elastic_arm.effects.text import parse_laws, read_effects
 from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.residuals import FAILS
 from elastic_arm.identification.accumulator import closes
-from elastic_arm.identification.base_regression import BaseRegression
+from elastic_arm.identification.base_regression import BaseRegression, Column
 from elastic_arm.identification.batch.derivatives import DerivativeStage, Derived
 from elastic_arm.identification.batch.imperfections import (
     NuisanceLaw,
@@ -167,8 +167,7 @@ class Trials:
         for stage, (recording, samples) in zip(self.stages, self.recordings, strict=True):
             self.report(f"equations of {recording.source}", self._made / (self._made + 1))
             equations = identifier.choose_equations(samples)
-            lost = [c.name for c in equations.columns if c.name not in _traced(equations)]
-            if lost := [name for name in lost if name.rpartition(".")[0] not in unasked]:
+            if lost := [c.name for c in equations.columns if c not in _traced(equations) and c.place not in unasked]:
                 raise IdentificationError(
                     f"{', '.join(lost)}: no trace in the torques that were recorded",
                     "Leave the law out, or let it act on the recorded side, as in coulomb_friction:side=link.",
@@ -190,7 +189,7 @@ class Trials:
         laws = [*self.effects, *choice.laws]
         columns = law_columns(laws, self.robot, self.settings.model, choice.sign_speed)
         ordinary = {place_of(each.instance, self.robot): each.ordinary for each in choice.imperfections}
-        columns = [replace(column, ordinary=ordinary.get(column.name.rpartition(".")[0])) for column in columns]
+        columns = [replace(column, ordinary=ordinary.get(column.place)) for column in columns]
         arm = build_model(self.robot, self.settings.model)
         return Identifier(arm, columns, joints=self.robot.joint_names, **options)
 
@@ -312,7 +311,7 @@ def with_trace(
     if not any(law.joint in bare for law in laws):
         return tuple(laws), []
     equations = identifier_of(robot, model, laws).choose_equations(samples)
-    shown = {name.rpartition(".")[0] for name in _traced(equations)}
+    shown = {column.place for column in _traced(equations)}
     unseen = [law for law in laws if law.joint in bare and place_of(law, robot) not in shown]
     return tuple(law for law in laws if law not in unseen), [place_of(law, robot) for law in unseen]
 
@@ -337,10 +336,10 @@ def identifier_of(
     return Identifier(arm, columns, joints=robot.joint_names, **options)
 
 
-def _traced(equations: BaseRegression) -> list[str]:
-    """Return the parameters of laws beyond the model that act in some equation."""
+def _traced(equations: BaseRegression) -> list[Column]:
+    """Return the columns of laws beyond the model that act in some equation."""
     first = len(equations.names) - len(equations.columns)
-    return [c.name for k, c in enumerate(equations.columns, first) if equations.base.T[:, k].any()]
+    return [c for k, c in enumerate(equations.columns, first) if equations.base.T[:, k].any()]
 
 
 def _errors_by_block(trial: BatchTrial, fit: Fit) -> Array:
