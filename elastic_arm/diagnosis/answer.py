@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from elastic_arm.arrays import Array
 from elastic_arm.diagnosis.changes import changes_between
@@ -51,6 +52,7 @@ MOUNTED = float(np.radians(STEP))  # rad, to which a mounting is known where no 
 Name = tuple[str, str | None]  # effect and joint: the same law on two sides is one cause
 
 
+@threadpool_limits.wrap(limits=1, user_api="blas")  # more wait for each other, and take thirty times as long
 def diagnose(recordings: Sequence[Recording], question: Question, validate: Sequence[Recording] = ()) -> Diagnosis:
     """Find where recordings and model differ, which effects cause it, and how far the gap shrinks with them.
 
@@ -116,12 +118,8 @@ class Answer:
     @cached_property
     def judging(self) -> Linearisation:
         """The last linearisation, of the recordings that judge."""
-        last, problem = self.explanation.linear, self.prepared.problem
-        return (
-            last
-            if not self.which and problem is last.problem
-            else replace(last, problem=problem, which=self.which, near=None)
-        )
+        last, problem = self.explanation.judging if self.which else self.explanation.linear, self.prepared.problem
+        return last if problem is last.problem else replace(last, problem=problem, near=None)
 
     def events(self) -> tuple[Event, ...]:
         """Return the stretches of recordings that the rest of each contradicts, in what effects and numbers leave."""
