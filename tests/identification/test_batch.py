@@ -24,7 +24,6 @@ from elastic_arm.identification import (
 )
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.batch.derivatives import DerivativeStage
-from elastic_arm.identification.batch.selection import BatchChoice, Trials
 from elastic_arm.identification.stream import smoothed
 from elastic_arm.identification.verdict import relative_std
 from elastic_arm.recording import Recording, Samples, Side
@@ -97,14 +96,6 @@ def test_intervals_cover_the_truth_over_seeds(model: Model) -> None:
     assert 0.92 <= np.mean(hits) <= 0.985
     # Noise in the regressor itself would shift estimates the same way every time.
     assert np.sqrt(np.mean(np.mean(bias, axis=0) ** 2)) < 2.0 / np.sqrt(len(SEEDS))
-
-
-def test_exact_encoders_give_parameters_to_a_few_parts_in_ten_thousand(model: Model) -> None:
-    """With exact encoders and 0.26 Nm torque noise every base parameter comes out to 0.1 % of its natural size."""
-    identifier = fed(model, record(model, np.random.default_rng(3)), [])
-    found, equations = identifier.fit(), identifier.equations
-    error = np.abs(found.Psi - equations.base.T @ model.Psi)
-    assert np.all(relative_std(equations, found.Psi, error) < 1e-3)
 
 
 def test_a_lost_sample_and_a_gap_lose_nothing_else(model: Model, samples: Samples) -> None:
@@ -247,39 +238,6 @@ def test_an_arm_at_rest_is_refused(samples: Samples) -> None:
     still = replace(samples, q=0.0 * samples.q, theta=0.0 * samples.theta)
     with pytest.raises(IdentificationError, match="holds no motion"):
         identify(recorded(still), load_robot(None))
-
-
-def test_blocks_begun_long_are_those_that_a_stream_ends_with(model: Model) -> None:
-    """The same blocks but for rounding; what noise adds to the first of them is taken from fewer samples."""
-    samples = record(model, np.random.default_rng(5), periods=10, **REAL)
-    found = []
-    for expected in (0, len(samples)):
-        identifier = Identifier(model, encoder_columns=True)
-        equations = identifier.choose_equations(samples)
-        assert identifier.accumulator is not None
-        identifier.accumulator.expect(expected)
-        for motion in DerivativeStage(samples)(equations).motions:
-            identifier.add_motion(motion)
-        found.append((identifier.fit(), identifier.linear_blocks()))
-    (grown, short), (begun, long) = found
-    assert short.counts == long.counts and short.span == long.span > 4
-    for (one, _), (other, _) in zip(long.grams, short.grams, strict=True):
-        size = np.sqrt(np.einsum("gii->gi", one))
-        np.testing.assert_array_less(np.abs(one - other), 1e-14 * size[:, :, None] * size[:, None] + 1e-300)
-    np.testing.assert_array_less(np.abs(begun.Psi - grown.Psi), 0.02 * grown.std)
-    np.testing.assert_allclose(begun.std, grown.std, rtol=0.01)
-
-
-def test_samples_in_pieces_too_short_do_not_lengthen_the_blocks(model: Model) -> None:
-    """Of 40 s, 10 are in a piece long enough: blocks are as many as of a recording that ends there."""
-    whole = record(model, np.random.default_rng(5), periods=4, **REAL)
-    k, counts = np.arange(len(whole)), []
-    for kept in (k < 10_050, (k < 10_050) | (k % 150 > 25)):
-        samples = part(whole, np.flatnonzero(kept))
-        settings = IdentificationSettings()
-        trials = Trials([(recorded(samples), samples)], load_robot(None), settings, lambda what, share: None)
-        counts.append(trials(BatchChoice()).linear_blocks.counts)
-    assert counts[0] == counts[1] and len(counts[0]) > 30
 
 
 def test_noise_is_that_of_the_rows_that_count(model: Model, samples: Samples) -> None:
