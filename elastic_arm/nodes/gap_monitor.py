@@ -26,7 +26,7 @@ from elastic_arm.nodes.support.running import run
 from elastic_arm.nodes.support.wire import NANOSECONDS
 from elastic_arm.nodes.support.worker_process import Answer, WorkerProcess
 from elastic_arm.output_files import write_result
-from elastic_arm.recording import load_channels, topics
+from elastic_arm.recording import topics
 from elastic_arm.robot import load_robot
 
 # Residuals are measured over the last so many seconds: shorter, and filtering would leave too little.
@@ -62,8 +62,7 @@ class GapMonitorNode(ManagedNode):
         robot = load_robot(wanted.robot or None)
         # A mistake is to be heard of here.
         known_effects(wanted.known, robot, Catalogue.default().with_files(wanted.effects_files))
-        channels = load_channels(wanted.channels) if wanted.channels else None
-        self.offer(robot, channels)
+        channels = self.offer(robot)
         question = wanted.robot or None, wanted.model, wanted.known, wanted.refit, wanted.effects_files
         self._worker = WorkerProcess(answering, *question)
         source = " ".join(graph.resolved(self, topic) for topic in self.collector.inboxes)

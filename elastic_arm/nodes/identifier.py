@@ -25,7 +25,7 @@ from elastic_arm.nodes.support.parameters import AUTOSTART, CHANNELS, MODEL, ROB
 from elastic_arm.nodes.support.running import run
 from elastic_arm.nodes.support.screening import StreamScreen
 from elastic_arm.nodes.support.wire import NANOSECONDS
-from elastic_arm.recording import load_channels, topics
+from elastic_arm.recording import topics
 from elastic_arm.robot import load_robot
 
 PARAMETERS = {
@@ -54,10 +54,9 @@ class IdentifierNode(ManagedNode):
         """Compile the model's equations; offer estimates and services."""
         robot = load_robot(self.settings.robot or None)
         self._identifier = identifier_of(robot, self.settings.model, parse_laws(self.settings.effects, robot))
-        channels = load_channels(self.settings.channels) if self.settings.channels else None
         self._screen = StreamScreen()
         self._warm_up(robot.n)
-        self.offer(robot, channels)
+        self.offer(robot)
         self._output = self.output(topics.PARAMETER_ESTIMATE, ParameterEstimate)
         self._fit: Fit | None = None
 

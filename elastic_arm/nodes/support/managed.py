@@ -18,7 +18,7 @@ from elastic_arm.nodes.support.collecting import Collector
 from elastic_arm.nodes.support.health import Health
 from elastic_arm.nodes.support.listening import Listener
 from elastic_arm.nodes.support.running import LONGEST_REST, ArmNode
-from elastic_arm.recording import ChannelMap
+from elastic_arm.recording import ChannelMap, load_channels
 from elastic_arm.robot import Robot
 
 # Samples are taken in batches of this length, seconds: arrays are cheap, single samples are not.
@@ -43,8 +43,9 @@ class ManagedNode(LifecycleNode, ArmNode):
     def configure(self) -> None:
         """Load and prepare what the parameters name, then :meth:`offer`."""
 
-    def offer(self, robot: Robot, channels: ChannelMap | None) -> None:
-        """Offer the services, and prepare to take the samples of an arm, as a driver's channel map has them."""
+    def offer(self, robot: Robot) -> ChannelMap | None:
+        """Offer the services, and prepare to take the samples of an arm; return the map of its channels, if any."""
+        channels = load_channels(self.settings.channels) if self.settings.channels else None
         self.collector = Collector(robot.joint_names, self.settings.sides, partial(graph.resolved, self), channels)
         self.paused, self.problem = False, ""
         self._offered = [
@@ -52,6 +53,7 @@ class ManagedNode(LifecycleNode, ArmNode):
             self.serve_words(SetBool, "pause", self._pause),
             self.serve_words(Trigger, "save", self.save),
         ]
+        return channels
 
     def activate(self) -> None:
         """Subscribe to the arm's samples."""
