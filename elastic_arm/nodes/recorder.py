@@ -16,10 +16,9 @@ from rosbag2_interfaces.srv import IsPaused, Pause, Resume, SplitBagfile
 
 from elastic_arm.errors import GraphError, RecordingError
 from elastic_arm.nodes.support import graph
-from elastic_arm.nodes.support.health import Health
-from elastic_arm.nodes.support.listening import Listener
+from elastic_arm.nodes.support.node import LONGEST_REST, ArmNode, Health, Listener
 from elastic_arm.nodes.support.parameters import Setting, declared
-from elastic_arm.nodes.support.running import LONGEST_REST, ArmNode, run
+from elastic_arm.nodes.support.running import run
 from elastic_arm.recording import message_types, topics
 from elastic_arm.recording.storage.mcap_sink import COMPRESSIONS
 from elastic_arm.recording.stream_writer import StreamWriter

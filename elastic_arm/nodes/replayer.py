@@ -14,9 +14,9 @@ from rosgraph_msgs.msg import Clock
 
 from elastic_arm.errors import GraphError
 from elastic_arm.nodes.support import graph
-from elastic_arm.nodes.support.health import Health
+from elastic_arm.nodes.support.node import LONGEST_REST, ArmNode, Health
 from elastic_arm.nodes.support.parameters import Setting, declared
-from elastic_arm.nodes.support.running import LONGEST_REST, ArmNode, run
+from elastic_arm.nodes.support.running import run
 from elastic_arm.nodes.support.wire import NANOSECONDS, Form
 from elastic_arm.recording import topics
 from elastic_arm.recording.storage.messages import Message, read_messages, read_topics

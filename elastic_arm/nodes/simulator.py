@@ -32,10 +32,9 @@ from elastic_arm.nodes.following.reference_message import commanded
 from elastic_arm.nodes.following.splines import Row
 from elastic_arm.nodes.support import graph
 from elastic_arm.nodes.support.description import ros_description
-from elastic_arm.nodes.support.health import Health
-from elastic_arm.nodes.support.listening import Listener
+from elastic_arm.nodes.support.node import ArmNode, Health, Listener
 from elastic_arm.nodes.support.parameters import Setting, declared, texts
-from elastic_arm.nodes.support.running import ArmNode, run
+from elastic_arm.nodes.support.running import run
 from elastic_arm.nodes.support.wire import NANOSECONDS, Form
 from elastic_arm.recording import topics
 from elastic_arm.robot import load_robot

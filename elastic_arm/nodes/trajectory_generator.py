@@ -19,10 +19,9 @@ from elastic_arm.errors import GraphError
 from elastic_arm.excitation import FourierTrajectory, load_trajectory
 from elastic_arm.nodes.following.splines import Row
 from elastic_arm.nodes.support import graph
-from elastic_arm.nodes.support.health import Health
-from elastic_arm.nodes.support.listening import Listener
+from elastic_arm.nodes.support.node import LONGEST_REST, ArmNode, Health, Listener
 from elastic_arm.nodes.support.parameters import Setting, declared
-from elastic_arm.nodes.support.running import LONGEST_REST, ArmNode, run
+from elastic_arm.nodes.support.running import run
 from elastic_arm.nodes.support.wire import NANOSECONDS, Form
 from elastic_arm.recording import topics
 

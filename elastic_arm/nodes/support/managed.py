@@ -15,9 +15,7 @@ from std_srvs.srv import SetBool, Trigger
 from elastic_arm.errors import ElasticArmError
 from elastic_arm.nodes.support import graph
 from elastic_arm.nodes.support.collecting import Collector
-from elastic_arm.nodes.support.health import Health
-from elastic_arm.nodes.support.listening import Listener
-from elastic_arm.nodes.support.running import LONGEST_REST, ArmNode
+from elastic_arm.nodes.support.node import LONGEST_REST, ArmNode, Health, Listener
 from elastic_arm.recording import ChannelMap, load_channels
 from elastic_arm.robot import Robot
 

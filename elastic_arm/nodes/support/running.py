@@ -6,81 +6,23 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from types import FrameType
-from typing import Any
 
 import rclpy
-from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException, ParameterException
 from rclpy.executors import Executor
 from rclpy.experimental import EventsExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation as rcl
-from rclpy.node import Node
-from rclpy.publisher import Publisher
-from rclpy.service import Service
 from rclpy.signals import SignalHandlerOptions
-from rclpy.timer import Timer
 
 from elastic_arm.errors import ElasticArmError
-from elastic_arm.nodes.support import graph
+from elastic_arm.nodes.support.node import LONGEST_REST, ArmNode
 from elastic_arm.nodes.transport import choose_transport
 
-# How long a stop signal may wait for a node that has nothing to do.
-LONGEST_REST = 0.1
 # A node that is stopped takes what has arrived: until nothing comes for `QUIET`, or this long where the stream goes on.
 LONGEST_DRAIN = 1.0
 QUIET = 0.02
-
-
-class ArmNode(Node):
-    """A node with a rhythm of its own: the process calls :meth:`tick`, spins until the next is due, and so on.
-
-    failure: set by a callback that met an error, which ends the node; an exception out of a callback would be
-    logged by the executor with its traceback first.
-    """
-
-    failure: ElasticArmError | None = None
-
-    def every(self, seconds: float, callback: Callable[[], None]) -> Timer:
-        """Call something again and again, in real time: also where the node goes by a clock that nobody publishes."""
-        return self.create_timer(seconds, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
-
-    def output(self, topic: str, kind: Any) -> Publisher:
-        """Return a publisher of one of the suite's topics."""
-        return self.create_publisher(kind, graph.relative(topic), graph.qos(topic))
-
-    def serve(self, kind: Any, name: str, answer: Callable[[Any], Mapping[str, Any] | None]) -> Service:
-        """Offer a service: `answer` makes the fields of the response that are not its defaults."""
-
-        def reply(request: Any, response: Any) -> Any:
-            for field, value in (answer(request) or {}).items():
-                setattr(response, field, value)
-            return response
-
-        return self.create_service(kind, f"~/{name}", reply)
-
-    def serve_words(self, kind: Any, name: str, act: Callable[[Any], str]) -> Service:
-        """Offer a service whose response states whether it succeeded, and in words what was done, or is wrong."""
-
-        def answer(request: Any) -> Mapping[str, Any]:
-            try:
-                return {"message": act(request), "success": True}
-            except ElasticArmError as error:
-                return {"message": str(error), "success": False}
-
-        return self.serve(kind, name, answer)
-
-    def tick(self) -> float:
-        """Do what is due; return the seconds until there is more to do."""
-        return LONGEST_REST
-
-    def done(self) -> bool:
-        """Return whether the node has finished its work by itself."""
-        return False
-
-    def close(self) -> None:
-        """Put in order what is to outlive the process; called once, whatever ended it."""
 
 
 def run(make: Callable[[], ArmNode], args: Sequence[str] | None = None) -> int:
