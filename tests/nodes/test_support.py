@@ -59,7 +59,7 @@ PAIRED: dict[str, tuple[int, list[tuple[list[int], list[int]]], list[int], dict[
     # window, batches of link and motor, stamps that are handed out in all, and what is counted
     "overtaken within the window": (10, [([1, 3, 2, 4], [1, 2, 3, 4])], [1, 2, 3, 4], {"reordered": 1}),
     "repeated, in another batch too": (10, [([1, 2, 2], [1, 2]), ([2, 3], [3])], [1, 2, 3], {"repeated": 2}),
-    "older than what was handed out": (0, [([1, 3], [1, 3]), ([2, 4], [2, 4])], [1, 3, 4], {"late": 2}),
+    "older than what was handed out": (0, [([1, 3], [1, 3]), ([2, 4], [2, 4])], [1, 3, 4], {"late": 2, "reordered": 2}),
     "without a partner": (5, [([1, 2, 3], [1, 3]), ([9], [9])], [1, 3, 9], {"unmatched": 1}),
     "before the other topic was found": (
         5, [([1, 2, 3, 4, 5], [3, 5]), ([11], [11])], [3, 5, 11], {"early": 2, "unmatched": 1},
