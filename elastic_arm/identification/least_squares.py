@@ -198,7 +198,7 @@ def fit(blocks: Blocks, power: float = 1.0, rounds: int = 4, prior: Prior | None
         weights = noise**-power
         weights /= np.sqrt(np.mean((weights * noise)[live] ** 2)) if live.any() else 1.0
     whole = together.corrected(weights, r)
-    known = _joined(whole, prior)
+    known = whole if prior is None else triangular(np.vstack([whole, prior.rows()]))
     Psi, number, undetermined, back = _solve(known)
     noise = deviations.residual_std(r, Psi, blocks.samples * blocks.share)
     robust, white = _covariances(blocks, (Psi, weights, noise), back, r, prior)
@@ -218,11 +218,6 @@ def correlation(blocks: Blocks, found: Fit, samples: float) -> float:
     *_, back = _solve(found.factor)
     robust, white = _covariances(long, (found.Psi, found.weights, found.noise), back, blocks.total())
     return deviations.inflation(robust, white)
-
-
-def _joined(whole: Array, prior: Prior | None) -> Array:
-    """Return the triangular factor of the data's rows and the prior's."""
-    return whole if prior is None else triangular(np.vstack([whole, prior.rows()]))
 
 
 def _prior_covariance(known: Array, prior: Prior) -> Array:
