@@ -178,7 +178,8 @@ def _number(parameter: Number, N: Array, key: Key, moves: Array) -> Term:
     count = moves.shape[1]
     low = np.full(count, -np.inf)
     least = parameter.cause.linear[0].above if parameter.cause is not None else -np.inf
-    low[0] = 0.98 * (least - parameter.neutral) / parameter.prior_std  # ratios are positive, channels late
+    if not parameter.is_logarithmic:
+        low[0] = 0.98 * (least - parameter.neutral) / parameter.prior_std  # ratios are positive, channels late
     std = np.full(count, WIDE)
     return Term(key, "number", N @ moves, std, low=low, feature=parameter.cause, what=moves)
 
