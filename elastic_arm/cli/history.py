@@ -10,22 +10,10 @@ from typing import Annotated, Any
 
 import typer
 from rich.markup import escape
-from rich.table import Table
 
-from elastic_arm.cli.console import err, out, print_json, reports_errors, shares_of
+from elastic_arm.cli import options
+from elastic_arm.cli.console import err, new_table, out, print_json, reports_errors, shares_of
 from elastic_arm.cli.gate import FailOn, check_gate, pass_gate
-from elastic_arm.cli.options import (
-    AtOption,
-    ChainOption,
-    ClockChoice,
-    ClockOption,
-    KnownEffects,
-    Namespace,
-    RobotFile,
-    load_arm,
-    read_motion,
-    require_bags,
-)
 from elastic_arm.cli.outputs import Force, claim_folder
 from elastic_arm.diagnosis import Question, diagnose
 from elastic_arm.diagnosis.history import Course, courses
@@ -37,7 +25,7 @@ from elastic_arm.errors import RecordingError
 from elastic_arm.estimation.segments import DIAGNOSED, SEGMENT
 from elastic_arm.memory import keep_memory
 from elastic_arm.output_files import csv_text, write_result
-from elastic_arm.recording import Recording, load_channels
+from elastic_arm.recording import Recording
 from elastic_arm.recording.storage.bag import METADATA
 
 RESULTS = ("history.json", "history.csv", "report.html")
@@ -48,20 +36,18 @@ COLUMNS = ("effect", "joint", "parameter", "unit", "recording", "date", "value",
 @reports_errors
 def history_command(
     bags: Annotated[list[Path], typer.Argument(metavar="BAG…", help="Recordings, or one folder that holds them.")],
-    robot_file: RobotFile = None,
-    chain: ChainOption = None,
-    at: AtOption = None,
-    model: Annotated[str, typer.Option(help="mod1, mod2 or mod3.")] = "mod3",
-    channels: Annotated[Path | None, typer.Option(help="Channel map of foreign bags.")] = None,
-    namespace: Namespace = None,
-    with_: KnownEffects = None,
-    clock: ClockOption = ClockChoice.auto,
-    refit: Annotated[
-        bool, typer.Option("--refit", help="The description's numbers cannot be exact: fit them.")
-    ] = False,
-    out_dir: Annotated[Path, typer.Option("--out", help="Folder for the results.")] = Path("history"),
+    robot_file: options.RobotFile = None,
+    chain: options.Chain = None,
+    at: options.At = None,
+    model: options.Model = "mod3",
+    channels: options.Channels = None,
+    namespace: options.Namespace = None,
+    with_: options.KnownEffects = None,
+    clock: options.Clock = options.ClockChoice.auto,
+    refit: options.Refit = False,
+    out_dir: options.OutFolder = Path("history"),
     force: Force = False,
-    json: Annotated[bool, typer.Option("--json", help="Print history.json.")] = False,
+    json: options.Json = False,
     fail_on: FailOn = None,
 ) -> None:
     """Follow the numbers of one arm over recordings: what changed, when, by how much, how certain.
@@ -79,15 +65,15 @@ def history_command(
     keep_memory()
     check_gate(fail_on or ())
     paths = _bags(bags)
-    require_bags(paths)
+    options.require_bags(paths)
     claim_folder(out_dir, RESULTS, force=force)
     catalogue = Catalogue.default()
-    robot = load_arm(robot_file, chain, at, catalogue)
-    mapping = None if channels is None else load_channels(channels)
+    robot = options.load_arm(robot_file, chain, at, catalogue)
+    mapping = options.channel_map(channels)
     seconds = max(DIAGNOSED / len(paths), SEGMENT - 1.0)
     with err.status("reading") as status:
         says = shares_of(status)
-        read = [read_motion(path, mapping, robot, clock, namespace, says, seconds) for path in paths]
+        read = [options.read_motion(path, mapping, robot, clock, namespace, says, seconds) for path in paths]
         recordings = sorted(read, key=lambda one: one.start_ns)
     given = known_effects(with_ or (), robot, catalogue)
     with err.status(f"diagnosing {len(recordings)} recordings"):
@@ -149,15 +135,11 @@ def to_csv(result: dict[str, Any]) -> str:
 
 def print_history(found: Diagnosis, all_of: Sequence[Course], dates: Sequence[str]) -> None:
     """Print a line for each recording, and what changed in words."""
-    table = Table(box=None, header_style="bold", pad_edge=False)
-    for heading in ("recording", "date"):
-        table.add_column(heading, no_wrap=True)
-    for one in all_of:
-        where = f"{one.sized.effect} {one.sized.joint or ''}".strip()
-        table.add_column(escape(f"{where}, {one.sized.unit}"), justify="right")
+    sizes = [f"{one.sized.effect} {one.sized.joint or ''}".strip() + f", {one.sized.unit}" for one in all_of]
+    table = new_table("recording", "date", *sizes, right=sizes, whole=("recording", "date"))
     for k, (source, date) in enumerate(zip(found.identify, dates, strict=True)):
-        sizes = (size_text(float(one.sized.values[k]), float(one.sized.stds[k]), "").strip() for one in all_of)
-        table.add_row(escape(source), date, *sizes)
+        row = (size_text(float(one.sized.values[k]), float(one.sized.stds[k]), "").strip() for one in all_of)
+        table.add_row(escape(source), date, *row)
     out.print(table)
     for one in all_of:
         if one.step is not None:
