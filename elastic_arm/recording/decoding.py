@@ -10,7 +10,8 @@ from elastic_arm.recording import cdr, limits, message_types
 from elastic_arm.recording.series import Piece, Series
 from elastic_arm.recording.sides import Stamps
 from elastic_arm.recording.spans import Spans
-from elastic_arm.recording.storage.bag import BagFile, Block
+from elastic_arm.recording.storage.bag import BagFile
+from elastic_arm.recording.storage.mcap_scan import McapBlock
 from elastic_arm.recording.storage.metadata import Topic
 
 _SECONDS, _NANOSECONDS = "header.stamp.sec", "header.stamp.nanosec"
@@ -26,7 +27,7 @@ class Decoder:
         self._layouts: dict[str, cdr.Layouts] = {}
         self._tables: dict[int, _DecodedColumns] = {}
 
-    def add(self, file: BagFile, channel: int, block: Block) -> None:
+    def add(self, file: BagFile, channel: int, block: McapBlock) -> None:
         """Decode the messages of one channel in a block."""
         spans, log_ns = block.spans(channel).in_a_row(), block.log_ns(channel)
         rows = np.arange(self._count, self._count + len(log_ns))

@@ -12,17 +12,16 @@ from typing import Any
 import numpy as np
 
 from elastic_arm.errors import RecordingError
-from elastic_arm.recording import cdr, message_types
+from elastic_arm.recording import cdr
 from elastic_arm.recording.decoding import Decoder
 from elastic_arm.recording.foreign.channels import ChannelMap, load_channels
 from elastic_arm.recording.foreign.mapping import mapped_side
-from elastic_arm.recording.inspection.quality import check_times, checked
-from elastic_arm.recording.inspection.report import Finding, Severity
-from elastic_arm.recording.joint_names import matched_names
+from elastic_arm.recording.inspection.report import Finding, Severity, check_times, checked
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.series import Series
-from elastic_arm.recording.sides import Side, joints_with
-from elastic_arm.recording.storage.bag import Bag, BagFile, Block, open_bag
+from elastic_arm.recording.sides import Side, joints_with, matched_names
+from elastic_arm.recording.storage.bag import Bag, BagFile, open_bag
+from elastic_arm.recording.storage.mcap_scan import McapBlock
 from elastic_arm.recording.storage.messages import topics_of
 from elastic_arm.recording.timebase.joining import pair
 from elastic_arm.recording.topics import JOINT_STATES, JOINT_TORQUES, MOTOR_STATES, REFERENCE, ROBOT_DESCRIPTION, TYPES
@@ -60,7 +59,7 @@ class Content:
         self.decoders = {}
         return self
 
-    def take(self, file: BagFile, block: Block, wanted: Collection[str]) -> None:
+    def take(self, file: BagFile, block: McapBlock, wanted: Collection[str]) -> None:
         """Decode the wanted topics of a block; the messages of the others are counted alone."""
         for channel, count in block.counts().items():
             topic = file.topic(channel)
@@ -71,7 +70,7 @@ class Content:
                 self.decoders.setdefault(name, Decoder(name, topic.type_name)).add(file, channel, block)
             elif name == ROBOT_DESCRIPTION and topic.type_name == TYPES[ROBOT_DESCRIPTION]:
                 data = block.spans(channel).message(-1)
-                begin, end = cdr.layout_of(data, topic.type_name, message_types.typestore()).text["data"]
+                begin, end = cdr.layout_of(data, topic.type_name).text["data"]
                 self.robot_description = bytes(data[begin:end]).decode(errors="replace")
 
 

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.errors import RecordingError
-from elastic_arm.recording.inspection.quality import moment
-from elastic_arm.recording.inspection.report import Finding
+from elastic_arm.recording.inspection.report import Finding, moment
 from elastic_arm.recording.sides import Array, Stamps
 from elastic_arm.recording.timebase.ordering import in_order
 

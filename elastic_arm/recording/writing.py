@@ -18,7 +18,7 @@ import yaml
 from elastic_arm.errors import RecordingError
 from elastic_arm.output_files import write_result
 from elastic_arm.recording import cdr, message_types
-from elastic_arm.recording.inspection.quality import check_times
+from elastic_arm.recording.inspection.report import check_times
 from elastic_arm.recording.recording import Recording, recordings_of
 from elastic_arm.recording.sides import Array, Side, Stamps
 from elastic_arm.recording.spans import Bytes, Offsets, place
@@ -58,7 +58,7 @@ class Stream:
         """Lay messages into the bytes of a chunk."""
         stamps = self.stamp_ns[rows]
         where = lay_messages(buffer, offsets, self.template, channel=channel, first=rows.start, stamp_ns=stamps)
-        layout = cdr.layout_of(memoryview(self.template), type_of(self.topic), message_types.typestore())
+        layout = cdr.layout_of(memoryview(self.template), type_of(self.topic))
         if "header.stamp.sec" in layout.numbers:
             seconds, nanoseconds = np.divmod(stamps, 1_000_000_000)
             place(buffer, where, layout.numbers["header.stamp.sec"].at, seconds.astype("<i4"))

@@ -10,8 +10,7 @@ import yaml
 
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording.foreign.arrays import import_arrays
-from elastic_arm.recording.foreign.channels import ChannelMap
-from elastic_arm.recording.foreign.coupling import coupled, coupling_matrix
+from elastic_arm.recording.foreign.channels import ChannelMap, coupled, coupling_matrix
 from elastic_arm.recording.sides import Side
 
 WRIST = {"b": {"a": 0.02, "b": 1.0}, "c": {"a": -0.01, "b": 0.5, "c": -1.0}}

@@ -23,18 +23,20 @@ from elastic_arm.recording.foreign.channels import (
     TO_SI,
     ChannelName,
     ChannelScale,
+    Coupling,
     SideName,
     Sign,
     Strict,
     Unit,
+    coupled,
+    coupling_matrix,
     from_currents,
     known_unit,
     load_yaml,
     stated_unit,
     validated,
 )
-from elastic_arm.recording.foreign.coupling import Coupling, coupled, coupling_matrix
-from elastic_arm.recording.inspection.quality import REPAIR, checked
+from elastic_arm.recording.inspection.report import REPAIR, checked
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import Array, Side, Stamps, joints_with
 

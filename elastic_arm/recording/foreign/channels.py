@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeVar, get_args
 
+import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
 from elastic_arm.errors import RecordingError
 from elastic_arm.input_files import Number, WholeNumber, explain, read_fields, refuse_truth
-from elastic_arm.recording.foreign.coupling import Coupling, coupling_matrix
-from elastic_arm.recording.sides import Array
+from elastic_arm.recording.sides import Array, Side
 from elastic_arm.recording.storage.metadata import TORQUE_CHANNELS
 
 SideName = Literal["link", "motor", "command"]
@@ -23,6 +23,9 @@ Unit = Literal[
     "rad", "deg", "turns", "rad/s", "deg/s", "turns/s", "rpm", "Nm", "Nm_motor", "A", "m", "mm", "m/s", "mm/s", "N",
     "rad/s^2", "deg/s^2", "m/s^2",
 ]  # fmt: skip
+# Of motors that move several joints at once, as in a wrist: joint -> motor -> how much the joint turns for one turn of
+# the motor, both at the joint's output.
+Coupling = dict[str, dict[str, Number]]
 Sign = Annotated[Literal[1, -1], BeforeValidator(refuse_truth)]
 REMEDY = "See docs/channel_maps.md."
 REFERENCE = "docs/channel_maps.md shows every key"
@@ -292,3 +295,32 @@ def _filled(joint_name: str, joint: Any) -> Any:
         }
 
     return {key: side(value) if key in SIDE_NAMES else value for key, value in joint.items()}
+
+
+def coupling_matrix(coupling: Mapping[str, Mapping[str, float]], joints: Sequence[str]) -> Array:
+    """Return the matrix C (n, n) of theta = C theta_motors; joints without an entry turn with their own motor alone."""
+    matrix = np.eye(len(joints))
+    for joint, motors in coupling.items():
+        for name in (joint, *motors):
+            if name not in joints:
+                raise ValueError(f"coupling: there is no joint {name}; there are {', '.join(joints)}")
+        matrix[joints.index(joint)] = [motors.get(name, 0.0) for name in joints]
+    if not np.isfinite(matrix).all():
+        raise ValueError("coupling: a factor is not finite")
+    sizes = np.linalg.svd(matrix, compute_uv=False)
+    if sizes[-1] < 1e-9 * sizes[0]:  # relative singular value below which motors cannot move the joints apart
+        raise ValueError(
+            "coupling: the motors cannot move these joints apart; each row names the joint's own motor too"
+        )
+    return matrix
+
+
+def coupled(side: Side | None, matrix: Array) -> Side | None:
+    """Return the motor side of joints: theta = C theta_motors, C' tau = tau_motors, so that power is kept."""
+    if side is None or np.array_equal(matrix, np.eye(len(matrix))):
+        return side
+    inverse = np.linalg.inv(matrix)
+    moved = {
+        name: values @ inverse if name == "effort" else values @ matrix.T for name, values in side.channels().items()
+    }
+    return Side(side.stamp_ns, **moved)

@@ -7,9 +7,16 @@ from collections.abc import Mapping
 import numpy as np
 
 from elastic_arm.errors import RecordingError
-from elastic_arm.recording.foreign.channels import CHANNEL_NAMES, Channel, ChannelMap, ChannelName, SideName
-from elastic_arm.recording.foreign.coupling import coupled, coupling_matrix
-from elastic_arm.recording.inspection.quality import checked
+from elastic_arm.recording.foreign.channels import (
+    CHANNEL_NAMES,
+    Channel,
+    ChannelMap,
+    ChannelName,
+    SideName,
+    coupled,
+    coupling_matrix,
+)
+from elastic_arm.recording.inspection.report import checked
 from elastic_arm.recording.series import Series
 from elastic_arm.recording.sides import Array, Side
 from elastic_arm.recording.timebase.joining import pair

@@ -14,15 +14,13 @@ from elastic_arm.recording.inspection.described_gravity import contradicted_grav
 from elastic_arm.recording.inspection.magnitudes import beyond_limits
 from elastic_arm.recording.inspection.outliers import cleared, without_zeros
 from elastic_arm.recording.inspection.plausibility import implausible
-from elastic_arm.recording.inspection.quality import REPAIR, moment, wrong_rate
-from elastic_arm.recording.inspection.report import Finding, Report
+from elastic_arm.recording.inspection.report import REPAIR, Finding, Report, moment, wrong_rate
 from elastic_arm.recording.inspection.stuck_channels import channel_findings, frozen
 from elastic_arm.recording.inspection.two_encoders import disagreeing
-from elastic_arm.recording.joint_names import matched_names
 from elastic_arm.recording.reading import Content, open_content, recording_of, urdf_joints
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.series import Series
-from elastic_arm.recording.sides import Stamps
+from elastic_arm.recording.sides import Stamps, matched_names
 from elastic_arm.recording.storage.bag import open_bag
 from elastic_arm.recording.topics import JOINT_STATES, JOINT_TORQUES, MOTOR_STATES, REFERENCE
 from elastic_arm.robot import Robot

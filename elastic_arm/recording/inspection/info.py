@@ -95,5 +95,5 @@ def _counted(path: str | Path) -> BagInfo:
                 topic = topics.setdefault(described.name, topic)
                 topic.count += count
                 topic.first_ns, topic.last_ns = min(topic.first_ns, first), max(topic.last_ns, last)
-    sizes = {file.path.name: file.size for file in bag.files}
+    sizes = {file.path.name: file.path.stat().st_size for file in bag.files}
     return BagInfo(str(path), sizes, sorted(kinds), list(topics.values()), damage=bag.all_damage())

@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 
 from elastic_arm.codegen.parallel import share_out
 from elastic_arm.errors import RecordingError
-from elastic_arm.recording.inspection.quality import moment
-from elastic_arm.recording.inspection.report import Finding, warning
+from elastic_arm.recording.inspection.report import Finding, moment, warning
 from elastic_arm.recording.inspection.stuck_channels import HELD, filled_in
 from elastic_arm.recording.inspection.two_encoders import with_one_zero
 from elastic_arm.recording.recording import Recording

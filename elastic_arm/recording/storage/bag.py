@@ -12,13 +12,11 @@ from elastic_arm.errors import RecordingError
 from elastic_arm.input_files import read_fields
 from elastic_arm.recording import limits
 from elastic_arm.recording.storage.mcap import McapFile, open_mcap
-from elastic_arm.recording.storage.mcap_blocks import McapBlock
 from elastic_arm.recording.storage.metadata import METADATA_KEY, stated_currents
 from elastic_arm.recording.storage.sqlite import SqliteFile, open_sqlite
 
-# A storage format is a module with such a class, all of which have the same members, and a function that opens a file.
+# A storage format is a module with a kind of stored file and a function that opens one.
 BagFile = McapFile | SqliteFile
-Block = McapBlock
 METADATA = "metadata.yaml"
 _OPENERS: dict[str, Callable[[Path], BagFile]] = {".mcap": open_mcap, ".db3": open_sqlite}
 _PACKED = ("", ".zstd", ".zst")

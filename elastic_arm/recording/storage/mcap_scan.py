@@ -8,21 +8,22 @@ known, and whole arrays of rounds are checked at once. Where the pattern breaks 
 from __future__ import annotations
 
 import struct
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 from mcap.opcode import Opcode
 
 from elastic_arm.recording import limits
-from elastic_arm.recording.spans import Bytes, Offsets, column, place, progression, shifted
+from elastic_arm.recording.spans import Bytes, Offsets, Spans, column, place, progression, shifted
 
 RECORD_HEAD = 9  # kind and length
 MESSAGE_HEAD = 31  # kind, length, channel, sequence, log time, publish time
+LATEST_NS = 2**63 - 1
 _MESSAGE = struct.Struct("<BQHIQQ")
 _HEAD = struct.Struct("<BQ")
 # Kind, length and channel, which are the same in each round: eleven bytes as two overlapping words.
-HEAD_WORDS = (("<u4", 0), ("<u8", 3))
+_HEAD_WORDS = (("<u4", 0), ("<u8", 3))
 _SHORTEST = MESSAGE_HEAD - RECORD_HEAD  # of a message's record
 _WALK = 24  # messages walked before a round is looked for
 _LONGEST_ROUND = 8
@@ -62,6 +63,7 @@ class Scan:
     messages: Offsets  # where each message record begins, in order
     others: list[Record]  # all other records, in order
     end: int  # where the last whole record ends: less than requested if the bytes are torn
+    in_turn: bool = True  # whether most messages come in rounds, and need no walk from record to record
 
 
 def scan(buffer: Bytes, begin: int, end: int, most: int = limits.RECORDS) -> Scan:
@@ -70,7 +72,7 @@ def scan(buffer: Bytes, begin: int, end: int, most: int = limits.RECORDS) -> Sca
     found: list[Offsets] = []
     walked: list[int] = []
     others: list[Record] = []
-    at, look = begin, _WALK
+    at, look, leaps = begin, _WALK, 0
     while at + RECORD_HEAD <= end:
         opcode, size = _HEAD.unpack_from(view, at)
         after = at + RECORD_HEAD + size
@@ -83,6 +85,7 @@ def scan(buffer: Bytes, begin: int, end: int, most: int = limits.RECORDS) -> Sca
                 leapt = _leap(buffer, walked[-_WALK:], after, end)
                 # A pattern that does not hold is not worth looking for at every turn.
                 look = min(4 * look, 4096) if len(leapt) < look else _WALK
+                leaps += len(leapt)
                 if len(leapt):
                     found.append(leapt)
                     after = int(leapt[-1]) + RECORD_HEAD + _HEAD.unpack_from(view, int(leapt[-1]))[1]
@@ -97,13 +100,13 @@ def scan(buffer: Bytes, begin: int, end: int, most: int = limits.RECORDS) -> Sca
                 walked = []
         at = after
     messages = np.concatenate([*found, np.array(walked, np.int64)])
-    return Scan(messages, others, at)
+    return Scan(messages, others, at, 2 * leaps > len(messages))
 
 
 def _leap(buffer: Bytes, walked: list[int], at: int, end: int) -> Offsets:
     """Return the messages that follow at `at` as long as they repeat the round of the `walked` ones."""
     starts = np.array([*walked, at], np.int64)
-    keys = [column(buffer, dtype, starts[:-1], at) for dtype, at in HEAD_WORDS]
+    keys = [column(buffer, dtype, starts[:-1], at) for dtype, at in _HEAD_WORDS]
     steps = np.diff(starts)
     for length in range(1, _LONGEST_ROUND + 1):
         if all(np.array_equal(part[length:], part[:-length]) for part in (*keys, steps)):
@@ -119,7 +122,7 @@ def _leap(buffer: Bytes, walked: list[int], at: int, end: int) -> Offsets:
         held = count
         for index, slot in enumerate(slots[:-1], start=_WALK - length):
             spot = slice(first + int(slot), first + int(slot) + (count - 1) * stride + 1, stride)
-            for part, (dtype, offset) in zip(keys, HEAD_WORDS, strict=True):
+            for part, (dtype, offset) in zip(keys, _HEAD_WORDS, strict=True):
                 equal = column(buffer, dtype, spot, offset) == part[index]
                 held = min(held, count if equal.all() else int(np.argmin(equal)))
         rounds += held
@@ -127,3 +130,79 @@ def _leap(buffer: Bytes, walked: list[int], at: int, end: int) -> Offsets:
             break
         batch *= 4
     return (at + stride * np.arange(rounds)[:, None] + slots[None, :-1]).ravel()
+
+
+@dataclass(frozen=True)
+class McapBlock:
+    """The messages of one chunk, of an unchunked file, or of rows laid out as such."""
+
+    buffer: Bytes  # plain bytes
+    messages: dict[int, Offsets]  # where the message records begin, by channel
+    horizon_ns: int = LATEST_NS  # no message of a later block was logged before this
+    _where: dict[int, Offsets | slice] = field(default_factory=dict)
+    _sizes: dict[int, Offsets] = field(default_factory=dict)
+
+    def counts(self) -> dict[int, int]:
+        """Return how many messages of each channel there are."""
+        return {channel: len(offsets) for channel, offsets in self.messages.items()}
+
+    def where(self, channel: int) -> Offsets | slice:
+        """The records of a channel; a slice where they are equally spaced."""
+        if channel not in self._where:
+            self._where[channel] = progression(self.messages[channel])
+        return self._where[channel]
+
+    def sizes(self, channel: int) -> Offsets:
+        """(N,) lengths of the records of a channel, without their heads."""
+        if channel not in self._sizes:
+            self._sizes[channel] = column(self.buffer, "<u8", self.where(channel), 1).astype(np.int64)
+        return self._sizes[channel]
+
+    def log_ns(self, channel: int) -> Offsets:
+        """(N,) log times of the messages of a channel."""
+        return column(self.buffer, "<u8", self.where(channel), 15).astype(np.int64)
+
+    def publish_ns(self, channel: int) -> Offsets:
+        """(N,) times at which the messages of a channel were sent."""
+        return column(self.buffer, "<u8", self.where(channel), 23).astype(np.int64)
+
+    def spans(self, channel: int) -> Spans:
+        """Return where the messages of a channel lie, behind the heads of their records."""
+        sizes = self.sizes(channel) - (MESSAGE_HEAD - RECORD_HEAD)
+        return Spans(self.buffer, shifted(self.where(channel), MESSAGE_HEAD), sizes)
+
+
+def indexed(file: Bytes, indexes: list[Record], plain: Bytes, horizon_ns: int) -> McapBlock | None:
+    """Return the messages of a chunk by its indexes; None unless these account for every byte of it.
+
+    Where topics come in no regular turn this spares the walk from record to record.
+    """
+    block = McapBlock(plain, {}, horizon_ns)
+    for _, begin, end in indexes:
+        channel = int.from_bytes(file[begin : begin + 2], "little")
+        offsets = np.frombuffer(file[begin + 6 : end].tobytes(), "<u8")[1::2].astype(np.int64)
+        if not len(offsets):
+            continue
+        offsets = offsets if (offsets[1:] > offsets[:-1]).all() else np.unique(offsets)
+        if channel in block.messages or offsets[0] < 0 or offsets[-1] > len(plain) - MESSAGE_HEAD:
+            return None
+        block.messages[channel] = offsets
+        where = block.where(channel)
+        heads = (column(plain, "u1", where) == Opcode.MESSAGE) & (column(plain, "<u2", where, 9) == channel)
+        if not heads.all():
+            return None
+        # Lengths of up to 2^63 - 1 are claimed: none may be added to anything before it is known to be small.
+        size = block.sizes(channel)
+        if size.min() < MESSAGE_HEAD - RECORD_HEAD or size.max() > len(plain):
+            return None
+    return block if _end_to_end(block) else None
+
+
+def _end_to_end(block: McapBlock) -> bool:
+    """Whether the records lie end to end from the first byte to the last.
+
+    They do if as many end as begin at every byte between: then exactly one lies over each.
+    """
+    begins = [*block.messages.values(), np.array([len(block.buffer)])]
+    ends = [np.array([0]), *(where + RECORD_HEAD + block.sizes(channel) for channel, where in block.messages.items())]
+    return np.array_equal(np.sort(np.concatenate(begins)), np.sort(np.concatenate(ends)))
