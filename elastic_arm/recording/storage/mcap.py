@@ -72,7 +72,6 @@ class McapFile(StoredFile):
     notes: list[Record] = field(default_factory=list)  # where metadata records lie
     loose: Offsets = field(default_factory=lambda: np.empty(0, np.int64))  # messages outside of chunks
     schemas: dict[int, tuple[str, str, str]] = field(default_factory=dict)  # name, definition and its language
-    _in_turn: bool = True  # whether topics come in a regular turn, as far as chunks were looked at
 
     def packing(self) -> set[str]:
         """Return how its chunks are packed."""
@@ -152,10 +151,9 @@ class McapFile(StoredFile):
 
     def _chunk_block(self, chunk: Chunk, plain: Bytes, horizon_ns: int) -> McapBlock | RecordingError:
         try:
-            if not self._in_turn and (block := indexed(self.buffer, chunk.indexes, plain, horizon_ns)) is not None:
+            if (block := indexed(self.buffer, chunk.indexes, plain, horizon_ns)) is not None:
                 return block
             found = scan(plain, 0, len(plain))
-            self._in_turn = found.in_turn
             self._parse([record for record in found.others if record.opcode in _IN_CHUNKS], plain)
         except _BAD_RECORD as error:
             return self._chunk_error(chunk, f"a bad record in it: {error}")

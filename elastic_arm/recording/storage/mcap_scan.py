@@ -1,8 +1,8 @@
-"""The records of MCAP: lay messages as such, and find those of a byte string without a Python step per message.
+"""The records of MCAP: lay messages as such, and find those of a byte string.
 
 An MCAP file, and each chunk in it once decompressed, is a run of records: one byte of kind, eight of length, content.
-Recorders write their topics in turn, so the same few records come round and round: after a short walk the round is
-known, and whole arrays of rounds are checked at once. Where the pattern breaks the walk goes on.
+The messages of a chunk are found by its indexes, without a Python step for each; where these are not complete, and
+beside chunks, by a walk from record to record.
 """
 
 from __future__ import annotations
@@ -22,11 +22,6 @@ MESSAGE_HEAD = 31  # kind, length, channel, sequence, log time, publish time
 LATEST_NS = 2**63 - 1
 _MESSAGE = struct.Struct("<BQHIQQ")
 _HEAD = struct.Struct("<BQ")
-# Kind, length and channel, which are the same in each round: eleven bytes as two overlapping words.
-_HEAD_WORDS = (("<u4", 0), ("<u8", 3))
-_SHORTEST = MESSAGE_HEAD - RECORD_HEAD  # of a message's record
-_WALK = 24  # messages walked before a round is looked for
-_LONGEST_ROUND = 8
 
 
 def message_head(size: int, channel: int, sequence: int, log_ns: int, publish_ns: int) -> bytes:
@@ -63,73 +58,26 @@ class Scan:
     messages: Offsets  # where each message record begins, in order
     others: list[Record]  # all other records, in order
     end: int  # where the last whole record ends: less than requested if the bytes are torn
-    in_turn: bool = True  # whether most messages come in rounds, and need no walk from record to record
 
 
 def scan(buffer: Bytes, begin: int, end: int, most: int = limits.RECORDS) -> Scan:
     """Find all records between `begin` and `end`; stops before a torn one, or one that is shorter than its kind."""
-    view = buffer.data
-    found: list[Offsets] = []
-    walked: list[int] = []
+    view, at = buffer.data, begin
+    messages: list[int] = []
     others: list[Record] = []
-    at, look, leaps = begin, _WALK, 0
     while at + RECORD_HEAD <= end:
         opcode, size = _HEAD.unpack_from(view, at)
         after = at + RECORD_HEAD + size
-        if opcode == 0 or after > end or (opcode == Opcode.MESSAGE and size < _SHORTEST):
+        if opcode == 0 or after > end or (opcode == Opcode.MESSAGE and size < MESSAGE_HEAD - RECORD_HEAD):
             break
         if opcode == Opcode.MESSAGE:
-            walked.append(at)
-            if len(walked) == look:
-                found.append(np.array(walked, np.int64))
-                leapt = _leap(buffer, walked[-_WALK:], after, end)
-                # A pattern that does not hold is not worth looking for at every turn.
-                look = min(4 * look, 4096) if len(leapt) < look else _WALK
-                leaps += len(leapt)
-                if len(leapt):
-                    found.append(leapt)
-                    after = int(leapt[-1]) + RECORD_HEAD + _HEAD.unpack_from(view, int(leapt[-1]))[1]
-                walked = []
+            messages.append(at)
         else:
             others.append(Record(opcode, at + RECORD_HEAD, after))
             if len(others) > most:
                 raise ValueError(f"more than {most} records that are no messages")
-            # A round must not leap over what is no message, so the walk begins anew behind it.
-            if walked:
-                found.append(np.array(walked, np.int64))
-                walked = []
         at = after
-    messages = np.concatenate([*found, np.array(walked, np.int64)])
-    return Scan(messages, others, at, 2 * leaps > len(messages))
-
-
-def _leap(buffer: Bytes, walked: list[int], at: int, end: int) -> Offsets:
-    """Return the messages that follow at `at` as long as they repeat the round of the `walked` ones."""
-    starts = np.array([*walked, at], np.int64)
-    keys = [column(buffer, dtype, starts[:-1], at) for dtype, at in _HEAD_WORDS]
-    steps = np.diff(starts)
-    for length in range(1, _LONGEST_ROUND + 1):
-        if all(np.array_equal(part[length:], part[:-length]) for part in (*keys, steps)):
-            break
-    else:
-        return np.empty(0, np.int64)
-    slots = np.concatenate([[0], np.cumsum(steps[-length:])])
-    stride = int(slots[-1])
-    rounds, most, batch = 0, (end - at) // stride, 8192  # 8192 rounds checked at first; more each time they hold
-    while rounds < most:
-        count = min(batch, most - rounds)
-        first = at + rounds * stride
-        held = count
-        for index, slot in enumerate(slots[:-1], start=_WALK - length):
-            spot = slice(first + int(slot), first + int(slot) + (count - 1) * stride + 1, stride)
-            for part, (dtype, offset) in zip(keys, _HEAD_WORDS, strict=True):
-                equal = column(buffer, dtype, spot, offset) == part[index]
-                held = min(held, count if equal.all() else int(np.argmin(equal)))
-        rounds += held
-        if held < count:
-            break
-        batch *= 4
-    return (at + stride * np.arange(rounds)[:, None] + slots[None, :-1]).ravel()
+    return Scan(np.array(messages, np.int64), others, at)
 
 
 @dataclass(frozen=True)
@@ -173,10 +121,7 @@ class McapBlock:
 
 
 def indexed(file: Bytes, indexes: list[Record], plain: Bytes, horizon_ns: int) -> McapBlock | None:
-    """Return the messages of a chunk by its indexes; None unless these account for every byte of it.
-
-    Where topics come in no regular turn this spares the walk from record to record.
-    """
+    """Return the messages of a chunk by its indexes; None unless these account for every byte of it."""
     block = McapBlock(plain, {}, horizon_ns)
     for _, begin, end in indexes:
         channel = int.from_bytes(file[begin : begin + 2], "little")
