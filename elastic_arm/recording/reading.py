@@ -105,34 +105,34 @@ def read_recording(
     """
     if isinstance(channels, str | Path):
         channels = load_channels(channels)
-    content = open_content(path, channels, namespace)
+    (content,) = contents(path, channels, namespace)
     return recording_of(content, channels, joints, arrival=arrival)[0]
 
 
-def open_content(
-    path: str | Path | Sequence[str | Path], channels: ChannelMap | None, namespace: str | None, *, strict: bool = True
-) -> Content:
-    """Decode what a recording is made of; with `strict` a damaged chunk raises, otherwise it is skipped and noted."""
+def contents(
+    path: str | Path | Sequence[str | Path],
+    channels: ChannelMap | None = None,
+    namespace: str | None = None,
+    *,
+    wanted: Collection[str] | None = None,
+    strict: bool = True,
+    most: float = np.inf,
+) -> Iterator[Content]:
+    """Yield what bags, parts of one recording, hold of its topics, or of those `wanted`, with their series.
+
+    Whenever it has grown by `most` messages, and at the end. With `strict` a damaged chunk raises, otherwise it is
+    skipped and noted.
+    """
     paths = [path] if isinstance(path, str | Path) else list(path)
     if not paths:
         raise RecordingError("no bag was given", "Name at least one.")
     if channels is not None and namespace is not None:
         raise RecordingError("a channel map and a namespace are given", "Name whole topics in the map.")
     bags = [open_bag(each) for each in paths]
-    chosen = choose_namespace(bags, namespace) if channels is None else ""
-    return read_content(bags, _CONTRACT if channels is None else channels.topics(), strict, chosen)
-
-
-def read_content(bags: Sequence[Bag], wanted: Collection[str], strict: bool = True, namespace: str = "") -> Content:
-    """Decode the topics `wanted` of opened bags, parts of one recording, for the arm in a namespace."""
-    (content,) = _contents(bags, wanted, strict, namespace)
-    return content
-
-
-def _contents(
-    bags: Sequence[Bag], wanted: Collection[str], strict: bool, namespace: str, most: float = np.inf
-) -> Iterator[Content]:
-    """Yield what was read of bags whenever it has grown by `most` messages, with their series, and at the end."""
+    if wanted is None:
+        wanted = _CONTRACT if channels is None else channels.topics()
+        namespace = choose_namespace(bags, namespace) if channels is None else ""
+    namespace = namespace or ""
     names = ", ".join(str(bag.path) for bag in bags)
     content = Content(source=f"{names} ({namespace})" if namespace else names, namespace=namespace)
     for bag in bags:
@@ -167,11 +167,8 @@ def read_parts(
 
     A bag of fewer is one part. Parts of a longer one that lack a topic of the first are left out.
     """
-    bag = open_bag(path)
-    chosen = choose_namespace([bag], namespace) if channels is None else ""
-    wanted = _CONTRACT if channels is None else channels.topics()
     topics: set[str] = set()
-    for content in _contents([bag], wanted, True, chosen, most):
+    for content in contents(path, channels, namespace, most=most):
         topics = topics or set(content.series) - {REFERENCE}
         if topics <= set(content.series):
             read = recording_of(content, channels, joints, arrival=arrival)[0]

@@ -83,9 +83,8 @@ def joined_sides(parts: Sequence[Side]) -> Side:
 def _real(name: str, values: object) -> Array:
     """Return numbers as an array of floats, NaN where an array is masked."""
     try:
-        if isinstance(values, np.ma.MaskedArray):
-            values = np.ma.filled(values.astype(np.float64), np.nan)
-        found = np.asarray(values)
+        masked = isinstance(values, np.ma.MaskedArray)
+        found = np.ma.filled(values.astype(np.float64), np.nan) if masked else np.asarray(values)  # type: ignore[attr-defined]
         if found.dtype.kind != "c":
             return found.astype(np.float64, copy=False)
     except (TypeError, ValueError):

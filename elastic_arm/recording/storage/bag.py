@@ -6,7 +6,6 @@ import os
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from elastic_arm.errors import RecordingError
 from elastic_arm.input_files import read_fields
@@ -102,6 +101,7 @@ def _opened(path: Path) -> Bag:
 
 
 def _read_metadata(folder: Path) -> tuple[BagMetadata | None, list[str]]:
+    """Return what is needed of metadata.yaml, None where it cannot be had, and what of it makes no sense."""
     file = folder / METADATA
     if not file.exists():
         return None, [f"{file} is missing"]
@@ -111,28 +111,23 @@ def _read_metadata(folder: Path) -> tuple[BagMetadata | None, list[str]]:
         return None, [f"{file} cannot be read ({error.problem.removeprefix(f'{file}: ')})"]
     if not isinstance(content, dict):
         return None, [f"{file} cannot be read (no fields under {METADATA_KEY})"]
-    return _metadata(file, content)
-
-
-def _metadata(file: Path, content: dict[str, Any]) -> tuple[BagMetadata, list[str]]:
-    """Return what is needed of metadata.yaml, and what of it makes no sense."""
     damage = []
-    count, mode, listed = (content.get(k) for k in ("message_count", "compression_mode", "relative_file_paths"))
+    count, names = content.get("message_count"), content.get("relative_file_paths")
     if count is not None and type(count) is not int:
         damage.append(f"{file}: message_count is no whole number")
         count = None
-    if listed is not None and not (isinstance(listed, list) and all(isinstance(name, str) for name in listed)):
+    if names is not None and not (isinstance(names, list) and all(isinstance(name, str) for name in names)):
         damage.append(f"{file}: relative_file_paths is no list of names")
-        listed = None
-    if listed is not None and len(listed) > limits.FILES:
-        damage.append(f"{file} names {len(listed)} files, {limits.FILES} are the limit")
-        listed = None
-    names = tuple(listed or ())
+        names = None
+    if len(names or ()) > limits.FILES:
+        damage.append(f"{file} names {len(names)} files, {limits.FILES} are the limit")
+        names = None
     # A bag is its folder: names that lead out of it are not followed.
-    outside = {name for name in names if "\0" in name or Path(name).is_absolute() or ".." in Path(name).parts}
-    damage += [f"{file} names {name[:60]!r}, which is not in the bag's folder" for name in names if name in outside]
-    files = tuple(name for name in names if name not in outside)
-    return BagMetadata(count, str(mode or "").lower(), files, stated_currents(content)), damage
+    outside = {n for n in names or () if "\0" in n or Path(n).is_absolute() or ".." in Path(n).parts}
+    damage += [f"{file} names {name[:60]!r}, which is not in the bag's folder" for name in sorted(outside)]
+    files = tuple(name for name in names or () if name not in outside)
+    mode = str(content.get("compression_mode") or "").lower()
+    return BagMetadata(count, mode, files, stated_currents(content)), damage
 
 
 def _number(file: Path) -> tuple[str, int]:
