@@ -136,6 +136,7 @@ CHANNEL = {"topic": "/x"}
         ({"joints": {"a": {"motor": {"effort": {**CHANNEL, "sign": 2}}}}}, "joints.a.motor.effort.sign"),
         ({"joints": {"a": {"motor": {"effort": {**CHANNEL, "factor": 0}}}}}, "factor must be a finite number"),
         ({"joints": {"a": {"motor": {"effort": {"field": "effort"}}}}}, "joints.a.motor.effort.topic: missing field"),
+        ({"joints": {"a": {"link": {"position": {**CHANNEL, "index": True}}}}}, "index: is yes or no, not a number"),
         ({"joints": {"a": {"link": {"position": CHANNEL}}, "b": {}}}, "b has no channel"),
         ({"joints": {"a": {"link": [1]}}}, "joints.a.link"),
         (["a"], "holds no fields"),
@@ -175,12 +176,3 @@ def test_a_linear_axis_has_lengths_and_forces() -> None:
     assert ChannelScale(unit="Nm_motor", ratio=628.0).scale("effort") == pytest.approx(628.0)
     with pytest.raises(ValueError, match="effort cannot have unit mm"):
         ChannelScale(unit="mm").check_unit("effort")
-
-
-@pytest.mark.parametrize("field", ["offset", "factor", "sign", "ratio", "index", "torque_constant"])
-def test_a_truth_is_no_number(tmp_path: Path, field: str) -> None:
-    """Python takes true for 1."""
-    channel = {"topic": "/x", field: True}
-    file = write_yaml(tmp_path / "map.yaml", {"joints": {"a": {"link": {"position": channel}}}})
-    with pytest.raises(RecordingError, match=f"{field}: is yes or no, not a number"):
-        load_channels(file)

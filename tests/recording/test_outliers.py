@@ -130,14 +130,6 @@ def test_joints_that_rest_have_no_outliers_by_resolution() -> None:
     assert not find_outliers(still)
 
 
-def test_the_check_names_them(tmp_path: Path, recording: Recording) -> None:
-    """`bag check` gives side, channel, joint and size."""
-    bag = write_recording(tmp_path / "bag", spoiled(recording, "motor", "effort", 1e6))
-    (finding,) = [f for f in check_bag(bag).findings if f.code == "outliers"]
-    assert finding.severity == "warning"
-    assert "motor effort of joint_2 up to 1e+06" in finding.message
-
-
 def test_a_single_sample_within_the_range_of_others_is_said_to_be_off_its_neighbours() -> None:
     """It is no sample beyond the range of nearly all others, and nothing of the kind is said."""
     t = np.arange(4000) / 200.0

@@ -136,8 +136,10 @@ def test_a_smoothed_torque_is_found_with_its_band() -> None:
     recording = arm()
     sections = scipy.signal.butter(4, 5.0, fs=RATE, output="sos")
     smooth = scipy.signal.sosfiltfilt(sections, recording.motor.effort, axis=0)
-    (finding,) = implausible(changed(recording, "motor", effort=smooth))
+    filtered = changed(recording, "motor", effort=smooth)
+    (finding,) = implausible(filtered)
     assert finding.code == "smooth_torque"
+    assert smoothed_torques(filtered) == [finding.message] and smoothed_torques(recording) == []
     assert 5.0 < float(finding.message.split("above ")[1].split()[0]) < 30.0
 
 
@@ -174,18 +176,6 @@ def test_low_passed_torques_of_real_robots_are_found() -> None:
     mapping = ROOT / "examples" / "kuka_lwr4" / "import.yaml"
     lwr4 = import_arrays(SHARED / "kuka_lwr4" / "measurements_1.npz", mapping)
     assert codes(ur10) == codes(lwr4) == {"smooth_torque"}
-
-
-def test_torques_that_were_low_passed_are_named_by_themselves() -> None:
-    """The diagnosis asks for this alone; torques with noise of their own are not named."""
-    rng, t = np.random.default_rng(0), np.arange(4000) / 200.0
-    noisy = 20.0 * np.sin(t)[:, None] + rng.normal(0.0, 0.3, (len(t), 2))
-    smooth = scipy.signal.sosfiltfilt(scipy.signal.butter(4, 5.0, fs=200.0, output="sos"), noisy, axis=0)
-    stamps = np.rint(1e9 * t).astype(np.int64)
-    angles = np.stack([np.sin(t), np.cos(t)], axis=1)
-    named = [smoothed_torques(Recording(("a", "b"), motor=Side(stamps, angles, effort=e))) for e in (noisy, smooth)]
-    assert named[0] == []
-    assert len(named[1]) == 1 and "motor effort of all joints holds nothing above" in named[1][0]
 
 
 def test_velocities_beside_stamps_of_a_wrong_unit_are_compared() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeVar, get_args
 
@@ -147,7 +147,15 @@ class Channel(ChannelScale):
     name: str = ""  # the joint's name in the message; the joint's own name by default
 
 
-class SideChannels(Strict):
+class Present(Strict):
+    """Channels of which some are there."""
+
+    def present(self) -> dict[ChannelName, Any]:
+        """Return the channels that are there."""
+        return {name: own for name in get_args(ChannelName) if (own := getattr(self, name, None)) is not None}
+
+
+class SideChannels(Present):
     """The channels of one side of a joint; None where not recorded."""
 
     position: Channel | None = None
@@ -156,16 +164,9 @@ class SideChannels(Strict):
 
     @model_validator(mode="after")
     def _units(self) -> Self:
-        for name, channel in self.present():
+        for name, channel in self.present().items():
             channel.check_unit(name)
         return self
-
-    def present(self) -> Iterator[tuple[ChannelName, Channel]]:
-        """Yield the channels that are there."""
-        for name in CHANNEL_NAMES:
-            channel = getattr(self, name)
-            if channel is not None:
-                yield name, channel
 
 
 def from_currents(link: Sequence[str | None], motor: Sequence[str | None]) -> tuple[str, ...]:
@@ -203,10 +204,21 @@ class ChannelMap(Strict):
     time: Literal["header", "arrival"] = "header"
     coupling: Coupling = Field(default_factory=dict)
 
+    @model_validator(mode="before")
+    @classmethod
+    def _written_out(cls, data: Any) -> Any:
+        """Fill in the defaults of all joints, and what a channel leaves out."""
+        if not isinstance(data, dict):
+            return data
+        defaults, rest = data.get("defaults") or {}, {key: value for key, value in data.items() if key != "defaults"}
+        if isinstance(joints := rest.get("joints"), dict):
+            rest["joints"] = {name: _filled(str(name), _merged(defaults, own or {})) for name, own in joints.items()}
+        return rest
+
     @model_validator(mode="after")
     def _usable(self) -> Self:
         for name, joint in self.joints.items():
-            if not any(True for side in joint.sides() for _ in side.present()):
+            if not any(side.present() for side in joint.sides()):
                 raise ValueError(f"{name} has no channel")
         coupling_matrix(self.coupling, list(self.joints))
         return self
@@ -214,7 +226,7 @@ class ChannelMap(Strict):
     def topics(self) -> set[str]:
         """Return all topics that are needed."""
         sides = [side for joint in self.joints.values() for side in joint.sides()]
-        return {channel.topic for side in sides for _, channel in side.present()}
+        return {channel.topic for side in sides for channel in side.present().values()}
 
     def currents(self) -> tuple[str, ...]:
         """Return the torque channels, by the names of a recording, that are currents of any joint."""
@@ -230,20 +242,7 @@ def load_channels(path: str | Path) -> ChannelMap:
     RecordingError
         If the file cannot be read, or a field is missing, unknown, of the wrong type or at odds with another.
     """
-    data = load_yaml(path, "channel map")
-    defaults = data.pop("defaults", None) or {}
-    if isinstance(data.get("joints"), dict):
-        joints = {name: _merged(defaults, joint or {}) for name, joint in data["joints"].items()}
-        data["joints"] = {name: _filled(str(name), joint) for name, joint in joints.items()}
-    return validated(ChannelMap, data, path)
-
-
-def load_yaml(path: str | Path, what: str) -> dict[str, Any]:
-    """Read a YAML mapping."""
-    try:
-        return read_fields(path, RecordingError, REMEDY)
-    except RecordingError as error:
-        raise RecordingError(f"{what} {error.problem}", error.remedy) from None
+    return load_model(ChannelMap, path, "channel map")
 
 
 M = TypeVar("M", bound=BaseModel)
@@ -261,10 +260,12 @@ CALLED = {
 }
 
 
-def validated(model: type[M], data: dict[str, Any], path: str | Path) -> M:
-    """Check `data`, read from `path`, against a model."""
+def load_model(model: type[M], path: str | Path, what: str) -> M:
+    """Read a YAML file as a model."""
     try:
-        return model.model_validate(data)
+        return model.model_validate(read_fields(path, RecordingError, REMEDY))
+    except RecordingError as error:
+        raise RecordingError(f"{what} {error.problem}", error.remedy) from None
     except ValidationError as error:
         problem, remedy = explain(error, REFERENCE, CALLED)
         raise RecordingError(f"{path}: {problem}", remedy) from None
