@@ -13,12 +13,11 @@ import numpy as np
 
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording import cdr
-from elastic_arm.recording.decoding import Decoder
 from elastic_arm.recording.foreign.channels import ChannelMap, load_channels
 from elastic_arm.recording.foreign.mapping import mapped_side
 from elastic_arm.recording.inspection.report import Finding, Severity, check_times, checked
 from elastic_arm.recording.recording import Recording
-from elastic_arm.recording.series import Series
+from elastic_arm.recording.series import Decoder, Series
 from elastic_arm.recording.sides import Side, joints_with, matched_names
 from elastic_arm.recording.storage.bag import Bag, BagFile, open_bag
 from elastic_arm.recording.storage.mcap_scan import McapBlock
