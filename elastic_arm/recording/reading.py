@@ -46,7 +46,6 @@ class Content:
     topics: dict[str, str] = field(default_factory=dict)  # All topics that have messages, with their types
     messages: int = 0  # Number of messages on all topics
     damage: list[str] = field(default_factory=list)  # What was wrong with the bags
-    remarks: list[str] = field(default_factory=list)  # What cannot be known of the bags, and is no damage
     promised: int | None = None  # Number of messages by metadata.yaml; None where it does not say
     source: str = ""  # The bags by name; their torque channels that are currents times a torque constant
     currents: tuple[str, ...] = ()
@@ -148,7 +147,6 @@ def contents(
                     before = content.messages
                     yield content.decoded()
         content.damage += bag.all_damage()
-        content.remarks += bag.remarks()
         content.currents = tuple(dict.fromkeys((*content.currents, *bag.currents())))
     yield content.decoded()
 

@@ -143,7 +143,9 @@ def listed(joints: Sequence[str], chosen: Any) -> str:
 
 
 def span_of(values: Array) -> str:
-    """Return the smallest and the largest of some numbers as text; one where they are alike."""
+    """Return the smallest and the largest of some numbers as text; one where they are alike, nothing of none."""
+    if not np.size(values):
+        return ""
     # Three digits, and 1000 rather than 1e+03.
     low, high = (f"{float(f'{end:.3g}'):g}" for end in (np.min(values), np.max(values)))
     return low if low == high else f"{low} to {high}"

@@ -116,8 +116,6 @@ def _check_content(content: Content, report: Report) -> None:
     for damage in content.damage:
         missing = damage.endswith("metadata.yaml is missing")
         report.add(*(("warning", "missing_metadata") if missing else ("error", "damaged")), damage)
-    for remark in content.remarks:
-        report.add("note", "unchecked", remark)
     if content.promised is not None and content.promised != content.messages:
         message = f"metadata.yaml promises {content.promised} messages, the files hold {content.messages}"
         report.add("error", "count", message)

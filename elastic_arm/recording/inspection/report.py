@@ -7,9 +7,10 @@ from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from elastic_arm.errors import RecordingError, one_line
-from elastic_arm.recording.sides import Side, Stamps, joints_with
+from elastic_arm.recording.sides import Side, Stamps, joints_with, listed
 
 FEWEST = 200  # samples; of fewer nothing is concluded
 REPAIR = "Make a usable copy with: elastic-arm bag check --repair BAG"
@@ -41,6 +42,20 @@ class Finding:
 def warning(code: str, message: str, remedy: str = "") -> Finding:
     """Return a warning, with what to do about it."""
     return Finding("warning", code, f"{message}: {remedy}" if remedy else message)
+
+
+def about(
+    joints: Sequence[str],
+    chosen: NDArray[np.bool_],
+    code: str,
+    what: str,
+    words: str,
+    remedy: str = "",
+    severity: Severity = "warning",
+) -> list[Finding]:
+    """Return what the words state of a channel of the chosen joints (n,); nothing where none is chosen."""
+    message = f"{what} of {listed(joints, chosen)} {words}"
+    return [Finding(severity, code, f"{message}: {remedy}" if remedy else message)] if chosen.any() else []
 
 
 @dataclass

@@ -51,10 +51,6 @@ class Bag:
             return list(self.metadata.currents)
         return list(dict.fromkeys(name for file in self.files for name in file.currents()))
 
-    def remarks(self) -> list[str]:
-        """Return what cannot be known of the bag, and is no damage."""
-        return [words for file in self.files for words in file.remarks()]
-
     def all_damage(self) -> list[str]:
         """Return what is wrong with the bag and its files, as far as it is known so far."""
         return self.damage + [words for file in self.files for words in file.damage]

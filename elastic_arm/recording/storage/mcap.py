@@ -78,13 +78,6 @@ class McapFile(StoredFile):
         kinds = {chunk.compression or "none" for chunk in self.chunks}
         return kinds | ({"unchunked"} if len(self.loose) else set())
 
-    def remarks(self) -> list[str]:
-        """Return that damage in chunks without a checksum, which the format allows, may go unseen."""
-        open_chunks = sum(not chunk.crc for chunk in self.chunks)
-        if not open_chunks:
-            return []
-        return [f"{self.path}: {open_chunks} of {len(self.chunks)} chunks have no checksum: damage may go unseen"]
-
     def check_lengths(self) -> None:
         claimed = (chunk.size for chunk in self.chunks if chunk.compression)
         total, limit = sum(size for size in claimed if size <= limits.chunk_bytes()), limits.unpacked_bytes()

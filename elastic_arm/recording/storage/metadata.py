@@ -54,10 +54,6 @@ class StoredFile:
             raise RecordingError(problem, "Record again.")
         return self.channels[channel]
 
-    def remarks(self) -> list[str]:
-        """Return what cannot be known of the file, and is no damage."""
-        return []
-
     def currents(self) -> tuple[str, ...]:
         """Return the torque channels that the file states to be motor currents times a torque constant."""
         return ()
