@@ -13,9 +13,9 @@ import numpy as np
 
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording import cdr
-from elastic_arm.recording.foreign.channels import ChannelMap, load_channels
+from elastic_arm.recording.foreign.channels import SIDE_NAMES, ChannelMap, load_channels
 from elastic_arm.recording.foreign.mapping import mapped_side
-from elastic_arm.recording.inspection.report import Finding, Severity, check_times, checked
+from elastic_arm.recording.inspection.report import Finding, check_times, checked, note, warning
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.series import Decoder, Series
 from elastic_arm.recording.sides import Side, joints_with, matched_names
@@ -227,18 +227,10 @@ def recording_of(
     return replace(recording, source=source, notes=notes), found
 
 
-def _note(found: list[Finding], words: str, code: str = "reading", severity: Severity = "note") -> None:
-    found.append(Finding(severity, code, words))
-
-
 def _mapped_recording(
     series: Mapping[str, Series], content: Content, channels: ChannelMap, found: list[Finding]
 ) -> Recording:
-    link, of_link = mapped_side(channels, "link", series)
-    motor, of_motor = mapped_side(channels, "motor", series)
-    command, of_command = mapped_side(channels, "command", series)
-    for words in (*of_link, *of_motor, *of_command):
-        _note(found, words)
+    link, motor, command = (mapped_side(channels, side, series, found) for side in SIDE_NAMES)
     for each in series.values():
         found += each.findings
     joints, urdf = tuple(channels.joints), content.robot_description
@@ -266,7 +258,7 @@ def _contract_recording(
     reference = _reference(series.get(REFERENCE), joints, found)
     called = joints if wanted is None else tuple(wanted)
     if called != joints:
-        _note(found, f"{', '.join(joints)} are {', '.join(called)} by their names without what all of them share")
+        found.append(note(f"{', '.join(joints)} are {', '.join(called)} by their names without what all of them share"))
     return Recording(called, link, motor, reference, content.robot_description, currents=content.currents)
 
 
@@ -277,7 +269,7 @@ def _place_torques(
     torques = series.get(JOINT_TORQUES)
     sensed, driven = (_side(torques, joints, {"effort": name}, found) for name in ("joint_torque", "motor_torque"))
     if link is not None and link.effort is not None and motor is None and (sensed is None or sensed.effort is None):
-        _note(found, f"{JOINT_STATES}.effort was taken as the motor torque, as {MOTOR_STATES} was not recorded")
+        found.append(note(f"{JOINT_STATES}.effort was taken as the motor torque, as {MOTOR_STATES} was not recorded"))
         motor = Side(link.stamp_ns, effort=link.effort)
         link = replace(link, effort=None)
     if link is not None and link.effort is None and sensed is not None and sensed.effort is not None:
@@ -291,9 +283,7 @@ def _place_torques(
 
 
 def _with_torque(side: Side, torques: Side, name: str, topic: str, found: list[Finding]) -> Side:
-    side, torques, words = pair(side, torques, f"{JOINT_TORQUES}.{name}", topic)
-    for each in words:
-        _note(found, each)
+    side, torques = pair(side, torques, f"{JOINT_TORQUES}.{name}", topic, found)
     return replace(side, effort=torques.effort)
 
 
@@ -343,30 +333,29 @@ def _side(series: Series | None, joints: tuple[str, ...], paths: dict[str, str],
     parts = series.holding(joints)
     used = sum(part.count for part, _ in parts)
     if used < series.count:
-        _note(found, f"{series.count - used} messages on {series.topic} that hold other joints were left out")
+        found.append(note(f"{series.count - used} messages on {series.topic} that hold other joints were left out"))
     for part, names in parts:
         own = _part(part, joints, names, paths)
         found += [finding for finding in part.findings if finding not in found]
         if side is None:
             side = own
             continue
-        side, own, words = pair(side, own, f"messages of {', '.join(names)}", "those of the other joints")
+        words = f"{series.topic} holds messages of {', '.join(names)} apart from the others: they are joined"
+        found.append(note(words))
+        side, own = pair(side, own, f"messages of {', '.join(names)}", "those of the other joints", found)
         before = side.channels()
         joined = {name: np.fmax(before.get(name, values), values) for name, values in own.channels().items()}
         side = replace(side, **joined)
-        _note(found, f"{series.topic} holds messages of {', '.join(names)} apart from the others: they are joined")
-        for each in words:
-            _note(found, each)
     assert side is not None
     for name, values in side.channels().items():
         there = joints_with(values)
         if not there.any():
             missing = f"{series.topic}.{paths[name]} is NaN throughout and counts as not recorded"
-            _note(found, missing, "nan_channel", "warning")
+            found.append(warning("nan_channel", missing))
             side = replace(side, **{name: None})  # type: ignore[arg-type]
         elif not there.all():
             without = ", ".join(joint for joint, one in zip(joints, there, strict=True) if not one)
-            _note(found, f"{series.topic}.{paths[name]} is not there for {without}", "absent_channel")
+            found.append(note(f"{series.topic}.{paths[name]} is not there for {without}", "absent_channel"))
     return checked(side, series.topic, joints)
 
 
@@ -397,5 +386,5 @@ def _reference(series: Series | None, joints: tuple[str, ...], found: list[Findi
         check_times(side.stamp_ns + ahead, REFERENCE)
         return replace(side, stamp_ns=side.stamp_ns + ahead)
     except RecordingError as error:
-        _note(found, f"{REFERENCE} was left out: {error.problem}")
+        found.append(note(f"{REFERENCE} was left out: {error.problem}"))
         return None

@@ -14,7 +14,7 @@ from elastic_arm.recording.inspection.described_gravity import contradicted_grav
 from elastic_arm.recording.inspection.magnitudes import beyond_limits
 from elastic_arm.recording.inspection.outliers import cleared, without_zeros
 from elastic_arm.recording.inspection.plausibility import implausible
-from elastic_arm.recording.inspection.report import REPAIR, Finding, Report, moment, wrong_rate
+from elastic_arm.recording.inspection.report import REPAIR, Finding, Report, moment, note, wrong_rate
 from elastic_arm.recording.inspection.stuck_channels import channel_findings, frozen
 from elastic_arm.recording.inspection.two_encoders import disagreeing
 from elastic_arm.recording.reading import Content, contents, recording_of, urdf_joints
@@ -55,7 +55,7 @@ def check_bag(
 def looked_through(recording: Recording, robot: Robot | None = None) -> list[Finding]:
     """Return what had to be done to use a recording, and what no sensors of a moving arm, or of this one, measure."""
     whole, found = cleared(recording)
-    found += [Finding("note", "reading", note) for note in whole.samples().notes if note not in recording.notes]
+    found += [note(words) for words in whole.samples().notes if words not in recording.notes]
     return found + _seen(whole, recording, robot)
 
 

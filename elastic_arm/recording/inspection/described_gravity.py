@@ -264,10 +264,10 @@ def _arranged(motion: _SideMotion, side: str, robot: Robot, regressor: _Regresso
         left, power, free = _squares(motion, regressor(*motion[:3]))
         tried = []
         for angles, ways in _arrangements(robot.joint_names, motion.measured):
-            rates = [angles(rate) for rate in motion[:3]]
-            Y = regressor(*rates)
+            q, dq, ddq = (angles(rate) for rate in motion[:3])
+            Y = regressor(q, dq, ddq)
             for code, words, torques in ways:
-                squares, *_ = _squares(_SideMotion(*rates, torques(motion.torque), motion.measured), Y)
+                squares, *_ = _squares(_SideMotion(q, dq, ddq, torques(motion.torque), motion.measured), Y)
                 # In the order of the torques as they were given.
                 order = np.argsort(torques.order[motion.measured])
                 change = np.log(squares[order] / left)
@@ -284,7 +284,8 @@ def _arranged(motion: _SideMotion, side: str, robot: Robot, regressor: _Regresso
         if after - before < np.log(BETTER) and after < np.log(EXPLAINED):
             # What is only better beside another one comes before it.
             found = [*steps]
-        motion = _SideMotion(*map(angles, motion[:3]), torques(motion.torque), motion.measured)
+        q, dq, ddq = (angles(rate) for rate in motion[:3])
+        motion = _SideMotion(q, dq, ddq, torques(motion.torque), motion.measured)
     return found
 
 

@@ -39,6 +39,11 @@ class Finding:
         object.__setattr__(self, "message", one_line(self.message))
 
 
+def note(message: str, code: str = "reading") -> Finding:
+    """Return a note: of what had to be assumed, where nothing else is said."""
+    return Finding("note", code, message)
+
+
 def warning(code: str, message: str, remedy: str = "") -> Finding:
     """Return a warning, with what to do about it."""
     return Finding("warning", code, f"{message}: {remedy}" if remedy else message)

@@ -115,7 +115,7 @@ def _read_metadata(folder: Path) -> tuple[BagMetadata | None, list[str]]:
     if names is not None and not (isinstance(names, list) and all(isinstance(name, str) for name in names)):
         damage.append(f"{file}: relative_file_paths is no list of names")
         names = None
-    if len(names or ()) > limits.FILES:
+    if names is not None and len(names) > limits.FILES:
         damage.append(f"{file} names {len(names)} files, {limits.FILES} are the limit")
         names = None
     # A bag is its folder: names that lead out of it are not followed.

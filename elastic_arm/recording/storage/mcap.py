@@ -226,7 +226,7 @@ def open_mcap(path: Path) -> McapFile:
 
 
 def _chunk(buffer: Bytes, begin: int, end: int) -> Chunk:
-    start_ns, end_ns, size, crc, name_size = _CHUNK_HEAD.unpack(buffer[begin:end][: _CHUNK_HEAD.size])
+    start_ns, end_ns, size, crc, name_size = _CHUNK_HEAD.unpack(buffer[begin:end][: _CHUNK_HEAD.size].tobytes())
     at = begin + _CHUNK_HEAD.size + name_size + 8
     compression = buffer[begin + _CHUNK_HEAD.size : at - 8].tobytes().decode()
     packed = int.from_bytes(buffer[at - 8 : at], "little")
