@@ -146,8 +146,15 @@ def indexed(file: Bytes, indexes: list[Record], plain: Bytes, horizon_ns: int) -
 def _end_to_end(block: McapBlock) -> bool:
     """Whether the records lie end to end from the first byte to the last.
 
-    They do if as many end as begin at every byte between: then exactly one lies over each.
+    They do if together they are as long, one begins at the first byte, and each ends where one begins or at the last.
     """
-    begins = [*block.messages.values(), np.array([len(block.buffer)])]
-    ends = [np.array([0]), *(where + RECORD_HEAD + block.sizes(channel) for channel, where in block.messages.items())]
-    return np.array_equal(np.sort(np.concatenate(begins)), np.sort(np.concatenate(ends)))
+    if not block.messages:
+        return False
+    length = len(block.buffer)
+    begin = np.concatenate([*block.messages.values()])
+    size = RECORD_HEAD + np.concatenate([block.sizes(channel) for channel in block.messages])
+    if size.sum() != length or (begin + size).max() > length:
+        return False
+    begins = np.zeros(length + 1, np.bool_)
+    begins[begin] = begins[length] = True
+    return bool(begins[0] and begins[begin + size].all())
