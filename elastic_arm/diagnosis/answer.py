@@ -123,8 +123,9 @@ class Answer:
 
     def events(self) -> tuple[Event, ...]:
         """Return the stretches of recordings that the rest of each contradicts, in what effects and numbers leave."""
-        # What was made of the recordings that judge serves here, too.
-        whole = replace(self, prepared=self.prepared.without(())) if self.prepared.events else self
+        # What the recordings that judge tell of sizes is no event.
+        explanation = replace(self.explanation, best=self.explanation.of_all)
+        whole = replace(self, explanation=explanation, prepared=self.prepared.without(()))
         looks = replace(whole, which=0), whole
         problem, found = whole.prepared.problem, []
         for number, source in problem.sources.items():

@@ -64,9 +64,12 @@ class Judge:
         met.update(scored)
         return max(met.values(), key=lambda fit: fit.score)
 
+    def whole(self, fit: Fit) -> Fit:
+        """Return the fit of the same set to all recordings."""
+        return self.model.fit([self._of_all(t, fit) for t in fit.optional])
+
     def _scored(self, fit: Fit) -> Fit:
-        whole = self.model.fit([self._of_all(t, fit) for t in fit.optional])
-        return replace(fit, correction=fit.correction + whole.found.evidence - fit.found.evidence)
+        return replace(fit, correction=fit.correction + self.whole(fit).found.evidence - fit.found.evidence)
 
     def _of_all(self, term: Term, fit: Fit) -> Term:
         """Return a term with its rows in the recordings that judge as well."""
