@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from elastic_arm.recording.spans import column, progression
-from elastic_arm.recording.storage.mcap_scan import McapBlock, Record, indexed, scan
+from elastic_arm.recording.storage.mcap_scan import McapBlock, Record, indexed, repeated, scan
 
 RECORDS = st.lists(st.tuples(st.sampled_from([3, 4, 5, 5, 5, 5]), st.integers(1, 3), st.integers(0, 40)), max_size=300)
 
@@ -56,6 +56,41 @@ def by_channel(content: bytes) -> McapBlock:
     return McapBlock(plain, {int(c): found[channels == c] for c in dict.fromkeys(channels.tolist())})
 
 
+@given(
+    st.lists(st.integers(0, 40), min_size=1, max_size=4),
+    st.integers(2, 20),
+    st.integers(0, 60),
+    st.sampled_from(["none", "other", "head"]),
+    st.integers(0, 10**6),
+)
+def test_a_chunk_like_the_one_before_has_the_messages_that_a_walk_finds(
+    sizes: list[int], rounds: int, count: int, change: str, where: int
+) -> None:
+    """Any part of any number of rounds; another record among them, or a head that differs, is never taken for one."""
+    turn = [message(channel, size) for channel, size in enumerate(sizes)]
+    before = by_channel(b"".join(turn * rounds))
+    records = (turn * 60)[:count]
+    heads = np.concatenate([[0], np.cumsum([len(record) for record in records])]).astype(int)
+    if change == "other":
+        records.insert(where % (count + 1), b"\x03" + (7).to_bytes(8, "little") + bytes(7))
+    content = bytearray(b"".join(records))
+    if change == "head" and count:
+        content[int(heads[where % count]) + where % 11] ^= 1 << where % 8
+    found = repeated(before, np.frombuffer(bytes(content), np.uint8), 0)
+    if change == "none" and count >= len(turn):
+        assert found is not None
+    if change == "other" or (change == "head" and count):
+        assert found is None
+    if found is not None:
+        expected = by_channel(bytes(content))
+        assert {c: m.tolist() for c, m in found.messages.items()} == {
+            c: m.tolist() for c, m in expected.messages.items()
+        }
+        for channel in found.messages:
+            np.testing.assert_array_equal(found.spans(channel).size, expected.spans(channel).size)
+            assert found.where(channel) == expected.where(channel) or len(expected.messages[channel]) < 2
+
+
 def by_indexes(plain: bytes, offsets: dict[int, list[int]]) -> McapBlock | None:
     """What :func:`indexed` makes of a chunk whose indexes name these records."""
     file, indexes = b"", []
@@ -95,3 +130,13 @@ def test_lengths_that_overflow_together_are_refused() -> None:
     plain = outer[:31] + 2 * long + bytes(2 * 9 - 2)
     assert by_indexes(plain, {1: [0, 31, 62]}) is None
     assert by_indexes(plain, {1: [0, 2**63 - 1]}) is None
+
+
+def test_a_regular_message_within_another_does_not_make_up_for_a_gap() -> None:
+    """Three channels, each equally spaced, that take no turns: the first would go on among the bytes of the third."""
+    a, b, c = message(1, 59), message(2, 0), message(3, 29)
+    before = by_channel(a + b + a + c + b + c)
+    hidden = bytearray(a + b + a + c + b + c + bytes(len(a)))
+    at = 2 * (len(a) + len(b))
+    hidden[at : at + 11] = a[:11]
+    assert repeated(before, np.frombuffer(bytes(hidden), np.uint8), 0) is None

@@ -22,7 +22,7 @@ from elastic_arm.codegen.parallel import ahead
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording import limits
 from elastic_arm.recording.spans import Bytes, Offsets, by_value, column
-from elastic_arm.recording.storage.mcap_scan import LATEST_NS, McapBlock, Record, Scan, indexed, scan
+from elastic_arm.recording.storage.mcap_scan import LATEST_NS, McapBlock, Record, Scan, indexed, repeated, scan
 from elastic_arm.recording.storage.metadata import INSIDE, StoredFile, Topic, plain_data, stated_currents
 from elastic_arm.recording.storage.unpacking import PACKED_FILES, unpack_chunk, unpack_file
 
@@ -72,6 +72,7 @@ class McapFile(StoredFile):
     notes: list[Record] = field(default_factory=list)  # where metadata records lie
     loose: Offsets = field(default_factory=lambda: np.empty(0, np.int64))  # messages outside of chunks
     schemas: dict[int, tuple[str, str, str]] = field(default_factory=dict)  # name, definition and its language
+    _before: McapBlock | None = None  # the chunk before, if all its bytes are messages
 
     def packing(self) -> set[str]:
         """Return how its chunks are packed."""
@@ -104,6 +105,7 @@ class McapFile(StoredFile):
 
     def blocks(self, strict: bool = True) -> Iterator[McapBlock]:
         """Yield the messages, block by block in file order; slow chunks are unpacked ahead in threads."""
+        self._before = None
         starts = np.array([*(chunk.start_ns for chunk in self.chunks), LATEST_NS], np.int64)
         first, *horizons = np.minimum.accumulate(starts[::-1])[::-1].tolist()
         if len(self.loose):
@@ -144,8 +146,11 @@ class McapFile(StoredFile):
 
     def _chunk_block(self, chunk: Chunk, plain: Bytes, horizon_ns: int) -> McapBlock | RecordingError:
         try:
-            if (block := indexed(self.buffer, chunk.indexes, plain, horizon_ns)) is not None:
-                return block
+            self._before = repeated(self._before, plain, horizon_ns) or indexed(
+                self.buffer, chunk.indexes, plain, horizon_ns
+            )
+            if self._before is not None:
+                return self._before
             found = scan(plain, 0, len(plain))
             self._parse([record for record in found.others if record.opcode in _IN_CHUNKS], plain)
         except _BAD_RECORD as error:
