@@ -53,8 +53,17 @@ TURN = 0.05  # rad, over which squares are a parabola of a joint's zero; numeric
 CERTAIN, EXPLAINED, BETTER = 10.0, 0.1, 1.0 / 3.0
 
 
-_Change = Callable[[Array], Array]
 _Regressor = Callable[[Array, Array, Array], Array]
+
+
+class _Change(NamedTuple):
+    """Columns (n,) in another order, with signs."""
+
+    order: Any
+    sign: Array
+
+    def __call__(self, values: Array) -> Array:
+        return np.asarray(values[..., self.order] * self.sign)
 
 
 class _SideMotion(NamedTuple):
@@ -251,8 +260,7 @@ def _arranged(motion: _SideMotion, side: str, robot: Robot, regressor: _Regresso
     """Return which joints turn the other way, or have their channels exchanged."""
     steps: list[Finding] = []
     found: list[Finding] = []
-    n = robot.n
-    for _ in range(n):
+    for _ in range(robot.n):
         left, power, free = _squares(motion, regressor(*motion[:3]))
         tried = []
         for angles, ways in _arrangements(robot.joint_names, motion.measured):
@@ -261,7 +269,7 @@ def _arranged(motion: _SideMotion, side: str, robot: Robot, regressor: _Regresso
             for code, words, torques in ways:
                 squares, *_ = _squares(_SideMotion(q, dq, ddq, torques(motion.torque), motion.measured), Y)
                 # In the order of the torques as they were given.
-                order = np.argsort(np.abs(torques(np.arange(1.0, n + 1.0)))[motion.measured])
+                order = np.argsort(torques.order[motion.measured])
                 change = np.log(squares[order] / left)
                 tried.append((0.5 * float(free @ change), change, code, words, angles, torques))
         odds, change, code, words, angles, torques = min(tried, key=lambda each: each[0])
@@ -287,30 +295,20 @@ _Way = tuple[str, str, _Change]
 def _arrangements(joints: Sequence[str], measured: Sequence[int]) -> Iterator[tuple[_Change, list[_Way]]]:
     """Yield what may have been confused: how angles (…, n) come right, and how torques do beside it."""
 
-    def same(values: Array) -> Array:
-        return values
-
+    every, plain = np.arange(len(joints)), np.ones(len(joints))
+    same = _Change(every, plain)
     alone: list[_Way] = []
     for j, name in enumerate(joints):
-        sign = np.where(np.arange(len(joints)) == j, -1.0, 1.0)
-
-        def mirrored(values: Array, sign: Array = sign) -> Array:
-            return sign * values
-
+        mirrored = _Change(every, np.where(every == j, -1.0, 1.0))
         both = f"{name} turns the other way than described, its angle and its torque have the other sign"
         angle = f"the angle of {name} has the other sign than described"
         yield mirrored, [("mirrored", both, mirrored), ("mirrored", angle, same)]
         if j in measured:
             alone.append(("gravity_sign", f"the torque of {name} has the other sign than described", mirrored))
-    orders = [(np.array([j, i]), np.array([i, j])) for i, j in combinations(measured, 2)]
-    backwards = np.array(measured)[::-1]
-    for new, old in [*orders, *([(backwards, np.array(measured))] if len(measured) > 3 else [])]:
-        order = np.arange(len(joints))
-        order[old] = new
-
-        def exchanged(values: Array, order: Any = order) -> Array:
-            return values[..., order]
-
+    pairs = [[i, j] for i, j in combinations(measured, 2)]
+    for old in [*pairs, *([list(measured)] if len(measured) > 3 else [])]:
+        exchanged = _Change(every.copy(), plain)
+        exchanged.order[old] = old[::-1]
         names = " and ".join(joints[k] for k in old)
         whose = f"of {names} seem to be exchanged" if len(old) == 2 else "are in the reversed order of joints"
         yield exchanged, [("exchanged", f"all channels {whose}", exchanged)]
