@@ -36,6 +36,7 @@ LIBRARIES = (
     "rosbags>=0.11",
     "scipy>=1.11",
     "sympy>=1.12",
+    "threadpoolctl>=3.1",
     "typer>=0.29",
     "xacro>=2.0",
     "zstandard>=0.22",

@@ -50,8 +50,8 @@ def number_columns(
     for k, feature in features.items():
         parameter = parameters[k]
         shown = data.plain(feature)
-        for out, columns in zip(result, shown, strict=True):
-            out[:, :, k] = columns[:, :, 0] * parameter.prior_std
+        for out, columns, part in zip(result, shown, data.parts, strict=True):
+            out[:, :, k] = columns[:, :, 0] * parameter.prior_std * part.gain(feature)
         if feature.read_torque != "tau_J" or not parameter.is_torque_gain:
             continue
         if "drive" in data.layout.sides:
@@ -59,10 +59,11 @@ def number_columns(
             for out, part in zip(result, data.parts, strict=True):
                 j = model.robot.joint_names.index(str(parameter.joint))
                 noise = _in_row(data, part, model.n + j, _load_noise(part)[:, j])
-                out[:, :, k] -= noise * parameter.prior_std / part.gain(feature)
+                out[:, :, k] -= noise * parameter.prior_std
         for effect in (e for e in data.acting if e.feature.effect.twist and e.feature.joint == parameter.joint):
             for out, part in zip(result, data.parts, strict=True):
-                out[:, :, k] -= _transmitted(feature.equations, data, part, effect) * parameter.prior_std
+                twisted = _transmitted(feature.equations, data, part, effect)
+                out[:, :, k] -= twisted * parameter.prior_std * part.gain(feature)
     others = [k for k, p in enumerate(parameters) if p.feature is None and not p.is_inertial]
     for out, part in zip(result, data.parts, strict=True):
         sensed = "drive" in data.layout.sides
@@ -104,7 +105,7 @@ def shared_columns(
             column = data.in_band(part, feature.entries(signals))[:, :, 0] / part.gain(feature)
             if feature.read_torque == "tau_J" and effect.feature.effect.twist:
                 column = column - _transmitted(feature.equations, data, part, effect)
-            out.append(column * parameter.prior_std)
+            out.append(column * parameter.prior_std * part.gain(feature))
     joints = effect.feature.equations.robot.joint_names
     for k, parameter in enumerate(parameters):
         j = joints.index(parameter.joint)
@@ -218,7 +219,7 @@ def _drive_entries(
 ) -> Entries:
     """Columns (N, 3 n, k): stiffness by predicted torque, damping by that of the spring, presliding by speed."""
     n, elastic, motion, signals = model.n, model.robot.elastic, part.stretch.quiet, part.signals
-    K = drive_constants(model)[0] if elastic else np.ones(n)
+    K, D = drive_constants(model) if elastic else (np.ones(n), np.zeros(n))
     load = rates = _wound(model, part, acting) if elastic else np.zeros((len(motion), n))
     clear = load - _load_noise(part) if sensed else load
     if elastic and not sensed and any(p.what == "damping" for p in parameters):
@@ -239,9 +240,9 @@ def _drive_entries(
             w = (motion.dtheta if of_motor else motion.dq)[:, j]
             found.append((2 * n + j if of_motor else j, k, _turnover(w, motion.t, parameter.speeds)))
         elif parameter.what == "stiffness" and gear is not None:
-            found.append((n + j, k, clear[:, j] * (gear.stiffness / K[j])))
+            found.append((n + j, k, clear[:, j]))
         elif parameter.what == "damping" and gear is not None:
-            found.append((n + j, k, gear.damping / K[j] * rates[:, j]))
+            found.append((n + j, k, D[j] / K[j] * rates[:, j]))
         elif parameter.what in GAINS:
             found.append((2 * n + j, k, _of_gain(model, nominal, parameter, motion, signals)))
     values = np.empty((len(motion), len(found)))

@@ -258,6 +258,10 @@ class WhitenedData:
         """Return columns (N', R, …) of all stretches without torques that no law states, perhaps in the same."""
         return [free.remove(values, in_place=in_place) for values, free in zip(columns, self._free, strict=True)]
 
+    def shares(self) -> list[Array]:
+        """Return which share of the noise's power is left (N', R) of each stretch without those torques."""
+        return [free.shares(*y.shape) for free, y in zip(self._free, self.y, strict=True)]
+
     @property
     def seconds(self) -> float:
         """Duration of the rows."""

@@ -174,7 +174,7 @@ def test_a_nonlinear_number_comes_out_within_its_deviation(true: float) -> None:
     for seed in range(20):
         data = model(3.0 * columns(bump, [true])[:, 0] + np.random.default_rng(seed).standard_normal(ROWS), N)
         start = Term(bump.key, "effect", columns(bump, [0.1]), np.array([10.0]), feature=bump, theta=(0.1,))
-        found, fit = refined(linear, data, start, [], data.fit([]))
+        found, fit = refined(linear, data, start, [], data.fit([]), scan=True)
         width = moved(bump.searched[0], found.theta[0], float(fit.beta(found)[1]))
         errors.append(np.log(width / true) / np.sqrt(fit.covariance(found)[1, 1]))
     assert np.abs(errors).max() < 4.0 and 0.5 < np.sqrt(np.mean(np.square(errors))) < 1.6
