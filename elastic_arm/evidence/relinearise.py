@@ -395,12 +395,14 @@ def _again(fit: Fit, linear: Linearisation) -> list[Term]:
         elif t.kind == "law":
             found.append(replace(t, columns=linear.data.whiten(t.what.plain(linear.data))))
         elif t.kind == CHANGE:
-            (common,) = (u for u in (*known_terms(linear)[0], *found) if u.key == t.what and u.kind != "stated")
-            found.append(change_of(linear, common))
+            common = (u for u in (*known_terms(linear)[0], *found) if u.key == t.what and u.kind != "stated")
+            found += [change_of(linear, one) for one in common]
         elif t.kind == "stated":
             found.append(replace(t, columns=stated[t.key].columns))
         else:
-            found.append(_effect_again(t, fit, linear))
+            again = _effect_again(t, fit, linear)
+            # Without the friction that it scales there is nothing of it.
+            found += [again] if again.feature.friction or not again.feature.effect.scales_friction else []
     for k, t in enumerate(found):
         if t.tangents and t.feature.quadratic and t.feature.count == 1 and not t.feature.fixed:
             model = linear_model(linear, fit.model.name)

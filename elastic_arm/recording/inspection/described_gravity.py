@@ -287,7 +287,7 @@ def _named(tried: list[tuple[float, str, str]], code: str, side: str, remedy: st
     if odds < CERTAIN + np.log(len(tried)):
         return []
     beside = "".join(f", or {short}" for gain, _, short in others if odds - gain < BESIDE)
-    likely = f"the torques are 10^{int(odds / np.log(10.0))} times as likely so as they are described"
+    likely = f"so the torques are 10^{int(odds / np.log(10.0))} times as likely as by the description"
     return [warning(code, f"{side} side: {words}{beside}: {likely}", remedy)]
 
 
@@ -312,6 +312,8 @@ def _arrangements(joints: Sequence[str], measured: Sequence[int]) -> Iterator[tu
         yield mirrored, [("mirrored", both, mirrored), ("mirrored", angle, same)]
         if j in measured:
             alone.append(("gravity_sign", f"the torque of {name} has the other sign than described", mirrored))
+    all_ways = "every joint turns the other way than described, angles and torques have the other sign"
+    yield np.negative, [("mirrored", all_ways, np.negative)]
     orders = [(np.array([j, i]), np.array([i, j])) for i, j in combinations(measured, 2)]
     backwards = np.array(measured)[::-1]
     for new, old in [*orders, *([(backwards, np.array(measured))] if len(measured) > 3 else [])]:
