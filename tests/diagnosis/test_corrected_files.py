@@ -63,6 +63,14 @@ ARMS = [
     ("two.xml", ["motor_torque_offset:j1:offset=2", "motor_torque_gain:j2:gain=1.3"]),
     ("two.urdf", ["time_delay:delay=0.012,channels=motor_torque"]),
     ("two.urdf", ["joint_zero:j2:offset=0.08"]),
+    (
+        "two.urdf",
+        [
+            "payload:mass=0.5,position=0.02/0.05/0.2",
+            "coulomb_friction:j1:torque=0.6",
+            "time_delay:delay=0.012,channels=motor_torque",
+        ],
+    ),
     ("two.xml", ["rotor_inertia_mismatch:j2:inertia=2.5"]),
     ("two.urdf", ["gravity_compensation:share=1"]),
 ]
