@@ -63,14 +63,6 @@ ARMS = [
     ("two.xml", ["motor_torque_offset:j1:offset=2", "motor_torque_gain:j2:gain=1.3"]),
     ("two.urdf", ["time_delay:delay=0.012,channels=motor_torque"]),
     ("two.urdf", ["joint_zero:j2:offset=0.08"]),
-    (
-        "two.urdf",
-        [
-            "payload:mass=0.5,position=0.02/0.05/0.2",
-            "coulomb_friction:j1:torque=0.6",
-            "time_delay:delay=0.012,channels=motor_torque",
-        ],
-    ),
     ("two.xml", ["rotor_inertia_mismatch:j2:inertia=2.5"]),
     ("two.urdf", ["gravity_compensation:share=1"]),
 ]
@@ -112,6 +104,23 @@ def test_what_was_written_has_no_cause_left(tmp_path: Path, name: str, effects: 
     assert isinstance(written, Exported)
     again = diagnose([first], Question(load_robot(written.files[0])), [judge])
     assert causes(again) <= {left.what for left in written.left}
+
+
+def test_payload_dry_friction_and_delay_leave_nothing_together(tmp_path: Path) -> None:
+    """Their sizes are right beside each other, within 4 deviations, and robot.yaml has no cause left."""
+    base = tmp_path / "two.urdf"
+    base.write_text(FILES["two.urdf"])
+    sizes = {"payload": ("mass", 0.5), "coulomb_friction": ("torque", 0.6), "time_delay": ("delay", 0.012)}
+    texts = ("payload:mass=0.5,position=0.02/0.05/0.2", "coulomb_friction:j1:torque=0.6")
+    first, judge = recorded(base, [*texts, "time_delay:delay=0.012,channels=motor_torque"])
+    found = diagnose([first], Question(load_robot(base)), [judge])
+    assert causes(found) == set(sizes)
+    for cause in found.causes:
+        name, true = sizes[cause.effect]
+        estimate = cause.parameters[name]
+        assert abs(estimate.value - true) < 4.0 * estimate.std < 0.1 * true
+    save_robot(repaired_robot(load_robot(base), found), tmp_path / "robot.yaml")
+    assert not causes(diagnose([first], Question(load_robot(tmp_path / "robot.yaml")), [judge]))
 
 
 def test_the_corrected_arm_has_the_numbers_of_the_answer(tmp_path: Path) -> None:

@@ -40,7 +40,7 @@ def test_what_is_fitted_may_not_judge() -> None:
 
 
 def test_coarse_currents_that_repeat_do_not_make_a_recording_the_same() -> None:
-    """Whole amperes alone on the motors' side, angles on the links': another recording judges, the same one does not."""
+    """Whole amperes on the motors' side, angles on the links': another recording judges, the same one does not."""
     first, second = (
         replace(one, motor=Side(one.motor.stamp_ns, effort=np.round(3.0 * one.motor.position)), link=one.motor)
         for one in (recording(12.0, 1), recording(8.0, 2))
