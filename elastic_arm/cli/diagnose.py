@@ -143,12 +143,14 @@ def diagnose_command(
         simulated = read([against])[0] if against else None
         difference = differences(recordings[0].select(robot.joint_names), simulated) if simulated else None
     given = known_effects(with_ or (), robot, catalogue)
-    question = Question(robot, model, refit=refit, given=given, catalogue=catalogue, priors=priors)
+    # Channels that are not what they are taken for have no causes: what any law makes of them is by chance.
+    wrong = misread(recordings, robot, explained=True)
+    sought = None if wrong is None else ()
+    question = Question(robot, model, refit=refit, given=given, effects=sought, catalogue=catalogue, priors=priors)
     with working("diagnosing"):
         found = diagnose(recordings, question, judges)
     with working("predicting, comparing, proposing"):
         found = follow_up(found, rng=np.random.default_rng(0) if propose else None)
-        wrong = misread(recordings, robot, explained=True)
         corrected = correct(found, robot, out_dir, correction) if wrong is None else wrong
         replays = replay_both(correction, out_dir, (judges or recordings)[0]) if replayed else []
         comparison = compare(found, simulated, question, difference) if simulated and difference else None

@@ -120,6 +120,15 @@ def test_a_motor_torque_of_the_wrong_sign_is_found_beside_the_encoders_of_the_li
     assert not backward(replace(recording, link=None, motor=replace(alone, effort=-alone.effort)))
 
 
+def test_an_axis_that_brakes_the_others_is_not_of_the_wrong_sign() -> None:
+    """A coupled axis that moves with the one before it feels more of that one's friction than it has of its own."""
+    motor = arm().motor
+    position, rates = (one + 0.9 * one[:, [1]] * [0.0, 0.0, 1.0] for one in (motor.position, motor.velocity))
+    torque = motor.effort + 30.0 * np.sign(rates)
+    torque[:, 2] -= 90.0 * np.sign(rates[:, 1]) + 60.0 * rates[:, 1]
+    assert not backward(changed(arm(), "motor", position=position, velocity=rates, effort=torque))
+
+
 def test_regular_stamps_on_samples_taken_irregularly_are_made_up() -> None:
     """Samples taken 0.2 ms (std) beside their perfectly regular stamps: all joints tell of the same times."""
     even = np.arange(COUNT) / RATE

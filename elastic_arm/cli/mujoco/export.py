@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
@@ -94,6 +95,8 @@ def export(
         done = export_mjcf(robot, base, file, chain=ends, at=at, catalogue=catalogue)
     else:
         done = export_urdf(robot, base, file, chain=ends, catalogue=catalogue)
+    # What was left out of the arm when it was read is not in the file either.
+    done = replace(done, notes=(*robot.notes, *done.notes))
     if json:
         print_json(
             {

@@ -223,6 +223,11 @@ def _backwards(recording: Recording) -> list[Finding]:
     if side.position is None or side.effort is None or len(side) < FEWEST or not joints or not _is_motion(side):
         return []
     path, effort = np.diff(side.position, axis=0), 0.5 * (side.effort[1:] + side.effort[:-1])
+    # What follows other joints' speeds is friction and inertia that their motion brings: a coupled axis may brake them.
+    for j in range(effort.shape[1]):
+        others = np.delete(path, j, axis=1)
+        columns = np.hstack([others, np.sign(others), np.gradient(others, axis=0)])
+        effort[:, j] -= columns @ np.linalg.lstsq(columns, effort[:, j], rcond=None)[0]
     work = np.array([part.sum(axis=0) for part in np.array_split(effort * path, _PARTS)])
     # 1.5 of the torque's rms times the range: what gravity may have taken at the end
     # 0.05 of the torque's rms times the path, beyond that
