@@ -26,7 +26,7 @@ from typing import Any
 
 from matplotlib.ticker import LogLocator, NullLocator
 
-from elastic_arm.report.style import BLUE, GREEN, GREY, SKY, VERMILION, new_figure, style
+from elastic_arm.report.style import BLUE, GREEN, GREY, SKY, VERMILION, drawing
 
 HERE = Path(__file__).resolve().parent
 TIMES, ENDED = "times.tsv", "exit_status"
@@ -127,8 +127,7 @@ def picture(folder: Path, path: Path) -> None:
             cases.setdefault(case, {})[model] = values
     if not cases:
         return
-    with style():
-        figure, axes = new_figure(len(cases), 1, size=(7.0, 0.5 + 1.6 * len(cases)))
+    with drawing(len(cases), 1, size=(7.0, 0.5 + 1.6 * len(cases))) as (figure, axes):
         for ax, (case, models) in zip(axes[:, 0], cases.items(), strict=True):
             width = 0.8 / len(models)
             for k, (model, values) in enumerate(models.items()):

@@ -13,12 +13,44 @@ from importlib import import_module
 from typing import Any, NamedTuple, cast
 
 import typer
-from typer.core import TyperCommand, TyperGroup
+from typer.core import TyperCommand, TyperGroup, TyperOption
 
 from elastic_arm.cli.console import print_error
-from elastic_arm.cli.several_values import SeveralValues
 from elastic_arm.errors import ElasticArmError, OutputError
 from elastic_arm.version import __version__
+
+
+class SeveralValues(TyperCommand):
+    """A command whose repeatable options take every value up to the next option: `--validate A B`.
+
+    They do so once an argument has come before them: in `--validate A B` alone, B is the argument.
+    """
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Write every further value with its option before it, as the parser expects."""
+        return super().parse_args(ctx, spelled_out(args, self.params))
+
+
+def spelled_out(args: Sequence[str], params: Sequence[object]) -> list[str]:
+    """Return the arguments with the option repeated before each of its values."""
+    options = {name: p for p in params if isinstance(p, TyperOption) for name in p.opts}
+    found: list[str] = []
+    current, wanted, argued = "", 0, False
+    for position, token in enumerate(args):
+        if token == "--":
+            return [*found, *args[position:]]
+        if token.startswith("-"):
+            option = options.get(token)
+            current = token if option is not None and option.multiple else ""
+            wanted = 1 if option is not None and not option.is_flag else 0
+        elif wanted:
+            wanted = 0
+        elif current and argued:
+            found.append(current)
+        else:
+            current, argued = "", True
+        found.append(token)
+    return found
 
 
 class Subcommand(NamedTuple):

@@ -11,10 +11,9 @@ from typing import Annotated, Any
 
 import typer
 from rich.markup import escape
-from rich.table import Table
 
-from elastic_arm.cli.console import err, out, print_json, reports_errors, shares_of
-from elastic_arm.cli.options import AtOption, ChainOption, Namespace, load_arm
+from elastic_arm.cli import options
+from elastic_arm.cli.console import err, new_table, out, print_json, reports_errors, shares_of
 from elastic_arm.cli.outputs import Force, claim_bag, claim_folder
 from elastic_arm.errors import RecordingError, require_ros
 from elastic_arm.output_files import write_result
@@ -22,7 +21,6 @@ from elastic_arm.recording import read_recording
 from elastic_arm.recording.foreign.array_export import KINDS, export_arrays, export_paths
 from elastic_arm.recording.foreign.array_files import load_arrays
 from elastic_arm.recording.foreign.arrays import import_runs
-from elastic_arm.recording.foreign.channels import ChannelMap, load_channels
 from elastic_arm.recording.foreign.draft import Draft
 from elastic_arm.recording.foreign.guess import guess_mapping
 from elastic_arm.recording.inspection.check import check_bag
@@ -36,8 +34,6 @@ from elastic_arm.recording.writing import write_recording
 bag_app = typer.Typer(name="bag", help="Look into, check, mend and make recordings.", no_args_is_help=True)
 
 BagPath = Annotated[Path, typer.Argument(help="rosbag2 folder, .mcap or .db3 file.", show_default=False)]
-Channels = Annotated[Path | None, typer.Option(help="Channel map (YAML) of a foreign bag; see docs/channel_maps.md.")]
-Json = Annotated[bool, typer.Option("--json", help="Print JSON, for scripts.")]
 
 _COLOURS = {"error": "bold red", "warning": "yellow", "note": "cyan"}
 # Findings that a repair does something about.
@@ -46,12 +42,14 @@ _MENDABLE = {"damaged", "missing_metadata", "count", "nan"}
 
 @bag_app.command("info")
 @reports_errors
-def info(bag: BagPath, channels: Channels = None, namespace: Namespace = None, json: Json = False) -> None:
+def info(
+    bag: BagPath, channels: options.Channels = None, namespace: options.Namespace = None, json: options.Json = False
+) -> None:
     """Show topics, rates, joints and channels of a bag.
 
     Example: elastic-arm bag info bags/excitation
     """
-    summary = bag_info(bag, _channels(channels), namespace)
+    summary = bag_info(bag, options.channel_map(channels), namespace)
     if json:
         print_json(summary.to_json())
     else:
@@ -67,11 +65,11 @@ def check(
     robot: Annotated[
         Path | None, typer.Option(help="Arm file, URDF or MJCF: its joint names and its gravity are looked for.")
     ] = None,
-    chain: ChainOption = None,
-    at: AtOption = None,
-    channels: Channels = None,
-    namespace: Namespace = None,
-    json: Json = False,
+    chain: options.Chain = None,
+    at: options.At = None,
+    channels: options.Channels = None,
+    namespace: options.Namespace = None,
+    json: options.Json = False,
 ) -> None:
     """List what is wrong with a bag; with --repair, save what can be saved.
 
@@ -79,11 +77,11 @@ def check(
 
     Example: elastic-arm bag check --repair runs/killed
     """
-    arm = None if robot is None else load_arm(robot, chain, at)
+    arm = None if robot is None else options.load_arm(robot, chain, at)
     with err.status(f"checking {escape(str(bag))}") as status:
-        report = check_bag(bag, _channels(channels), arm, namespace, shares_of(status))
+        report = check_bag(bag, options.channel_map(channels), arm, namespace, shares_of(status))
     mended = repair_bag(bag, out_folder) if repair and not report.ok else None
-    after = None if mended is None else check_bag(mended.path, _channels(channels), arm, namespace)
+    after = None if mended is None else check_bag(mended.path, options.channel_map(channels), arm, namespace)
     if json:
         print_json({**report.to_json(), "repaired": _repaired(mended, after)})
     else:
@@ -111,10 +109,10 @@ def import_(
     mapping: Annotated[Path | None, typer.Option("--map", help="Mapping file (YAML).", show_default=False)] = None,
     guess: Annotated[bool, typer.Option("--guess", help="Write a draft of the mapping, to be read first.")] = False,
     robot: Annotated[Path | None, typer.Option(help="Arm file or URDF with the joints' names, for --guess.")] = None,
-    chain: ChainOption = None,
-    at: AtOption = None,
+    chain: options.Chain = None,
+    at: options.At = None,
     compression: Annotated[str, typer.Option(help=f"Of its chunks: {', '.join(COMPRESSIONS)}.")] = "zstd",
-    json: Json = False,
+    json: options.Json = False,
 ) -> None:
     """Turn arrays of a real robot into a bag.
 
@@ -127,7 +125,7 @@ def import_(
     if guess:
         if mapping is not None or robot is None:
             raise typer.BadParameter("needs --robot, and no --map", param_hint="--guess")
-        arm = load_arm(robot, chain, at)
+        arm = options.load_arm(robot, chain, at)
         draft = guess_mapping(load_arrays(arrays, None), arm.joint_names, arm.units.prismatic)
         _write_draft(arrays, out_folder, draft)
         return
@@ -156,7 +154,7 @@ def export(
     bag: BagPath,
     file: Annotated[Path, typer.Option("--out", help=f"File: {', '.join(KINDS)}.", show_default=False)],
     joined: Annotated[bool, typer.Option("--joined", help="Bring all channels to one time base.")] = False,
-    channels: Channels = None,
+    channels: options.Channels = None,
     force: Force = False,
 ) -> None:
     """Write a bag as arrays, each side with its own stamps, and the mapping that imports them again.
@@ -164,7 +162,7 @@ def export(
     Example: elastic-arm bag export bags/excitation --out excitation.parquet
     """
     claim_folder(file.parent, [path.name for path in export_paths(file, joined)], force=force)
-    recording = read_recording(bag, _channels(channels))
+    recording = read_recording(bag, options.channel_map(channels))
     for line in (*export_arrays(recording, file, joined), *recording.notes):
         out.print(escape(line), soft_wrap=True)
 
@@ -187,13 +185,8 @@ def replay(
     except UnicodeEncodeError:
         raise RecordingError(f"the name {str(bag)!r} is no UTF-8 text, and ROS takes no other", "Rename it.") from None
     # Quoted as YAML: a folder may be called 123, or `a: b`.
-    parameters = [
-        f"bag:={json_text(str(bag))}",
-        f"rate:={rate}",
-        f"loop:={str(loop).lower()}",
-        f"wait:={str(wait).lower()}",
-    ]
-    arguments = [word for parameter in parameters for word in ("-p", parameter)]
+    given = {"bag": json_text(str(bag)), "rate": rate, "loop": str(loop).lower(), "wait": str(wait).lower()}
+    arguments = [word for name, value in given.items() for word in ("-p", f"{name}:={value}")]
     # The process becomes the node: Ctrl-C and exit code are the node's own.
     os.execv(sys.executable, [sys.executable, "-m", "elastic_arm.nodes.entry", "replayer", "--ros-args", *arguments])
 
@@ -203,10 +196,6 @@ def _repaired(mended: Repair | None, after: Report | None) -> dict[str, Any] | N
         return None
     summary = {"path": str(mended.path), "kept": mended.kept, "dropped": mended.dropped}
     return {**summary, "after": after.to_json()}
-
-
-def _channels(path: Path | None) -> ChannelMap | None:
-    return None if path is None else load_channels(path)
 
 
 def _write_draft(arrays: Path, file: Path, draft: Draft) -> None:
@@ -231,11 +220,7 @@ def _print_info(summary: BagInfo) -> None:
         f"[bold]{escape(summary.path)}[/]  {files}, {_size(size)}, {', '.join(summary.compression) or 'no messages'}"
     )
     out.print(f"{summary.messages} messages in {summary.duration:.6g} s")
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    for name in ("topic", "type"):
-        table.add_column(name)
-    for name in ("messages", "rate, Hz"):
-        table.add_column(name, justify="right")
+    table = new_table("topic", "type", "messages", "rate, Hz", right=("messages", "rate, Hz"))
     for topic in summary.topics:
         rate = "–" if topic.rate is None else f"{topic.rate:.6g}"
         table.add_row(escape(topic.name), escape(topic.type_name), str(topic.count), rate)

@@ -13,14 +13,15 @@ import math
 import os
 import re
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from typing import Any, ParamSpec, TypeVar
 
-from rich.console import Console
+from rich.console import Console, JustifyMethod
 from rich.errors import MarkupError
 from rich.markup import escape
 from rich.progress import Progress, ProgressColumn
 from rich.status import Status
+from rich.table import Table
 from rich.text import Text
 
 from elastic_arm.errors import ElasticArmError, OutputError
@@ -117,6 +118,15 @@ def guard_output() -> None:
 
 out = _console(stderr=False)
 err = _console(stderr=True)
+
+
+def new_table(*headings: str, right: Collection[str] = (), whole: Collection[str] = (), **options: Any) -> Table:
+    """Return a table without lines; columns under the headings `right` hold numbers, those of `whole` never wrap."""
+    table = Table(box=None, header_style="bold", pad_edge=False, **options)
+    for heading in headings:
+        justify: JustifyMethod = "right" if heading in right else "left"
+        table.add_column(escape(heading), justify=justify, no_wrap=heading in whole)
+    return table
 
 
 def print_error(error: ElasticArmError) -> None:

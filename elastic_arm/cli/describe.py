@@ -8,10 +8,9 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 from rich.markup import escape
-from rich.table import Table
 
-from elastic_arm.cli.console import err, out, print_json, reports_errors
-from elastic_arm.cli.options import AtOption, ChainOption, RobotFile, load_arm
+from elastic_arm.cli import options
+from elastic_arm.cli.console import err, new_table, out, print_json, reports_errors
 from elastic_arm.cli.outputs import Force, claim_file
 from elastic_arm.dynamics import build_model
 from elastic_arm.formatting import linear_unit
@@ -26,13 +25,13 @@ _QUICK = 12  # joints whose base parameters are found before anybody wonders
 
 @reports_errors
 def describe(
-    robot_file: RobotFile = None,
-    model: Annotated[str, typer.Option(help="mod1, mod2 or mod3.")] = "mod3",
+    robot_file: options.RobotFile = None,
+    model: options.Model = "mod3",
     base: Annotated[bool, typer.Option("--base", help="List the base parameters.")] = False,
     urdf: Annotated[Path | None, typer.Option(help="Write the arm as URDF to this file.")] = None,
-    chain: ChainOption = None,
-    at: AtOption = None,
-    json: Annotated[bool, typer.Option("--json", help="Print JSON, for scripts.")] = False,
+    chain: options.Chain = None,
+    at: options.At = None,
+    json: options.Json = False,
     force: Force = False,
 ) -> None:
     """Show an arm: joints, limits, masses, transmissions, and what a model of it has to identify.
@@ -47,7 +46,7 @@ def describe(
     """
     if urdf is not None:
         claim_file(urdf, force=force, option="--urdf")
-    robot = load_arm(robot_file, chain, at)
+    robot = options.load_arm(robot_file, chain, at)
     if robot.n > _QUICK:
         err.print(f"compiling the equations of {robot.n} joints and looking for their base parameters: a minute or so")
     told = build_model(robot, model)
@@ -77,18 +76,15 @@ def _print_robot(robot: Robot) -> None:
     gravity = " ".join(f"{g:g}" for g in robot.gravity)
     joints = "1 joint" if robot.n == 1 else f"{robot.n} joints"
     out.print(f"[bold]{escape(robot.name)}[/]: {joints}, {kind}, {robot.mass:.4g} kg, gravity {gravity} m/s²")
-    table = Table(box=None, header_style="bold")
     slide = bool(robot.units.prismatic)
     mixed = slide and len(robot.units.prismatic) < robot.n
     units = [linear_unit(u) if slide and not mixed else u for u in ("rad", "rad/s", "Nm", "Nm/rad", "Nm s/rad")]
-    for heading in ("joint", "link", "mass kg", f"range {units[0]}", units[1], units[2]):
-        table.add_column(heading, justify="left" if heading in ("joint", "link") else "right")
+    numbers = ["mass kg", f"range {units[0]}", units[1], units[2]]
     if robot.elastic:
-        for heading in ("ratio", f"K {units[3]}", f"D {units[4].replace(' ', '')}", "bearing"):
-            table.add_column(heading, justify="right")
-    spinning = any(joint.armature is not None for joint in robot.joints)
-    if spinning:
-        table.add_column("armature kg" if slide and not mixed else "armature kg m²", justify="right")
+        numbers += ["ratio", f"K {units[3]}", f"D {units[4].replace(' ', '')}", "bearing"]
+    if spinning := any(joint.armature is not None for joint in robot.joints):
+        numbers.append("armature kg" if slide and not mixed else "armature kg m²")
+    table = new_table("joint", "link", *numbers, right=numbers)
     for joint in robot.joints:
         limits = joint.limits
         span = f"{_short(limits.position_min)} … {_short(limits.position_max)}"

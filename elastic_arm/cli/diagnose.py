@@ -11,28 +11,12 @@ import numpy as np
 import typer
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
 
-from elastic_arm.cli.console import err, out, print_json, reports_errors, shares_of
+from elastic_arm.cli import options
+from elastic_arm.cli.console import err, new_table, out, print_json, reports_errors, shares_of
 from elastic_arm.cli.gate import FailOn, check_gate, pass_gate
 from elastic_arm.cli.mujoco.corrected import Correction, print_correction
 from elastic_arm.cli.mujoco.replay import print_replays, replay_both
-from elastic_arm.cli.options import (
-    AtOption,
-    ChainOption,
-    ClockChoice,
-    ClockOption,
-    EffectsFiles,
-    KnownEffects,
-    MotionOption,
-    Namespace,
-    PriorsFile,
-    RobotFile,
-    load_arm,
-    read_by_clock,
-    read_motion,
-    require_bags,
-)
 from elastic_arm.cli.outputs import Csv, Force, claim_bag, claim_folder
 from elastic_arm.diagnosis import Priors, Question, diagnose, follow_up
 from elastic_arm.diagnosis.comparison import SimulationComparison, compare
@@ -62,7 +46,7 @@ from elastic_arm.evidence.priors import read_priors
 from elastic_arm.memory import keep_memory
 from elastic_arm.mujoco import Exported, Replay
 from elastic_arm.output_files import write_result
-from elastic_arm.recording import Recording, load_channels, write_recording
+from elastic_arm.recording import Recording, write_recording
 from elastic_arm.recording.inspection.check import misread
 from elastic_arm.recording.inspection.differences import differences
 from elastic_arm.robot import Robot, save_robot
@@ -85,30 +69,28 @@ Propose = Annotated[
 def diagnose_command(
     bags: Annotated[list[Path], typer.Argument(metavar="BAG…", help="Recordings that causes are fitted on.")],
     validate: Judges = None,
-    model: Annotated[str, typer.Option(help="mod1, mod2 or mod3.")] = "mod3",
-    robot_file: RobotFile = None,
-    chain: ChainOption = None,
-    at: AtOption = None,
-    channels: Annotated[Path | None, typer.Option(help="Channel map of foreign bags.")] = None,
-    namespace: Namespace = None,
-    effects_files: EffectsFiles = None,
-    with_: KnownEffects = None,
-    clock: ClockOption = ClockChoice.auto,
-    most: MotionOption = None,
-    refit: Annotated[
-        bool, typer.Option("--refit", help="The description's numbers cannot be exact: fit them.")
-    ] = False,
-    priors_file: PriorsFile = None,
+    model: options.Model = "mod3",
+    robot_file: options.RobotFile = None,
+    chain: options.Chain = None,
+    at: options.At = None,
+    channels: options.Channels = None,
+    namespace: options.Namespace = None,
+    effects_files: options.EffectsFiles = None,
+    with_: options.KnownEffects = None,
+    clock: options.Clock = options.ClockChoice.auto,
+    most: options.Motion = None,
+    refit: options.Refit = False,
+    priors_file: options.PriorsFile = None,
     propose: Propose = True,
     against: Annotated[Path | None, typer.Option(metavar="BAG", help="The same commands, simulated.")] = None,
-    out_dir: Annotated[Path, typer.Option("--out", help="Folder for the results.")] = Path("diagnosis"),
+    out_dir: options.OutFolder = Path("diagnosis"),
     replayed: Annotated[bool, typer.Option("--replay", help="Replay in MuJoCo, before and after (MJCF).")] = False,
     mcap: Annotated[
         Path | None, typer.Option(metavar="BAG", help="Bag of what judged, with its residuals before and after.")
     ] = None,
     csv: Csv = False,
     force: Force = False,
-    json: Annotated[bool, typer.Option("--json", help="Print diagnosis.json.")] = False,
+    json: options.Json = False,
     quiet: Annotated[
         bool, typer.Option("--quiet", help="Print nothing but errors, and JSON if that is asked for.")
     ] = False,
@@ -134,16 +116,16 @@ def diagnose_command(
     """
     keep_memory()
     check_gate(fail_on or ())
-    require_bags([*bags, *(validate or [])])
+    options.require_bags([*bags, *(validate or [])])
     claim_folder(out_dir, [*RESULTS, *(TABLES if csv else ())], force=force)
     residual_bags = _numbered(mcap, len(validate or bags))
     for bag in residual_bags:
         claim_bag(bag, "--mcap")
     catalogue = Catalogue.default().with_files(effects_files or ())
-    robot = load_arm(robot_file, chain, at, catalogue)
+    robot = options.load_arm(robot_file, chain, at, catalogue)
     correction = Correction(robot_file, chain, at, catalogue)
     correction.require_mjcf("--replay" if replayed else None)
-    mapping = None if channels is None else load_channels(channels)
+    mapping = options.channel_map(channels)
     sensors = [effect.id for effect in catalogue.values() if effect.prior is not None]
     priors = Priors() if priors_file is None else read_priors(priors_file, sensors)
     working = Console(quiet=True).status if quiet else err.status
@@ -151,20 +133,24 @@ def diagnose_command(
 
         def read(paths: Sequence[Path]) -> list[Recording]:
             if against:  # sample by sample
-                return [read_by_clock(path, mapping, robot, clock, namespace) for path in paths]
+                return [options.read_by_clock(path, mapping, robot, clock, namespace) for path in paths]
             says = shares_of(status)
-            return [read_motion(path, mapping, robot, clock, namespace, says, DIAGNOSED, most) for path in paths]
+            return [
+                options.read_motion(path, mapping, robot, clock, namespace, says, DIAGNOSED, most) for path in paths
+            ]
 
         recordings, judges = read(bags), read(validate or [])
         simulated = read([against])[0] if against else None
         difference = differences(recordings[0].select(robot.joint_names), simulated) if simulated else None
     given = known_effects(with_ or (), robot, catalogue)
-    question = Question(robot, model, refit=refit, given=given, catalogue=catalogue, priors=priors)
+    # Channels that are not what they are taken for have no causes: what any law makes of them is by chance.
+    wrong = misread(recordings, robot, explained=True)
+    sought = None if wrong is None else ()
+    question = Question(robot, model, refit=refit, given=given, effects=sought, catalogue=catalogue, priors=priors)
     with working("diagnosing"):
         found = diagnose(recordings, question, judges)
     with working("predicting, comparing, proposing"):
         found = follow_up(found, rng=np.random.default_rng(0) if propose else None)
-        wrong = misread(recordings, robot, explained=True)
         corrected = correct(found, robot, out_dir, correction) if wrong is None else wrong
         replays = replay_both(correction, out_dir, (judges or recordings)[0]) if replayed else []
         comparison = compare(found, simulated, question, difference) if simulated and difference else None
@@ -255,13 +241,10 @@ def print_diagnosis(found: Diagnosis, folder: Path) -> None:
 
 
 def _print_causes(causes: Sequence[Cause]) -> None:
-    table = Table(box=None, header_style="bold", pad_edge=False)
     # On a screen a line for a parameter, the sides below the joint; in a pipe a line for a cause.
     where, between = (("joint, side",), "\n") if out.is_terminal else (("joint", "side"), ", ")
-    for heading in ("cause", *where, "size"):
-        table.add_column(heading, no_wrap=heading != "size")
-    for heading in ("gap", "probability"):
-        table.add_column(heading, no_wrap=True, justify="right")
+    numbers = ("gap", "probability")
+    table = new_table("cause", *where, "size", *numbers, right=numbers, whole=("cause", *where, *numbers))
     for cause in causes:
         place = [escape(cause.joint or "whole arm"), sides_text(cause)]
         at = ["\n".join(place)] if out.is_terminal else place
@@ -287,10 +270,8 @@ def _print_places(found: Diagnosis) -> None:
     apart = [joint for joint in found.joints if any(found.shrink_by_place.get((joint, s)) is not None for s in sides)]
     sizes = "without → with the causes" if found.causes else "size"
     if apart:
-        table = Table(box=None, header_style="bold", pad_edge=False)
-        table.add_column("joint", no_wrap=True)
-        for side in sides:
-            table.add_column(f"{side} side", no_wrap=True, justify="right")
+        shown = [f"{side} side" for side in sides]
+        table = new_table("joint", *shown, right=shown, whole=("joint", *shown))
         for joint in apart:
             cells = [gap_at(found, joint, side) for side in sides]
             # On a screen the share stands below the sizes: three sides and a long name would not fit otherwise.
@@ -306,9 +287,7 @@ def print_comparison(comparison: SimulationComparison | None) -> None:
     if comparison is None:
         return
     found = comparison.difference
-    table = Table(box=None, header_style="bold", pad_edge=False)
-    for name in ("real − simulated, rms", *found.joints):
-        table.add_column(escape(name), justify="right" if name in found.joints else "left")
+    table = new_table("real − simulated, rms", *found.joints, right=found.joints)
     for one in found.channels:
         pairs = zip(one.rms, one.share, strict=True)
         table.add_row(one.channel, *(f"{rms:.3g} ({100 * share:.2g} %)" for rms, share in pairs))

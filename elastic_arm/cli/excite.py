@@ -12,9 +12,9 @@ from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from elastic_arm.cli.console import out, print_json, progress_bar, reports_errors
+from elastic_arm.cli import options
+from elastic_arm.cli.console import new_table, out, print_json, progress_bar, reports_errors
 from elastic_arm.cli.describe import base_of
-from elastic_arm.cli.options import AtOption, ChainOption, RobotFile, load_arm
 from elastic_arm.cli.outputs import Force, claim_file, claim_folder
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.excitation import (
@@ -38,11 +38,11 @@ Limit = Annotated[float | None, typer.Option(help="Lower the limit of all joints
 
 @reports_errors
 def excite(
-    robot_file: RobotFile = None,
-    chain: ChainOption = None,
-    at: AtOption = None,
+    robot_file: options.RobotFile = None,
+    chain: options.Chain = None,
+    at: options.At = None,
     file: Annotated[Path, typer.Option("--out", help="Trajectory file (YAML) to write.")] = Path("trajectory.yaml"),
-    model: Annotated[str, typer.Option(help="mod1, mod2 or mod3.")] = "mod3",
+    model: options.Model = "mod3",
     harmonics: Annotated[int, typer.Option(help="Of the Fourier series of every joint.")] = 5,
     period: Annotated[float, typer.Option(help="Of the series, s.")] = 10.0,
     periods: Annotated[
@@ -54,13 +54,13 @@ def excite(
     ramp: Annotated[float | None, typer.Option(help="Smooth start and stop, s each; a quarter period.")] = None,
     criterion: Annotated[str, typer.Option(help="condition, d_optimal or a_optimal.")] = "condition",
     evaluations: Annotated[int, typer.Option(help="Budget of the search.")] = 3000,
-    seed: Annotated[int, typer.Option(min=0, help="The same seed gives the same motion.")] = 0,
+    seed: options.Seed = 0,
     velocity: Limit = None,
     acceleration: Limit = None,
     torque: Limit = None,
     floor: Annotated[float, typer.Option(help="Height of the floor above the ground frame, m.")] = 0.0,
     margin: Annotated[float, typer.Option(help="Gap that links keep to the floor and to each other, m.")] = MARGIN,
-    json: Annotated[bool, typer.Option("--json", help="Print JSON, for scripts.")] = False,
+    json: options.Json = False,
     csv: Annotated[Path | None, typer.Option(help="Also write set-points as a CSV file.")] = None,
     goal: Annotated[
         Path | None, typer.Option(help="Also write a goal of joint_trajectory_controller (YAML), for `ros2 action`.")
@@ -85,7 +85,7 @@ def excite(
             claim_file(further, force=force, option=option)
     find_criterion(criterion)
     shape = Shape(harmonics, period, ramp, periods or 1)
-    robot = load_arm(robot_file, chain, at)
+    robot = options.load_arm(robot_file, chain, at)
     told = build_model(robot, model)
     base = base_of(told)
     limits = MotionLimits.of(
@@ -181,10 +181,8 @@ def indistinct_words(result: ExcitationResult, base: BaseParameters, model: Mode
 
 def _limit_table(result: ExcitationResult, units: JointUnits) -> Table:
     use = result.use
-    table = Table(box=None, header_style="bold", title="share of the limits used", title_justify="left")
-    table.add_column("joint")
-    for heading in (*use.kinds, "peak torque"):
-        table.add_column(heading, justify="right")
+    numbers = (*use.kinds, "peak torque")
+    table = new_table("joint", *numbers, right=numbers, title="share of the limits used", title_justify="left")
     for i, joint in enumerate(use.joints):
         shares = [use.share(kind, i) for kind in use.kinds]
         cells = ["–" if share is None else f"{100 * share:.0f} %" for share in shares]

@@ -13,22 +13,10 @@ from typing import Annotated, Any
 
 import typer
 from rich.markup import escape
-from rich.table import Table
 
-from elastic_arm.cli.console import err, out, print_json, reports_errors, shares_of
+from elastic_arm.cli import options
+from elastic_arm.cli.console import err, new_table, out, print_json, reports_errors, shares_of
 from elastic_arm.cli.gate import FailOn, check_gate, pass_gate
-from elastic_arm.cli.options import (
-    AtOption,
-    ChainOption,
-    ClockChoice,
-    ClockOption,
-    KnownEffects,
-    Namespace,
-    RobotFile,
-    load_arm,
-    read_motion,
-    require_bags,
-)
 from elastic_arm.cli.outputs import Force, claim_folder
 from elastic_arm.diagnosis import Question, diagnose
 from elastic_arm.diagnosis.history import Course, courses, together
@@ -41,7 +29,7 @@ from elastic_arm.estimation.segments import DIAGNOSED, SEGMENT, in_parts
 from elastic_arm.memory import keep_memory
 from elastic_arm.output_files import csv_text, write_result
 from elastic_arm.processes import ProcessPool
-from elastic_arm.recording import Recording, load_channels
+from elastic_arm.recording import Recording
 from elastic_arm.recording.storage.bag import METADATA
 from elastic_arm.robot import Robot
 
@@ -56,18 +44,16 @@ COLUMNS = ("effect", "joint", "parameter", "unit", "recording", "date", "value",
 @reports_errors
 def history_command(
     bags: Annotated[list[Path], typer.Argument(metavar="BAG…", help="Recordings, or one folder that holds them.")],
-    robot_file: RobotFile = None,
-    chain: ChainOption = None,
-    at: AtOption = None,
-    model: Annotated[str, typer.Option(help="mod1, mod2 or mod3.")] = "mod3",
-    channels: Annotated[Path | None, typer.Option(help="Channel map of foreign bags.")] = None,
-    namespace: Namespace = None,
-    with_: KnownEffects = None,
-    clock: ClockOption = ClockChoice.auto,
-    refit: Annotated[
-        bool, typer.Option("--refit", help="The description's numbers cannot be exact: fit them.")
-    ] = False,
-    out_dir: Annotated[Path, typer.Option("--out", help="Folder for the results.")] = Path("history"),
+    robot_file: options.RobotFile = None,
+    chain: options.Chain = None,
+    at: options.At = None,
+    model: options.Model = "mod3",
+    channels: options.Channels = None,
+    namespace: options.Namespace = None,
+    with_: options.KnownEffects = None,
+    clock: options.Clock = options.ClockChoice.auto,
+    refit: options.Refit = False,
+    out_dir: options.OutFolder = Path("history"),
     force: Force = False,
     workers: Annotated[
         int | None, typer.Option(min=1, help="Diagnose each recording alone, by so many processes.")
@@ -75,7 +61,7 @@ def history_command(
     scheduler: Annotated[
         str | None, typer.Option(help="The same on a Dask cluster, by its address; it must see the same files.")
     ] = None,
-    json: Annotated[bool, typer.Option("--json", help="Print history.json.")] = False,
+    json: options.Json = False,
     fail_on: FailOn = None,
 ) -> None:
     """Follow the numbers of one arm over recordings: what changed, when, by how much, how certain.
@@ -100,12 +86,12 @@ def history_command(
     keep_memory()
     check_gate(fail_on or ())
     paths = _bags(bags)
-    require_bags(paths)
+    options.require_bags(paths)
     claim_folder(out_dir, RESULTS, force=force)
-    robot = load_arm(robot_file, chain, at, Catalogue.default())
+    robot = options.load_arm(robot_file, chain, at, Catalogue.default())
     known_effects(with_ or (), robot, Catalogue.default())  # what is none is refused before the work
-    mapping = None if channels is None else load_channels(channels)
-    read = partial(read_motion, channels=mapping, robot=robot, clock=clock, namespace=namespace)
+    mapping = options.channel_map(channels)
+    read = partial(options.read_motion, channels=mapping, robot=robot, clock=clock, namespace=namespace)
     ask = partial(_asked, robot, model, refit, with_ or ())
     alone = workers is not None or scheduler is not None
     found, all_of, dates = _of_each(paths, read, ask, workers or 1, scheduler) if alone else _of_all(paths, read, ask)
@@ -202,12 +188,8 @@ def to_csv(result: dict[str, Any]) -> str:
 
 def print_history(found: Diagnosis, all_of: Sequence[Course], dates: Sequence[str]) -> None:
     """Print a line for each recording, and what changed in words."""
-    table = Table(box=None, header_style="bold", pad_edge=False)
-    for heading in ("recording", "date"):
-        table.add_column(heading, no_wrap=True)
-    for one in all_of:
-        where = f"{one.sized.effect} {one.sized.joint or ''}".strip()
-        table.add_column(escape(f"{where}, {one.sized.unit}"), justify="right")
+    names = [f"{one.sized.effect} {one.sized.joint or ''}".strip() + f", {one.sized.unit}" for one in all_of]
+    table = new_table("recording", "date", *names, right=names, whole=("recording", "date"))
     sizes = [{r: size_text(v, s, "").strip() for r, v, s in one.sizes(found.identify)} for one in all_of]
     for source, date in zip(found.identify, dates, strict=True):
         table.add_row(escape(source), date, *(own.get(source, "–") for own in sizes))

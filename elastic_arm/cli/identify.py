@@ -2,31 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
 import typer
 from rich.markup import escape
 from rich.progress import BarColumn, TextColumn
-from rich.table import Table
 
-from elastic_arm.cli.console import out, print_json, progress_bar, reports_errors
+from elastic_arm.cli import options
+from elastic_arm.cli.console import new_table, out, print_json, progress_bar, reports_errors
 from elastic_arm.cli.mujoco.corrected import Correction, print_correction
-from elastic_arm.cli.options import (
-    AtOption,
-    ChainOption,
-    ClockChoice,
-    ClockOption,
-    EffectsFiles,
-    MotionOption,
-    Namespace,
-    RobotFile,
-    completions,
-    load_arm,
-    read_motion,
-    require_bags,
-)
 from elastic_arm.cli.outputs import Csv, Force, claim_folder
 from elastic_arm.effects import Catalogue, robot_effects
 from elastic_arm.effects.library.gravity_compensation import EFFECT as COMPENSATION
@@ -37,7 +23,7 @@ from elastic_arm.identification import Estimate, Identification, IdentificationS
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.memory import keep_memory
 from elastic_arm.mujoco import Exported
-from elastic_arm.recording import Recording, load_channels
+from elastic_arm.recording import Recording
 from elastic_arm.recording.inspection.check import misread
 
 TABLES = ("parameters.csv", "residuals.csv")
@@ -50,7 +36,7 @@ Laws = Annotated[
     typer.Option(
         "--with",
         help="Law identified too: EFFECT[:JOINT][:side=link]; may be given again.",
-        autocompletion=completions,
+        autocompletion=options.completions,
     ),
 ]
 HeldOut = Annotated[list[Path] | None, typer.Option(help="Recording that no fit may see; may be given again.")]
@@ -60,19 +46,19 @@ HeldOut = Annotated[list[Path] | None, typer.Option(help="Recording that no fit 
 def identify(
     bags: Annotated[list[Path], typer.Argument(metavar="BAG…", help="Recordings to fit.")],
     validate: HeldOut = None,
-    robot_file: RobotFile = None,
-    chain: ChainOption = None,
-    at: AtOption = None,
-    model: Annotated[str, typer.Option(help="mod1, mod2 or mod3.")] = "mod3",
+    robot_file: options.RobotFile = None,
+    chain: options.Chain = None,
+    at: options.At = None,
+    model: options.Model = "mod3",
     with_: Laws = None,
-    effects_files: EffectsFiles = None,
-    channels: Annotated[Path | None, typer.Option(help="Channel map of foreign bags.")] = None,
-    namespace: Namespace = None,
-    clock: ClockOption = ClockChoice.auto,
-    most: MotionOption = None,
+    effects_files: options.EffectsFiles = None,
+    channels: options.Channels = None,
+    namespace: options.Namespace = None,
+    clock: options.Clock = options.ClockChoice.auto,
+    most: options.Motion = None,
     consistent: Annotated[bool, typer.Option(help="Also find all parameters, physically consistent.")] = True,
-    out_dir: Annotated[Path, typer.Option("--out", help="Folder for the results.")] = Path("identified"),
-    json: Annotated[bool, typer.Option("--json", help="Print the result as JSON, for scripts.")] = False,
+    out_dir: options.OutFolder = Path("identified"),
+    json: options.Json = False,
     csv: Csv = False,
     force: Force = False,
 ) -> None:
@@ -90,13 +76,13 @@ def identify(
         elastic-arm identify lwr_1 lwr_3 --robot lwr.urdf --with coulomb_friction:side=link --validate lwr_2
     """
     keep_memory()
-    require_bags([*bags, *(validate or [])])
+    options.require_bags([*bags, *(validate or [])])
     claim_folder(out_dir, [*RESULTS, *(TABLES if csv else ())], force=force)
     catalogue = Catalogue.default().with_files(effects_files or ())
-    robot = load_arm(robot_file, chain, at, catalogue)
+    robot = options.load_arm(robot_file, chain, at, catalogue)
     laws = parse_laws(with_ or (), robot, catalogue)
     settings = IdentificationSettings(model, laws, consistent, catalogue)
-    mapping = None if channels is None else load_channels(channels)
+    mapping = options.channel_map(channels)
     with progress_bar(TextColumn("{task.description}", markup=False), BarColumn()) as bar:
         task = bar.add_task("reading", total=1.0)
 
@@ -104,7 +90,7 @@ def identify(
             bar.update(task, description=what, completed=share)
 
         def read(path: Path) -> Recording:
-            return read_motion(path, mapping, robot, clock, namespace, says, IDENTIFIED, most)
+            return options.read_motion(path, mapping, robot, clock, namespace, says, IDENTIFIED, most)
 
         recordings, held_out = ([read(path) for path in paths] for paths in (bags, validate or []))
         result, identifier, motion = identify_with(recordings, robot, settings, validate=held_out, progress=says)
@@ -152,9 +138,7 @@ def _print(result: Identification, out_dir: Path, corrected: Exported | str | No
         out.print(f"[red]left open by the data:[/] {escape(direction)}")
     for title, rows in _residual_rows(result):
         out.print(f"[bold]{escape(title)}[/]")
-        shown = Table(box=None, header_style="bold")
-        for heading in ("", *result.joints):
-            shown.add_column(escape(heading), justify="right" if heading else "left")
+        shown = new_table("", *result.joints, right=result.joints)
         for name, values in rows:
             shown.add_row(escape(name), *("–" if value is None else f"{value:.3g}" for value in values))
         out.print(shown)
@@ -164,26 +148,20 @@ def _print(result: Identification, out_dir: Path, corrected: Exported | str | No
 
 
 def _print_estimates(estimates: Sequence[Estimate]) -> None:
-    table = Table(box=None, header_style="bold", pad_edge=False)
-    for heading in ("parameter", "identified", "± std", "nominal", "unit", "determined"):
-        table.add_column(heading, justify="right" if heading in ("identified", "± std", "nominal") else "left")
+    headings = ("parameter", "identified", "± std", "nominal", "unit", "determined")
+    table = new_table(*headings, right=headings[1:4])
     for e in estimates:
         numbers = (*rounded(e.value, e.std), f"{e.nominal:.6g}", e.unit)
         table.add_row(escape(e.short), *numbers, f"[{COLOURS[e.verdict]}]{e.verdict}[/]")
     out.print(table)
 
 
-def _of_joints(values: Mapping[str, float], joints: Sequence[str]) -> list[float | None]:
-    """Return a number for each joint, None for those without the equation."""
-    return [values.get(joint) for joint in joints]
-
-
 def _residual_rows(result: Identification) -> list[tuple[str, list[tuple[str, list[float | None]]]]]:
-    fitted = [(side, _of_joints(values, result.joints)) for side, values in result.noise.items()]
+    fitted = [(side, [values.get(joint) for joint in result.joints]) for side, values in result.noise.items()]
     unit = result.units.over("Nm")
     tables = [(f"residual of the fit, {unit}", fitted)]
     for recording, arms in (result.validation or {}).items():
         sides = [(arm, side, values) for arm, by_side in arms.items() for side, values in by_side.items()]
-        rows = [(f"{arm}, {side}", _of_joints(values, result.joints)) for arm, side, values in sides]
+        rows = [(f"{arm}, {side}", [values.get(joint) for joint in result.joints]) for arm, side, values in sides]
         tables.append((f"validation on {recording}, {unit}", rows))
     return tables

@@ -19,6 +19,14 @@ if TYPE_CHECKING:
     from elastic_arm.recording import ChannelMap, Recording
 
 
+Model = Annotated[str, typer.Option(help="mod1, mod2 or mod3.")]
+Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON, for scripts.")]
+Channels = Annotated[Path | None, typer.Option(help="Channel map (YAML) of foreign bags; see docs/channel_maps.md.")]
+Seed = Annotated[int, typer.Option(min=0, help="The same seed gives the same result.")]
+Refit = Annotated[bool, typer.Option("--refit", help="The description's numbers cannot be exact: fit them.")]
+OutFolder = Annotated[Path, typer.Option("--out", help="Folder for the results.")]
+
+
 class ClockChoice(StrEnum):
     """What the times of samples are."""
 
@@ -28,7 +36,7 @@ class ClockChoice(StrEnum):
     arrival = "arrival"
 
 
-ClockOption = Annotated[
+Clock = Annotated[
     ClockChoice,
     typer.Option(
         "--clock",
@@ -38,12 +46,12 @@ ClockOption = Annotated[
 Namespace = Annotated[
     str | None, typer.Option(help="Of the arm, where bags hold several: left for /left/joint_states and so on.")
 ]
-MotionOption = Annotated[
+Motion = Annotated[
     float | None,
     typer.Option("--motion", min=10.0, metavar="SECONDS", help="Most motion taken of a recording."),
 ]
 RobotFile = Annotated[Path | None, typer.Option("--robot", help="Arm file, URDF or MJCF; the nominal arm by default.")]
-ChainOption = Annotated[
+Chain = Annotated[
     str | None,
     typer.Option(
         "--chain",
@@ -52,7 +60,7 @@ ChainOption = Annotated[
         show_default=False,
     ),
 ]
-AtOption = Annotated[
+At = Annotated[
     str | None,
     typer.Option(
         "--at",
@@ -121,6 +129,13 @@ def load_arm(
     except EffectError as error:
         raise EffectError(f"{path}: {error.problem}", error.remedy) from None
     return robot
+
+
+def channel_map(path: Path | None) -> ChannelMap | None:
+    """Read a channel map; None where none is given."""
+    from elastic_arm.recording import load_channels
+
+    return None if path is None else load_channels(path)
 
 
 def require_bags(bags: Sequence[Path]) -> None:

@@ -11,10 +11,9 @@ import numpy as np
 import typer
 from rich.markup import escape
 from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
-from rich.table import Table
 
-from elastic_arm.cli.console import out, print_json, progress_bar, reports_errors
-from elastic_arm.cli.options import AtOption, ChainOption, EffectsFiles, completions, load_arm
+from elastic_arm.cli import options
+from elastic_arm.cli.console import new_table, out, print_json, progress_bar, reports_errors
 from elastic_arm.cli.outputs import claim_bag
 from elastic_arm.diagnosis.words import instance_text
 from elastic_arm.dynamics import build_model
@@ -36,9 +35,7 @@ def _list_effects(context: typer.Context, value: bool) -> None:
     """Print the catalogue and leave."""
     if not value:
         return
-    table = Table(box=None, header_style="bold")
-    for heading in ("effect", "law", "parameters", "sits on"):
-        table.add_column(heading, no_wrap=heading == "effect")
+    table = new_table("effect", "law", "parameters", "sits on", whole=("effect",))
     for effect in Catalogue.default().with_files(context.params.get("effects_files") or ()).values():
         numbers = [f"{p.name} [{p.unit}]" for p in effect.parameters]
         choices = [f"{c.name} ({('+' if c.several else '|').join(c.values)})" for c in effect.choices]
@@ -54,8 +51,8 @@ def simulate(
     robot_file: Annotated[
         Path | None, typer.Option("--robot", help="True arm: arm file, URDF or MJCF; the nominal arm by default.")
     ] = None,
-    chain: ChainOption = None,
-    at: AtOption = None,
+    chain: options.Chain = None,
+    at: options.At = None,
     nominal_file: Annotated[
         Path | None, typer.Option("--nominal", help="What controller and recording believe; the true arm by default.")
     ] = None,
@@ -64,13 +61,15 @@ def simulate(
     ] = DEFAULT_TRAJECTORY,
     effect: Annotated[
         list[str] | None,
-        typer.Option("--effect", help="EFFECT[:JOINT][:NAME=VALUE,…]; may be given again.", autocompletion=completions),
+        typer.Option(
+            "--effect", help="EFFECT[:JOINT][:NAME=VALUE,…]; may be given again.", autocompletion=options.completions
+        ),
     ] = None,
-    effects_files: EffectsFiles = None,
+    effects_files: options.EffectsFiles = None,
     list_effects: Annotated[
         bool, typer.Option("--list-effects", callback=_list_effects, is_eager=True, help="Show the catalogue.")
     ] = False,
-    model: Annotated[str, typer.Option(help="mod1, mod2 or mod3.")] = "mod3",
+    model: options.Model = "mod3",
     bearings: Annotated[bool, typer.Option("--bearings", help="Let the bearings tilt.")] = False,
     duration: Annotated[float | None, typer.Option(help="s; that of the trajectory by default.")] = None,
     rate: Annotated[float | None, typer.Option(help="Samples a second; the arm file's by default.")] = None,
@@ -78,8 +77,8 @@ def simulate(
     sensors: Annotated[str, typer.Option(help="nominal, exact, or real (encoder noise, jitter).")] = "nominal",
     noise: Annotated[float | None, typer.Option(help="Standard deviation of the torque noise, Nm.")] = None,
     encoder_noise: Annotated[float | None, typer.Option(help="Standard deviation of the encoders, rad.")] = None,
-    seed: Annotated[int, typer.Option(min=0, help="The same seed gives the same bag.")] = 0,
-    json: Annotated[bool, typer.Option("--json", help="Print JSON, for scripts.")] = False,
+    seed: options.Seed = 0,
+    json: options.Json = False,
 ) -> None:
     """Let a simulated arm follow a trajectory, and record it as a bag.
 
@@ -97,8 +96,8 @@ def simulate(
     """
     claim_bag(out_bag)
     catalogue = Catalogue.default().with_files(effects_files or ())
-    robot = load_arm(robot_file, chain, at, catalogue)
-    nominal = robot.with_(effects=()) if nominal_file is None else load_arm(nominal_file, catalogue=catalogue)
+    robot = options.load_arm(robot_file, chain, at, catalogue)
+    nominal = robot.with_(effects=()) if nominal_file is None else options.load_arm(nominal_file, catalogue=catalogue)
     check_same_joints(robot, nominal)
     effects = [parse(text, robot, catalogue) for text in effect or ()]
     motion = _motion(trajectory, nominal, model, seed)
@@ -190,9 +189,8 @@ def _print_summary(effects: list[EffectInstance], summary: dict[str, Any], bag: 
     for instance in effects:
         place, words = instance.joint or "the whole arm", instance_text(instance, units)
         out.print(f"  [bold]{instance.effect.id}[/] on {escape(place)}: {escape(words) or 'no parameters'}")
-    table = Table(box=None, header_style="bold")
-    for heading in ("joint", f"peak tau_m, {units.over('Nm')}", f"off the reference, {units.over('mrad')}"):
-        table.add_column(heading, justify="left" if heading == "joint" else "right")
+    numbers = (f"peak tau_m, {units.over('Nm')}", f"off the reference, {units.over('mrad')}")
+    table = new_table("joint", *numbers, right=numbers)
     rows = zip(summary["joints"], summary["peak_motor_torque_nm"], summary["largest_tracking_error_rad"], strict=True)
     for joint, torque, lag in rows:
         table.add_row(escape(joint), f"{torque:.1f}", f"{1e3 * lag:.2f}")

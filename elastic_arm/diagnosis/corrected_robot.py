@@ -34,7 +34,7 @@ def repaired_robot(robot: Robot, diagnosis: Diagnosis) -> Robot:
 
 def _known(context: DiagnosisContext) -> list[dict[str, Any]]:
     known = (*context.known, *context.unseen)
-    return [instance.to_dict() for instance in known if instance.effect.ordinary is None or not _drifts(instance)]
+    return [instance.to_dict() for instance in known if not _drifts(instance)]
 
 
 def _drifts(instance: EffectInstance) -> bool:

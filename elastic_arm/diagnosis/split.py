@@ -8,7 +8,7 @@ import numpy as np
 
 from elastic_arm.arrays import Array
 from elastic_arm.errors import DiagnosisError
-from elastic_arm.recording import Recording
+from elastic_arm.recording import Recording, Side
 
 HELD_BACK = 1.0 / 3.0  # share of each recording that judges
 SHORTEST = 2.5  # s of either part
@@ -97,7 +97,12 @@ def _repeats(part: Array, whole: Array, alike: float) -> bool:
 
 def _contains(recording: Recording, part: Recording) -> bool:
     """Whether much of `part` was taken from `recording`, whatever its stamps: noise does not repeat itself."""
-    whole, own = _rows(recording), _rows(part)
+    sides = [(a, b) for a, b in ((recording.motor, part.motor), (recording.link, part.link)) if a and b]
+    # Steps of one channel repeat where it is coarse or at rest, those of both sides do not.
+    return bool(sides) and all(_shares(_rows(whole), _rows(own)) for whole, own in sides)
+
+
+def _shares(whole: Array, own: Array) -> bool:
     if whole.shape[1] != own.shape[1] or not len(own):
         return False
     sample = own[:: max(1, len(own) // ROWS)]
@@ -107,8 +112,7 @@ def _contains(recording: Recording, part: Recording) -> bool:
     return sum(row.tobytes() in known for row in sample) > SHARED * len(sample)
 
 
-def _rows(recording: Recording) -> Array:
-    """Return all channels (N, k) of the motor side, or of the link side where there is none."""
-    side = recording.motor or recording.link
-    channels = [] if side is None else list(side.channels().values())
+def _rows(side: Side) -> Array:
+    """Return all channels (N, k) of a side."""
+    channels = list(side.channels().values())
     return np.hstack(channels) if channels else np.zeros((0, 0))

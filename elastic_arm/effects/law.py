@@ -9,7 +9,6 @@ from elastic_arm.effects.model import (
     ControllerEffect,
     Effect,
     Law,
-    Ordinary,
     Plant,
     Scope,
     SensorEffect,
@@ -48,7 +47,7 @@ def phase() -> Parameter:
 
 
 __all__ = [
-    "Choice", "Confusion", "Contribution", "ControllerEffect", "Effect", "Law", "Numbers", "Ordinary", "Parameter",
+    "Choice", "Confusion", "Contribution", "ControllerEffect", "Effect", "Law", "Numbers", "Parameter",
     "Plant", "Role", "Scope", "SensorEffect", "StructuralEffect", "SymbolicMotion", "amount", "no_controller", "phase",
     "ratio", "searched", "signed",
 ]  # fmt: skip

@@ -57,16 +57,6 @@ class Confusion:
 
 
 @dataclass(frozen=True)
-class Ordinary:
-    """Up to which size an effect is ordinary: every real arm has as much, so it is counted as part of the model."""
-
-    parameter: str  # its size: how much there is
-    # (sample rate in Hz) -> largest ordinary distance from no effect, in the parameter's unit
-    most: Callable[[float], float]
-    note: Callable[[Mapping[str, Any], str], str]  # (parameters and choices, place) -> what the diagnosis notes of it
-
-
-@dataclass(frozen=True)
 class Plant:
     """An arm about to be simulated, as effects find and change it."""
 
@@ -118,7 +108,6 @@ class Effect:
     # name of the number of an arm's description that it is an error of, where it is one alone: "stiffness"
     number: str = ""
     lacked_by: tuple[str, ...] = MODELS  # model variants that lack it
-    ordinary: Ordinary | None = None  # up to which size it is no cause; None where any size is one
     # (equations of an arm) -> its regressor, where the law is not enough. Parameters that act linearly keep columns
     # that are derivatives of the law; the regressor then is the effect at given values of all parameters
     regressor: RegressorOf | None = None
@@ -152,7 +141,6 @@ class Effect:
         for what, given, known in (
             ("sides", self.sides, SIDES), ("regime", (self.regime,), REGIMES), ("lacked_by", self.lacked_by, MODELS),
             ("magnitude", self.magnitude, tuple(p.name for p in self.parameters)),
-            ("ordinary.parameter", (self.ordinary.parameter,) if self.ordinary else (), self.magnitude),
         ):  # fmt: skip
             if unknown := [value for value in given if value not in known]:
                 yield f"{what} holds {unknown[0]!r}", f"Take of {', '.join(known) or 'nothing: it has no parameter'}."

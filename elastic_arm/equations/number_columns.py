@@ -50,8 +50,8 @@ def number_columns(
     for k, feature in features.items():
         parameter = parameters[k]
         shown = data.plain(feature)
-        for out, columns, part in zip(result, shown, data.parts, strict=True):
-            out[:, :, k] = columns[:, :, 0] * parameter.prior_std * part.gain(feature)
+        for out, columns in zip(result, shown, strict=True):
+            out[:, :, k] = columns[:, :, 0] * parameter.prior_std
         if feature.read_torque != "tau_J" or not parameter.is_torque_gain:
             continue
         if "drive" in data.layout.sides:
@@ -59,11 +59,10 @@ def number_columns(
             for out, part in zip(result, data.parts, strict=True):
                 j = model.robot.joint_names.index(str(parameter.joint))
                 noise = _in_row(data, part, model.n + j, _load_noise(part)[:, j])
-                out[:, :, k] -= noise * parameter.prior_std
+                out[:, :, k] -= noise * parameter.prior_std / part.gain(feature)
         for effect in (e for e in data.acting if e.feature.effect.twist and e.feature.joint == parameter.joint):
             for out, part in zip(result, data.parts, strict=True):
-                twisted = _transmitted(feature.equations, data, part, effect)
-                out[:, :, k] -= twisted * parameter.prior_std * part.gain(feature)
+                out[:, :, k] -= _transmitted(feature.equations, data, part, effect) * parameter.prior_std
     others = [k for k, p in enumerate(parameters) if p.feature is None and not p.is_inertial]
     for out, part in zip(result, data.parts, strict=True):
         sensed = "drive" in data.layout.sides
@@ -105,7 +104,7 @@ def shared_columns(
             column = data.in_band(part, feature.entries(signals))[:, :, 0] / part.gain(feature)
             if feature.read_torque == "tau_J" and effect.feature.effect.twist:
                 column = column - _transmitted(feature.equations, data, part, effect)
-            out.append(column * parameter.prior_std * part.gain(feature))
+            out.append(column * parameter.prior_std)
     joints = effect.feature.equations.robot.joint_names
     for k, parameter in enumerate(parameters):
         j = joints.index(parameter.joint)

@@ -35,8 +35,8 @@ class Number:
 
     @property
     def is_logarithmic(self) -> bool:
-        """Whether its logarithm has the prior: of ratios that torques are multiplied by, which have no sign to lose."""
-        return self.what in ("stiffness", "damping") or self.is_gain
+        """Whether its logarithm has the prior: a drive is half as stiff as it is stated as easily as twice."""
+        return self.what in ("stiffness", "damping")
 
     def value(self, x: float) -> float:
         """Return the number at x standard deviations of its prior."""

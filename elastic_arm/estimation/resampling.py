@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from elastic_arm.arrays import Array
 from elastic_arm.errors import IdentificationError
 from elastic_arm.recording import Samples
-from elastic_arm.recording.inspection.quality import UNIT, wrong_rate
+from elastic_arm.recording.inspection.report import UNIT, wrong_rate
 from elastic_arm.recording.inspection.stuck_channels import STILL
 from elastic_arm.recording.sides import ClockMode as Mode
 from elastic_arm.recording.sides import Lacking

@@ -17,8 +17,8 @@ from elastic_arm.evidence.priors import OFFSET_SHARE, PRESLIDING_SHARE, ZERO_AS_
 from elastic_arm.robot import Joint, Robot
 
 LEAST_SCALE = 1e-9  # numerical; of roots of sums of squares of torques and accelerations
-# Largest logarithm of a stiffness' or damping's ratio, and of a torque channel's gain, about which the model is made;
-# numerical.
+# Largest logarithm of the ratio of a stiffness or damping, and largest relative error of a torque channel's gain, about
+# which the model is made; numerical.
 LARGEST_SCALE, LARGEST_RATIO = 3.0, 0.75
 # rad/s: the width of the sign function about which dry friction turns over. Of it, the pairs of widths between which it
 # does, and a width within which it does so early or late; they span what gradual sign functions have in common.

@@ -84,6 +84,14 @@ def explain(problem: Problem, *, refit: bool) -> Explanation:
         found = _better(found, _descended(found.linear, other, refit, thetas, best=found.best))
     judge = Judge(found.search, found.judging, known_terms(found.judging)[0])
     best = judge.settled(found.best)
+    if best.keys != found.best.keys and _apart(found.linear, best):
+        # Where effects acted that are not there, sizes of the others are those beside them.
+        there = _settled(found.linear, best, best.model.name)
+        own = _explained(there, _again(best, there), best.model.name, refit, thetas, moves=ALL, most=0)
+        own.search.take(fit.compared_with(own.best) for fit in found.search.met.values() if fit.keys != best.keys)
+        found = replace(own, log=(*found.log, *own.log))
+        judge = Judge(found.search, found.judging, known_terms(found.judging)[0])
+        best = judge.settled(found.best)
     log = *(line for one in starts for line in one.log), *found.log, f"by all recordings: {words_of(best, found.best)}"
     return replace(found, best=best, of_all=judge.whole(best), log=log)
 
@@ -395,12 +403,14 @@ def _again(fit: Fit, linear: Linearisation) -> list[Term]:
         elif t.kind == "law":
             found.append(replace(t, columns=linear.data.whiten(t.what.plain(linear.data))))
         elif t.kind == CHANGE:
-            (common,) = (u for u in (*known_terms(linear)[0], *found) if u.key == t.what and u.kind != "stated")
-            found.append(change_of(linear, common))
+            common = (u for u in (*known_terms(linear)[0], *found) if u.key == t.what and u.kind != "stated")
+            found += [change_of(linear, one) for one in common]
         elif t.kind == "stated":
             found.append(replace(t, columns=stated[t.key].columns))
         else:
-            found.append(_effect_again(t, fit, linear))
+            again = _effect_again(t, fit, linear)
+            # Without the friction that it scales there is nothing of it.
+            found += [again] if again.feature.friction or not again.feature.effect.scales_friction else []
     for k, t in enumerate(found):
         if t.tangents and t.feature.quadratic and t.feature.count == 1 and not t.feature.fixed:
             model = linear_model(linear, fit.model.name)

@@ -12,15 +12,9 @@ from elastic_arm.lazy_names import lazily
 if TYPE_CHECKING:
     from elastic_arm.effects.text import parse_laws
     from elastic_arm.identification.batch.derivatives import DerivativeStage
-    from elastic_arm.identification.batch.identify import identifier_of, identify, identify_with
-    from elastic_arm.identification.batch.settings import IdentificationSettings
-    from elastic_arm.identification.result import (
-        Comparison,
-        Estimate,
-        Identification,
-        chi_square,
-        compare,
-    )
+    from elastic_arm.identification.batch.identify import identify, identify_with
+    from elastic_arm.identification.batch.selection import IdentificationSettings, identifier_of
+    from elastic_arm.identification.result import Comparison, Estimate, Identification, chi_square, compare
     from elastic_arm.identification.stream import Identifier
 
 __all__ = [
@@ -39,17 +33,11 @@ __all__ = [
 ]
 
 _MODULES = {
-    "Comparison": "elastic_arm.identification.result",
-    "DerivativeStage": "elastic_arm.identification.batch.derivatives",
-    "Estimate": "elastic_arm.identification.result",
-    "Identification": "elastic_arm.identification.result",
-    "IdentificationSettings": "elastic_arm.identification.batch.settings",
-    "Identifier": "elastic_arm.identification.stream",
-    "chi_square": "elastic_arm.identification.result",
-    "compare": "elastic_arm.identification.result",
-    "identifier_of": "elastic_arm.identification.batch.identify",
-    "identify": "elastic_arm.identification.batch.identify",
-    "identify_with": "elastic_arm.identification.batch.identify",
+    **dict.fromkeys(("Comparison", "Estimate", "Identification", "chi_square", "compare"), f"{__name__}.result"),
+    **dict.fromkeys(("identify", "identify_with"), f"{__name__}.batch.identify"),
+    **dict.fromkeys(("IdentificationSettings", "identifier_of"), f"{__name__}.batch.selection"),
+    "DerivativeStage": f"{__name__}.batch.derivatives",
+    "Identifier": f"{__name__}.stream",
     "parse_laws": "elastic_arm.effects.text",
 }
 

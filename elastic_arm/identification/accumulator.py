@@ -11,7 +11,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from elastic_arm.arrays import Array
 from elastic_arm.dynamics.double_double import Pair
 from elastic_arm.dynamics.gram import gram
 from elastic_arm.estimation.equations import MOTOR
@@ -77,15 +76,11 @@ class Accumulator:
         blocks = self.blocks.copy()
         if self._waiting:
             self._add_to(blocks, Motion.joined(self._waiting), 1)
-        blocks.share = 1.0 - self.stuck_share
-        return blocks
-
-    @property
-    def stuck_share(self) -> Array:
-        """Share of the rows of each group, (groups,), that hold the friction of a joint that sticks."""
+        # Rows that hold the friction of a joint that sticks are zero.
         statistics, entries = self.statistics, self.equations.equations.entries
-        of_joints = np.broadcast_to(statistics.stuck / max(statistics.samples, 1), (self.equations.n,))
-        return np.array([of_joints[joint] * (equation.combination[MOTOR] != 0) for equation, joint in entries])
+        stuck = np.broadcast_to(statistics.stuck / max(statistics.samples, 1), (self.equations.n,))
+        blocks.share = 1.0 - np.array([stuck[j] * (equation.combination[MOTOR] != 0) for equation, j in entries])
+        return blocks
 
     @property
     def statistics(self) -> MotionStatistics:

@@ -1,9 +1,11 @@
 """Base parameters: the combinations of parameters that the equations can see at all.
 
+    Phi Psi = Phi[:, columns] T Psi = Phi[:, columns] Psi_base
+
 Columns of the regressor that are combinations of others are found by orthogonalising the columns in an order of
-preference (a rank-revealing QR whose pivoting keeps to readable columns). The remaining columns are the base columns;
-each base parameter is the parameter of its column plus what the dependent ones add to it (M. Gautier and W. Khalil,
-IEEE Trans. Robotics and Automation 6 (1990) 368).
+preference (a rank-revealing QR whose pivoting keeps to readable columns). Each base parameter is the parameter of its
+column plus what the dependent ones add to it (M. Gautier and W. Khalil, IEEE Trans. Robotics and Automation 6 (1990)
+368).
 """
 
 from __future__ import annotations
@@ -34,8 +36,7 @@ class BaseParameters:
 
     columns: NDArray[np.intp]  # (B,) indices of the base columns among all parameters
     T: Array  # (B, P): Psi_base = T Psi, and Phi Psi = Phi[:, columns] Psi_base
-    # names, units: of the base parameters; a name is a readable combination
-    names: tuple[str, ...]
+    names: tuple[str, ...]  # readable combinations
     units: tuple[str, ...]
 
     def __len__(self) -> int:
@@ -52,12 +53,8 @@ def find_base(Phi: Array, names: Sequence[str], units: Sequence[str]) -> BasePar
         T[:, dependent] = beta
     by_column = np.argsort(columns)
     columns, T = columns[by_column], T[by_column]
-    return BaseParameters(
-        columns,
-        T,
-        tuple(_name(row, c, names) for row, c in zip(T, columns, strict=True)),
-        tuple(units[c] for c in columns),
-    )
+    texts = tuple(_name(row, c, names) for row, c in zip(T, columns, strict=True))
+    return BaseParameters(columns, T, texts, tuple(units[c] for c in columns))
 
 
 def _preferred(names: Sequence[str]) -> list[int]:
@@ -96,28 +93,24 @@ def _independent(Phi: Array, order: list[int]) -> tuple[NDArray[np.intp], dict[i
     scale = np.linalg.norm(Phi[:, columns], axis=0)
     found = np.linalg.lstsq(Phi[:, columns] / scale, Phi[:, dependent], rcond=None)[0] / scale[:, None]
     found = np.where(np.abs(found) * scale[:, None] < COEFFICIENT_FLOOR * largest, 0.0, found)
-    return columns, {d: _snapped(found[:, i]) for i, d in enumerate(dependent)}
-
-
-def _snapped(beta: Array) -> Array:
-    """Take what is but rounding for zero: coefficients are products of the lengths and ratios of the description."""
-    return np.where(np.abs(beta) <= ROUNDING, 0.0, beta)
+    # What is but rounding is zero: coefficients are products of the lengths and ratios of the description.
+    found = np.where(np.abs(found) <= ROUNDING, 0.0, found)
+    return columns, dict(zip(dependent, found.T, strict=True))
 
 
 def _name(row: Array, column: int, names: Sequence[str]) -> str:
     """Return the combination as text, its own column first."""
-    others = [int(k) for k in np.flatnonzero(row) if k != column]
     words = names[column]
-    for k in others:
-        size = abs(row[k])
-        factor = "" if abs(size - 1) < 1e-9 else f"{_number(size)} "
-        words += f" {'-' if row[k] < 0 else '+'} {factor}{names[k]}"
+    for k in np.flatnonzero(row).tolist():
+        if k != column:
+            size = abs(row[k])
+            factor = "" if abs(size - 1) < 1e-9 else f"{_number(size)} "
+            words += f" {'-' if row[k] < 0 else '+'} {factor}{names[k]}"
     return words
 
 
 def _number(value: float) -> str:
     """Return a short number that reads back to the value, as far as five digits go."""
     nice = Fraction(value).limit_denominator(1000)
-    return (
-        f"{float(nice):g}" if abs(float(nice) - value) < 1e-9 * abs(value) and nice.denominator < 64 else f"{value:.5g}"
-    )
+    short = nice.denominator < 64 and abs(float(nice) - value) < 1e-9 * abs(value)
+    return f"{float(nice):g}" if short else f"{value:.5g}"

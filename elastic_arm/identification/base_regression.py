@@ -55,18 +55,20 @@ RANDOM_STATES = 200
 class Column:
     """A column beyond the model's own: one parameter of a law that is linear in it."""
 
-    # name, unit: of the parameter, e.g. `coulomb_friction:joint_2.torque`, Nm
-    name: str
+    name: str  # of the parameter, e.g. `coulomb_friction:joint_2.torque`
     unit: str
-    # motion -> residual name ("link", "drive", "motor") -> (N, n) Nm per unit of the parameter. Residuals that it
-    # does not touch may be left out.
+    # motion -> residual name ("link", "drive", "motor") -> (N, n) Nm per unit of the parameter, where it acts
     values: Callable[[Motion], dict[str, Array]]
     nominal: float = 0.0  # Value in the nominal arm
     least: float = -np.inf  # What a real arm has at least, such as no negative friction
-    # standard deviation of a prior about the nominal value; None where the parameter is free
-    ordinary: float | None = None
+    ordinary: float | None = None  # Standard deviation of a prior about the nominal; None where it is free
     sensor: bool = False  # Whether it is an error of a sensor
     dry: bool = False  # Whether it follows the sign of a velocity
+
+    @property
+    def place(self) -> str:
+        """What the names of all parameters of its law begin with."""
+        return self.name.rpartition(".")[0]
 
 
 class BaseRegression:
@@ -179,6 +181,11 @@ class BaseRegression:
             hi[np.ix_([i], [K, D, width - 1], [K, D, width - 1])] = (columns @ columns.T)[None]
         return hi, lo
 
+    @cached_property
+    def described(self) -> Array:
+        """Base parameters (B,) of the description."""
+        return self.base.T @ self.nominal
+
     @property
     def rigid(self) -> bool:
         """Whether every row is the torque of a joint of an arm that is taken for rigid."""
@@ -228,15 +235,15 @@ class BaseRegression:
                 found[side][joint] = value
         return found
 
-    def comparable(self, Psi_base: Array) -> dict[str, Array]:
-        """Return factors (n,) by side that make residuals of different parameters comparable.
+    def comparable(self, Psi_base: Array) -> Array:
+        """Return factors (groups,) that make residuals of different parameters comparable.
 
         A homogeneous row is an equation for the measured deflection: it counts by the nominal stiffness.
         """
-        factors = {side: np.ones(self.n) for side in self.sides}
-        if self.summed:
+        factors = np.ones(len(self.groups))
+        if self.summed:  # the link's rows come first
             places = [K for K, _ in self.drive_columns]
-            factors["link"][list(self.wound)] = (self.base.T @ self.nominal)[places] / Psi_base[places]
+            factors[list(self.wound)] = self.described[places] / Psi_base[places]
         return factors
 
     def measured(self, motion: Motion) -> dict[str, Array]:
@@ -344,28 +351,18 @@ class BaseRegression:
 
 def _encoder_columns(joints: Sequence[str], wound: Sequence[int], units: JointUnits) -> tuple[Column, ...]:
     """Return the columns of the link encoders' lags and offsets beside the motor encoders, times the stiffness."""
-    found = []
-    for joint, name in ((j, joints[j]) for j in wound):
-        for what, unit, value in (("K_delay", "Nm s/rad", _speed), ("K_offset", "Nm", _one)):
-            own = units.at(name, unit)
-            found.append(Column(f"link_encoder:{name}.{what}", own, partial(_of_drive, joint, value)))
-    return tuple(found)
+    return tuple(
+        Column(f"link_encoder:{joints[j]}.{what}", units.at(joints[j], unit), partial(_of_drive, j, what))
+        for j in wound
+        for what, unit in (("K_delay", "Nm s/rad"), ("K_offset", "Nm"))
+    )
 
 
-def _of_drive(joint: int, value: Callable[[Array], Array], motion: Motion) -> dict[str, Array]:
+def _of_drive(joint: int, what: str, motion: Motion) -> dict[str, Array]:
     """Return what a unit of the parameter takes from the spring's torque of one joint, (N, n)."""
     if motion.dq is None:
         raise IdentificationError("no link angles were recorded", "Record /joint_states.")
     column = np.zeros_like(motion.dq)
-    column[:, joint] = value(motion.dq[:, joint])
+    # The deflection is recorded too large by lag times speed, and too small by a link angle recorded too large.
+    column[:, joint] = -motion.dq[:, joint] if what == "K_delay" else 1.0
     return {"drive": column}
-
-
-def _speed(dq: Array) -> Array:
-    # The deflection is recorded too large by lag times speed, and the spring's torque reckoned from it too.
-    return -dq
-
-
-def _one(dq: Array) -> Array:
-    # A link angle recorded too large makes the deflection too small.
-    return np.ones_like(dq)

@@ -1,22 +1,22 @@
 """Fits in which the deflection of the drives is a measured quantity: two encoders, motor torque, no torque sensor.
 
-The link's row is homogeneous: 0 = tau_l - K d - D d' + a q' + b holds for no mass and no spring at all. As an equation
-for what was measured, the deflection d, it is r / K with r the row, and no fit can make that small by small parameters.
-It is bilinear in 1 / K and the other parameters; Gauss-Newton from the description solves it (J. Nocedal and S. Wright,
-Numerical Optimization, 2006, ch. 10). Rows of its linearisation are combinations of the columns of the row, so the sums
-of the recording are all that it takes.
+    r = tau_l - K d - D d' + a q' + b,    minimised: r / K
 
-Zeros of link encoders may differ between recordings: after a restart an encoder may count from elsewhere. An offset
-that all recordings share is a column of the regression; what differs between them is taken off beforehand.
+The link's row r is zero for no mass and no spring at all; as an equation for what was measured, the deflection d, it is
+r / K, which no small parameters make small. It is bilinear in 1 / K and the other parameters; Gauss-Newton from the
+description solves it (J. Nocedal and S. Wright, Numerical Optimization, 2006, ch. 10). Rows of its linearisation are
+combinations of the columns of the row, so the sums of the recording are all that it takes.
+
+Zeros of link encoders may differ between recordings: an offset that all share is a column of the regression, and what
+differs is taken off beforehand.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from elastic_arm.arrays import Array
 from elastic_arm.dynamics import Model
@@ -40,23 +40,14 @@ SMALLEST = 1e-5
 INDEPENDENT = 100
 
 
-@dataclass(frozen=True)
 class Deflections:
-    """The link's rows as equations for deflections."""
+    """The link's rows of summed regressions as equations for deflections."""
 
-    rows: NDArray[np.intp]  # (k,) groups of the link's rows: the joints whose deflection both encoders show
-    # stiffness, damping: (k,) places of their K and D among the base parameters
-    stiffness: NDArray[np.intp]
-    damping: NDArray[np.intp]
-    nominal: Array  # (B,) base parameters of the description
-
-    @staticmethod
-    def of(equations: BaseRegression) -> Deflections | None:
-        """Return them for regressions whose link's row is homogeneous, None for others."""
-        if not equations.summed:
-            return None
-        stiffness, damping = np.array(equations.drive_columns, dtype=np.intp).T
-        return Deflections(np.array(equations.wound), stiffness, damping, equations.base.T @ equations.nominal)
+    def __init__(self, equations: BaseRegression) -> None:
+        self.rows = equations.wound  # groups of the link's rows: the joints whose deflection both encoders show
+        # (k,) places of their K and D among the base parameters
+        self.stiffness, self.damping = np.array(equations.drive_columns, dtype=np.intp).T
+        self.nominal = equations.described
 
     def transform(self, Psi: Array, fixed: Mapping[int, float], groups: int) -> Array:
         """Return (groups, B + 1, B + 1) from the rows [Phi y] to those of the problem linearised at `Psi`."""
@@ -91,28 +82,30 @@ class Deflections:
         return [k for k in places if not (Psi[k] > 0 and std[k] < UNKNOWN * max(Psi[k], self.nominal[k]))]
 
 
-def fit_deflections(blocks: Blocks, rows: Deflections, power: float = 1.0, prior: Prior | None = None) -> Fit:
+def fit_deflections(blocks: Blocks, rows: Deflections, prior: Prior | None = None) -> Fit:
     """Solve the accumulated problem with deflections as measured quantities.
 
     A damping or stiffness that the recording leaves open, or that comes out below zero, is that of the description:
     its standard deviation is infinite.
     """
     fixed: dict[int, float] = {}
-    found = _settled(blocks, rows, fixed, power, prior)
+    found = _settled(blocks, rows, fixed, prior)
     # What is least known goes first: without it the others may be known, or lose what seemed to determine them.
     while unknown := [k for k in rows.unknown(found) if k not in fixed]:
         first = [k for k in unknown if k in rows.damping] or unknown
         fixed |= {k: float(rows.nominal[k]) for k in first}
-        found = _settled(blocks, rows, fixed, power, prior)
+        found = _settled(blocks, rows, fixed, prior)
     return found
 
 
-def _settled(blocks: Blocks, rows: Deflections, fixed: Mapping[int, float], power: float, prior: Prior | None) -> Fit:
+def _settled(blocks: Blocks, rows: Deflections, fixed: Mapping[int, float], prior: Prior | None) -> Fit:
     """Return the fit at which Gauss-Newton stands still."""
     Psi = rows.nominal.copy()
     for _ in range(MOST_STEPS):
-        linear = fit(blocks.transformed(rows.transform(Psi, fixed, blocks.groups)), power, prior=prior)
-        new = rows.stepped(Psi, _with(linear.Psi, fixed))
+        linear = fit(blocks.transformed(rows.transform(Psi, fixed, blocks.groups)), prior=prior)
+        solved = linear.Psi.copy()
+        solved[list(fixed)] = list(fixed.values())
+        new = rows.stepped(Psi, solved)
         size = np.minimum(np.sqrt(np.diag(linear.covariance)), np.abs(new))
         done = np.all(np.abs(new - Psi) <= SETTLED * size + 1e-12 * np.abs(new))
         Psi = new
@@ -127,12 +120,6 @@ def _settled(blocks: Blocks, rows: Deflections, fixed: Mapping[int, float], powe
         condition=condition(linear.factor[:, estimated]),
         undetermined=open_still,
     )
-
-
-def _with(Psi: Array, fixed: Mapping[int, float]) -> Array:
-    found = Psi.copy()
-    found[list(fixed)] = list(fixed.values())
-    return found
 
 
 def zeros(motions: Sequence[Motion], model: Model) -> tuple[Array, Array]:
@@ -157,11 +144,6 @@ def shifts(found: tuple[Array, Array], first: tuple[Array, Array]) -> Array:
     apart = found[0] - first[0]
     certain = np.abs(apart) > np.maximum(CERTAIN * np.hypot(found[1], first[1]), SMALLEST)
     return np.where(certain, apart, 0.0)
-
-
-def shifted(motion: Motion, by: Array) -> Motion:
-    """Return the motion with link angles moved by `by` (n,) rad."""
-    return motion if motion.q is None or not by.any() else replace(motion, q=motion.q + by)
 
 
 def _regressors(motion: Motion, model: Model) -> tuple[Array, Array, Array]:

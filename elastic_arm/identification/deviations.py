@@ -1,22 +1,16 @@
 """Standard deviations that hold for errors of any colour.
 
-Whatever the errors' colour, the scores Phi'(y - Phi Psi) of blocks that are longer than it lasts are independent, and
-their scatter gives the covariance (the sandwich, clustered by blocks). Blocks whose scores resemble their neighbours'
-are joined until they are as long (D. Andrews, Econometrica 59 (1991) 817). Three things make the scatter too small
-where blocks are few, and all are mended:
+    cov(Psi) = H S H',    H = (Phi'Phi)^-1,    S = sum of s s' over blocks,    s = Phi'(y - Phi Psi) of a block
 
-- The fit follows the blocks that determine a parameter: their scores are corrected for their share in the fit (the
-  jackknife that leaves out one block at a time).
-- Of as many scores as there are parameters, or fewer, the scatter is next to none in some directions: it is shrunk
-  towards errors that are white and as large as all scores together show, by as much as is closest to the truth on the
-  average (O. Ledoit and M. Wolf, Journal of Multivariate Analysis 88 (2004) 365).
-- The scatter of few scores is itself uncertain, and a parameter that two blocks determine has two scores, however many
-  blocks there are. Its error over its deviation follows Student's distribution, whose degrees of freedom come from the
-  blocks' shares in that parameter; deviations are widened so that 1.96 of them make an interval of 95 %. What is
-  widened are directions in which errors would be white and of unit size: parameters that share one torque scale to
-  seven digits keep doing so, which a factor for each parameter by itself would destroy.
+the sandwich, clustered by blocks that are longer than errors last: blocks whose scores s resemble their neighbours' are
+joined (D. Andrews, Econometrica 59 (1991) 817). Where blocks are few, S is too small, and three things mend that:
 
-R. Bell and D. McCaffrey, Survey Methodology 28 (2002) 169.
+- Scores are corrected for their block's share in the fit (the jackknife that leaves out one block at a time).
+- S is shrunk towards errors that are white and as large as all scores together show, by as much as is closest to the
+  truth on the average (O. Ledoit and M. Wolf, Journal of Multivariate Analysis 88 (2004) 365).
+- Deviations are widened by Student's distribution, with degrees of freedom from the blocks' shares in a parameter
+  (R. Bell and D. McCaffrey, Survey Methodology 28 (2002) 169), along directions in which errors would be white and of
+  unit size: parameters that share one torque scale to seven digits keep doing so.
 """
 
 from __future__ import annotations

@@ -1,14 +1,14 @@
 """What the encoders' noise does to a regressor, and so to the sums that a fit is made of.
 
-Noise in positions and accelerations stands in Phi itself, not only in the equations' residuals: on the average it
-adds to Phi'Phi and draws weak parameters toward zero (errors in variables; W. A. Fuller, Measurement Error Models,
-1987). The smoother knows the covariance of what it lets through, so the average is known too and can be taken off.
+    E[Phi'Phi] = Phi_true'Phi_true + E[dPhi'dPhi]
+
+On the average noise in positions and accelerations draws weak parameters toward zero (W. A. Fuller, Measurement Error
+Models, 1987). The smoother knows the covariance of what it lets through, so that the average is known and taken off.
 """
 
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -30,38 +30,22 @@ SMALLEST = 1e-12
 WHITE_SHARE = 0.14
 
 
-@dataclass(frozen=True)
-class _Directions:
-    """Directions that make up the covariance of the states, at most three a joint and side."""
-
-    steps: Array  # (V,) how many standard deviations the differences reach
-    offsets: dict[str, Array]  # Channel -> (1 + 2 V, n): nothing, then a step ahead and one back in each direction
-
-
 def noise_sums(equations: BaseRegression, motion: Motion, every: int, first: int) -> Array | None:
-    """Return what the noise of `motion` adds on the average to [Phi y]'[Phi y] of all groups.
+    """Return what the noise of `motion` adds on the average to [Phi y]'[Phi y] of all groups, (groups, B + 1, B + 1).
 
-    Returns
-    -------
-    (groups, B + 1, B + 1), or None where the motion is taken for exact.
-
-    Notes
-    -----
-    To second order E[G(x + e)] - G(x) = 1/2 sum_jk C_jk d²G / dx_j dx_k, G = [Phi y]'[Phi y]; with directions v that
-    make up C, 1/2 sum_v d²G/dv².
+    None where the motion is taken for exact. To second order E[G(x + e)] - G(x) = 1/2 sum_jk C_jk d²G / dx_j dx_k, with
+    G = [Phi y]'[Phi y]; with directions v that make up C, 1/2 sum_v d²G/dv².
     """
     if motion.noise is None:
         return None
-    directions = _directions(motion.noise)
-    if not len(directions.steps):
-        return None
+    steps, offsets = _directions(motion.noise)
     chosen = np.arange(first, len(motion), every)
-    if not len(chosen):
+    if not len(steps) or not len(chosen):
         return None
-    rows = equations.rows(_moved(motion[chosen], directions))
+    rows = equations.rows(_moved(motion[chosen], offsets))
     rows = rows.reshape(rows.shape[0], -1, len(chosen), rows.shape[-1])
     middle, ahead, behind = rows[:, :1], rows[:, 1::2], rows[:, 2::2]
-    steps = directions.steps[:, None, None]
+    steps = steps[:, None, None]
     slope = ahead - behind
     slope /= 2.0 * steps
     slope = slope.reshape(len(rows), -1, rows.shape[-1])
@@ -73,7 +57,12 @@ def noise_sums(equations: BaseRegression, motion: Motion, every: int, first: int
 
 
 @functools.lru_cache(maxsize=8)
-def _directions(noise: StateNoise) -> _Directions:
+def _directions(noise: StateNoise) -> tuple[Array, dict[str, Array]]:
+    """Return directions that make up the covariance of the states, at most three a joint and side.
+
+    How many standard deviations differences along each of them (V,) reach, and by channel what they add to it,
+    (1 + 2 V, n): nothing, then a step ahead and one back in each direction.
+    """
     found: list[tuple[str, int, Array, float]] = []
     for side, covariances in (("q", noise.link), ("theta", noise.motor)):
         for joint, covariance in enumerate(() if covariances is None else covariances):
@@ -92,17 +81,17 @@ def _directions(noise: StateNoise) -> _Directions:
     for k, (side, joint, direction, step) in enumerate(found):
         for rate, part in zip(_RATES, direction, strict=True):
             offsets[rate + side][[1 + 2 * k, 2 + 2 * k], joint] = step * part, -step * part
-    return _Directions(np.array([step for *_, step in found]), offsets)
+    return np.array([step for *_, step in found]), offsets
 
 
-def _moved(thin: Motion, directions: _Directions) -> Motion:
+def _moved(thin: Motion, offsets: dict[str, Array]) -> Motion:
     """Return the samples as they are, and once for each step."""
-    times = 1 + 2 * len(directions.steps)
+    times = len(next(iter(offsets.values())))
     moved: dict[str, Any] = {}
     for name, values in thin.channels().items():
         copies = np.broadcast_to(values, (times, *values.shape))
-        if name in directions.offsets:
-            copies = copies + directions.offsets[name][:, None]
+        if name in offsets:
+            copies = copies + offsets[name][:, None]
         moved[name] = copies.reshape(-1, *values.shape[1:])
     return Motion(**moved, lacking=thin.lacking)
 

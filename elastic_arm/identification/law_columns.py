@@ -40,22 +40,18 @@ def law_columns(
     evaluate = _LawColumns(tuple(instances), robot, model, sign_speed)
     # A law that is asked for holds no value of its own: where the description states one, that is the nominal.
     described = {_place(entry["effect"], entry.get("joint"), robot): entry["parameters"] for entry in robot.effects}
-    entries = []
+    found: list[Column] = []
     for instance in instances:
-        place = place_of(instance, robot)
+        place, kind = place_of(instance, robot), {"dry": is_dry(instance)}
+        kind["sensor"] = isinstance(instance.effect, SensorEffect)
         for p in _linear(instance.effect):
             stated = described.get(place, {}).get(p.name)
             nominal = np.zeros(p.size) if stated is None else np.atleast_1d(stated) - (p.neutral or 0.0)
             unit, least = p.unit_at(instance.joint, robot.units), p.least - (p.neutral or 0.0)
-            kind = isinstance(instance.effect, SensorEffect), is_dry(instance)
-            entries += [
-                (f"{place}.{name}", unit, float(value), least, *kind)
-                for name, value in zip(p.component_names, nominal, strict=True)
-            ]
-    return [
-        Column(name, unit, partial(evaluate.column, k), value, least, sensor=sensor, dry=dry)
-        for k, (name, unit, value, least, sensor, dry) in enumerate(entries)
-    ]
+            for name, value in zip(p.component_names, nominal.tolist(), strict=True):
+                values = partial(evaluate.column, len(found))
+                found.append(Column(f"{place}.{name}", unit, values, value, least, **kind))
+    return found
 
 
 def place_of(instance: EffectInstance, robot: Robot) -> str:

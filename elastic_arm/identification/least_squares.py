@@ -1,10 +1,10 @@
 """Least squares in constant memory: Gram matrices of blocks of samples, and what follows from them.
 
-A *group* is the rows of one equation of one joint. Each block of samples leaves [Phi y]'[Phi y] of each group, in twice
-the working precision, so that nothing is lost by squaring. At most :data:`MOST_BLOCKS` blocks are kept: when they are
-full, neighbours are added up and blocks become twice as long. Nothing else is stored, however long the stream runs, and
-still the scores of the blocks, Phi'(y - Phi Psi), are there for any Psi: they give standard deviations that hold for
-coloured errors too.
+    Psi = argmin sum w_g² |y_g - Phi_g Psi|² over groups g,    w_g = 1 / std(y_g - Phi_g Psi)
+
+A group is the rows of one equation of one joint. Each block of samples leaves [Phi y]'[Phi y] of each group, in twice
+the working precision, so that nothing is lost by squaring. At most :data:`MOST_BLOCKS` are kept: when they are full,
+neighbours are added up. The scores of the blocks, Phi'(y - Phi Psi), give standard deviations for coloured errors too.
 """
 
 from __future__ import annotations
@@ -87,12 +87,6 @@ class Blocks:
         if len(self.grams) == self.most and not self._units:
             self._halve()
 
-    def close(self) -> None:
-        """Begin a new block with the next samples, as after a gap."""
-        self._units = 0
-        while len(self.grams) >= self.most:
-            self._halve()
-
     @property
     def samples(self) -> int:
         """Samples in all blocks."""
@@ -102,6 +96,10 @@ class Blocks:
     def noisy(self) -> bool:
         """Whether any noise in Phi is known."""
         return any(noise.any() for noise in self.known_noise)
+
+    def sums(self) -> tuple[Pair, Array]:
+        """Return the sums of all blocks, of which there must be some, and what noise is known to add to them."""
+        return functools.reduce(add, self.grams), functools.reduce(np.add, self.known_noise)
 
     def total(self) -> Array:
         """Return the triangular factors (groups, width, width) of all samples."""
@@ -113,7 +111,7 @@ class Blocks:
         whole = triangular((weights[:, None, None] * factors).reshape(-1, self.width))
         if not self.noisy:
             return whole
-        (hi, lo), noise = functools.reduce(add, self.grams), functools.reduce(np.add, self.known_noise)
+        (hi, lo), noise = self.sums()
         noise = correction_share(whole, np.tensordot(weights**2, noise, 1)) * noise
         rest = add((hi, lo), (-noise, np.zeros_like(noise)))
         square = np.broadcast_to((weights**2)[:, None, None], hi.shape)
@@ -133,20 +131,8 @@ class Blocks:
 
     def together(self) -> Blocks:
         """Return all samples, of which there must be some, as one block."""
-        whole, noise = functools.reduce(add, self.grams), functools.reduce(np.add, self.known_noise)
+        whole, noise = self.sums()
         return replace(self, grams=[whole], counts=[self.samples], known_noise=[noise])
-
-    def merged(self, other: Blocks) -> Blocks:
-        """Return the blocks of both, as of two recordings."""
-        both = replace(
-            self,
-            grams=self.grams + other.grams,
-            counts=self.counts + other.counts,
-            known_noise=self.known_noise + other.known_noise,
-        )
-        both.span = max(self.span, other.span)
-        both.close()
-        return both
 
     def _halve(self) -> None:
         pairs = [slice(k, k + 2) for k in range(0, len(self.grams), 2)]
@@ -212,7 +198,7 @@ def fit(blocks: Blocks, power: float = 1.0, rounds: int = 4, prior: Prior | None
         weights = noise**-power
         weights /= np.sqrt(np.mean((weights * noise)[live] ** 2)) if live.any() else 1.0
     whole = together.corrected(weights, r)
-    known = _joined(whole, prior)
+    known = whole if prior is None else triangular(np.vstack([whole, prior.rows()]))
     Psi, number, undetermined, back = _solve(known)
     noise = deviations.residual_std(r, Psi, blocks.samples * blocks.share)
     robust, white = _covariances(blocks, (Psi, weights, noise), back, r, prior)
@@ -232,11 +218,6 @@ def correlation(blocks: Blocks, found: Fit, samples: float) -> float:
     *_, back = _solve(found.factor)
     robust, white = _covariances(long, (found.Psi, found.weights, found.noise), back, blocks.total())
     return deviations.inflation(robust, white)
-
-
-def _joined(whole: Array, prior: Prior | None) -> Array:
-    """Return the triangular factor of the data's rows and the prior's."""
-    return whole if prior is None else triangular(np.vstack([whole, prior.rows()]))
 
 
 def _prior_covariance(known: Array, prior: Prior) -> Array:
@@ -289,7 +270,7 @@ def _covariances(
     Psi, weights, noise = solved
     systematic = deviations.white(r, weights, CLOSURE * deviations.largest_terms(r, Psi), back)
     if blocks.noisy:
-        known_noise = (weights**2)[:, None, None] * functools.reduce(np.add, blocks.known_noise)
+        known_noise = (weights**2)[:, None, None] * blocks.sums()[1]
         rows = triangular((weights[:, None, None] * r).reshape(-1, blocks.width))
         described = np.zeros_like(Psi) if prior is None else prior.mean
         left = covariance_left(known_noise, rows, Psi, described, blocks.samples)[:-1, :-1]

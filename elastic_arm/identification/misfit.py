@@ -51,14 +51,13 @@ def poor_fits(equations: BaseRegression, motion: Motion, Psi_base: Array, noise:
                 f"{joint}: the fit leaves {np.std(left):.3g} of {np.std(torque):.3g} {unit} (rms), {times} times the "
             )
             said += "noise of its sensor"
-            if f"{DRY}:{joint}.torque" not in equations.names:
-                found.append(f"{said}: identify its friction, too (--with {DRY})")
-                continue
             # What exceeds the torque itself is no answer to it.
             possible = not equations.elastic and np.std(left) <= np.std(torque)
             line = resonance(equations, motion, Psi_base, side, j) if possible else None
             said += "" if line is None else f", with a resonance near {line:.2g} Hz: the joint may be elastic"
-            found.append(f"{said}; the model lacks something there")
+            rubs = f"{DRY}:{joint}.torque" in equations.names
+            remedy = "the model lacks something there" if rubs else f"identify its friction, too (--with {DRY})"
+            found.append(f"{said}; {remedy}")
     return found
 
 

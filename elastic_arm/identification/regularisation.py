@@ -1,11 +1,12 @@
 """The description as a prior, where a recording alone predicts other motion badly.
 
-Base parameters that a short or slow recording hardly shows go wherever its errors send them, and predict other motion
-badly. A prior around the description holds them (ridge regression; A. Hoerl and R. Kennard, Technometrics 12 (1970)
-55). Its width is the one that predicts left-out parts of the fitted recordings best: the narrowest within a standard
-error of the best (T. Hastie, R. Tibshirani, J. Friedman, The Elements of Statistical Learning, 2009, 7.10), that of the
-difference of both part by part, as parts differ by much more than widths do. Without a clear gain there is none, but
-for arms that are taken for rigid a wide one.
+    Psi = argmin sum w_g² |y_g - Phi_g Psi|² + |F (Psi - Psi_described)|² / width²
+
+Base parameters that a short or slow recording hardly shows go wherever its errors send them; the prior holds them
+(ridge regression; A. Hoerl and R. Kennard, Technometrics 12 (1970) 55). Its width is the one that predicts left-out
+parts of the fitted recordings best: the narrowest within a standard error of the best (T. Hastie, R. Tibshirani,
+J. Friedman, The Elements of Statistical Learning, 2009, 7.10), that of the difference of both part by part. Without a
+clear gain there is none, but for arms that are taken for rigid a wide one.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 from elastic_arm.arrays import Array
 from elastic_arm.dynamics.double_double import add
 from elastic_arm.identification.base_regression import BaseRegression
-from elastic_arm.identification.consistency.estimation import description_covariance
+from elastic_arm.identification.consistent import description_covariance
 from elastic_arm.identification.least_squares import Blocks, Fit, Prior
 from elastic_arm.identification.verdict import natural_scales
 
@@ -55,7 +56,7 @@ def prior_of(
         sized = np.flatnonzero(np.isfinite(laws))
         excess[sized] = np.where(np.isfinite(_ordinary(equations)[sized]), np.sqrt(correlated), 1.0)
         factor[sized, sized] = excess[sized] / laws[sized]
-    return Prior(base.T @ equations.nominal, factor, excess)
+    return Prior(equations.described, factor, excess)
 
 
 def law_sizes(blocks: Blocks, equations: BaseRegression) -> Array:
@@ -65,7 +66,7 @@ def law_sizes(blocks: Blocks, equations: BaseRegression) -> Array:
     joint. A joint that never reverses shows friction and the zero of its torque as one and the same constant: any two
     numbers of the right sum would fit.
     """
-    squares = np.diagonal(functools.reduce(add, blocks.grams)[0], axis1=1, axis2=2)
+    squares = np.diagonal(blocks.sums()[0][0], axis1=1, axis2=2)
     columns, torques = squares[:, :-1], squares[:, -1:]
     whole = np.sum(np.where(columns > 0.0, torques, 0.0), axis=0)
     law = np.array([":" in name and not name.startswith("link_encoder:") for name in equations.base.names])
@@ -104,16 +105,14 @@ def description_error(fit: Fit, equations: BaseRegression, doubt: float = 0.0) -
     """
     own, covariance = _description_errors(equations)
     seen = np.isfinite(fit.std[own])
-    off = (fit.Psi - equations.base.T @ equations.nominal)[own][seen]
+    off = (fit.Psi - equations.described)[own][seen]
     described, noise = np.diag(covariance)[seen], fit.std[own][seen] ** 2
-    likelihoods = []
-    for error in ERRORS:
-        variance = noise + error**2 * described
-        likelihoods.append(-0.5 * np.sum(np.log(variance) + off**2 / variance))
+    variances = noise + np.square(ERRORS)[:, None] * described
+    likelihoods = -0.5 * np.sum(np.log(variances) + off**2 / variances, axis=1)
     best = int(np.argmax(likelihoods))
     if not doubt:
         return ERRORS[best]
-    unlikely = np.flatnonzero(likelihoods[best] - np.array(likelihoods) > doubt)
+    unlikely = np.flatnonzero(likelihoods[best] - likelihoods > doubt)
     return ERRORS[min(unlikely[unlikely > best].tolist(), default=-1)]
 
 
@@ -129,19 +128,18 @@ def chosen_width(blocks: Blocks, fit: Fit, equations: BaseRegression, correlated
     if (1.0 - GAIN) * plain.sum() <= solution @ whole @ solution:
         # Nothing predicts left-out parts much better than it fits them.
         return None
+
+    def standard_error(summands: Array) -> float:
+        return float(np.std(summands, ddof=1) * np.sqrt(len(summands)))
+
     errors = np.array([plain, *(_left_out_errors(parts, prior) for prior in priors)])
     total = errors.sum(axis=1)
     best = int(np.argmin(total))
     gain = errors[0] - errors[best]
-    if total[best] > (1.0 - GAIN) * total[0] or gain.sum() < _standard_error(gain):
+    if total[best] > (1.0 - GAIN) * total[0] or gain.sum() < standard_error(gain):
         return None
-    near = [k for k in range(1, len(errors)) if total[k] - total[best] <= _standard_error(errors[k] - errors[best])]
+    near = [k for k in range(1, len(errors)) if total[k] - total[best] <= standard_error(errors[k] - errors[best])]
     return WIDTHS[max(near, default=best) - 1]
-
-
-def _standard_error(summands: Array) -> float:
-    """Return the standard deviation of the sum of these."""
-    return float(np.std(summands, ddof=1) * np.sqrt(len(summands)))
 
 
 def _gram(blocks: Blocks, part: NDArray[np.intp], weights: Array) -> Array:
@@ -154,11 +152,8 @@ def _gram(blocks: Blocks, part: NDArray[np.intp], weights: Array) -> Array:
 def _left_out_errors(parts: Sequence[Array], prior: Prior | None) -> Array:
     """Return the squared weighted errors of each part, predicted from the others, (folds,)."""
     whole = np.sum(parts, axis=0)
-    found = []
-    for part in parts:
-        solution = np.append(-solved(whole - part, prior), 1.0)
-        found.append(solution @ part @ solution)
-    return np.array(found)
+    solutions = [np.append(-solved(whole - part, prior), 1.0) for part in parts]
+    return np.array([solution @ part @ solution for solution, part in zip(solutions, parts, strict=True)])
 
 
 def solved(gram: Array, prior: Prior | None) -> Array:
@@ -172,6 +167,5 @@ def solved(gram: Array, prior: Prior | None) -> Array:
 
 def described_width(width: float, judge: str) -> str:
     """Return in words that the description served as a prior, and what chose how far it is trusted."""
-    return (
-        f"regularised towards the description, with a prior of {100 * width:.2g} % of it: {judge} are predicted best so"
-    )
+    prior = f"a prior of {100 * width:.2g} % of it"
+    return f"regularised towards the description, with {prior}: {judge} are predicted best so"

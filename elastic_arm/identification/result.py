@@ -27,18 +27,10 @@ ARMS = ("nominal", "identified", "consistent")
 
 @dataclass(frozen=True)
 class Estimate:
-    """One base parameter.
+    """One base parameter, `name` a readable combination of parameters; values in `unit`.
 
-    Parameters
-    ----------
-    name
-        A readable combination of parameters.
-    value, std, nominal
-        In `unit`; `std` is one standard deviation.
-    relative_std
-        std over the size that is natural for the parameter.
-    verdict
-        "well", "poorly" or "not" determined by the recording.
+    `std` is one standard deviation, `relative_std` that over the size that is natural for the parameter, and `verdict`
+    whether the recording determines it "well", "poorly" or "not".
     """
 
     name: str
@@ -67,32 +59,24 @@ class Identification(Result):
 
     Parameters
     ----------
-    robot, model
-        Names of the nominal arm and of the model.
-    recordings
-        Where the data came from.
-    joints
-        Names.
-    estimates
-        Base parameters.
+    robot, model, recordings, joints
+        Names of the nominal arm, of the model, of where the data came from, and of the joints.
+    estimates, covariance
+        Base parameters, and (B, B) theirs.
     noise
         Equation -> joint -> std of the residual, Nm, in the band of the derivative stage, for an arm that is taken for
         rigid that of averages (:data:`.accumulator.AVERAGED`); joints that have it.
-    condition
-        Condition number of the weighted, equilibrated regressor.
-    undetermined
-        Combinations that the data leave open, in words.
+    condition, undetermined
+        Condition number of the weighted, equilibrated regressor; combinations that the data leave open, in words.
     samples, derivatives
         Number of samples used, and how derivatives were made.
     excitation
         Judgement of the motion before the fit: condition, poor, reasons, weakest.
-    notes
-        What else the user should know.
     parameter_names, T, Psi
         All parameters, the map to the base parameters (B, P), and physically consistent values of all (P,) with laws
         beyond the model last; Psi is None where it was not requested.
-    covariance
-        (B, B) of the base parameters.
+    notes
+        What else the user should know.
     consistency
         For Psi: `trust`, the relative error of the nominal that made the recording most probable; `misfit`, by how much
         of the noise the consistent arm fits worse than the base parameters; `correlation`, by how much more the errors
@@ -215,15 +199,11 @@ class Identification(Result):
     def save_robot(self, path: str | Path) -> None:
         """Write the identified arm as an arm file, which `load_robot` and the simulator take.
 
-        Raises
-        ------
-        IdentificationError
-            If no physically consistent parameters were identified.
+        Raises an IdentificationError if no physically consistent parameters were identified.
         """
         if self.identified is None:
-            raise IdentificationError(
-                "no full set of parameters was identified", "Identify with physical consistency (--consistent)."
-            )
+            problem = "no full set of parameters was identified"
+            raise IdentificationError(problem, "Identify with physical consistency (--consistent).")
         save_robot(self.identified, path)
 
 
@@ -242,10 +222,7 @@ class Comparison:
 def compare(identification: Identification, true_robot: Robot) -> list[Comparison]:
     """Compare an identification with the arm that was simulated; only code that scores may know that.
 
-    Raises
-    ------
-    IdentificationError
-        If the true arm is not made of the same bodies.
+    Raises an IdentificationError if the true arm is not made of the same bodies.
     """
     from elastic_arm.dynamics import build_model
 
@@ -263,12 +240,7 @@ def compare(identification: Identification, true_robot: Robot) -> list[Compariso
 def chi_square(identification: Identification, true: Array) -> float:
     """Return the size of all errors together, their correlations included; chi-squared with B degrees of freedom.
 
-    Parameters
-    ----------
-    identification
-        With B base parameters.
-    true : (B,)
-        Their true values; only code that scores may know them.
+    true: (B,) values of the base parameters; only code that scores may know them.
     """
     std = identification.std
     error = (identification.Psi_base - true) / std
@@ -284,40 +256,25 @@ def result_of(
     methods: tuple[str, ...],
 ) -> Identification:
     """Return the result of a fit."""
-    base = equations.base
+    base, robot = equations.base, equations.model.robot
     relative = relative_std(equations, fit.Psi, fit.std)
-    nominal = base.T @ equations.nominal
-    robot = equations.model.robot
+    words = checked(verdicts(relative), fit, equations, judged.one_way)
+    motion: dict[str, Any] = {"condition": judged.condition, "poor": judged.poor}
+    motion |= {"reasons": list(judged.reasons), "weakest": list(judged.weakest)}
+    numbers = (values.tolist() for values in (fit.Psi, fit.std, equations.described, relative))
     return Identification(
         robot=robot.name,
         model=equations.model.name,
         recordings=recordings,
         joints=equations.joints,
         prismatic=tuple(robot.units.prismatic),
-        estimates=tuple(
-            Estimate(*row)
-            for row in zip(
-                base.names,
-                base.units,
-                fit.Psi.tolist(),
-                fit.std.tolist(),
-                nominal.tolist(),
-                relative.tolist(),
-                checked(verdicts(relative), fit, equations, judged.one_way),
-                strict=True,
-            )
-        ),
+        estimates=tuple(Estimate(*row) for row in zip(base.names, base.units, *numbers, words, strict=True)),
         noise=equations.by_joint(fit.noise),
         condition=fit.condition,
         undetermined=directions(fit.undetermined, base.names),
         samples=samples,
         derivatives=methods,
-        excitation={
-            "condition": judged.condition,
-            "poor": judged.poor,
-            "reasons": list(judged.reasons),
-            "weakest": list(judged.weakest),
-        },
+        excitation=motion,
         parameter_names=equations.names,
         T=base.T,
         covariance=fit.covariance,
@@ -326,14 +283,12 @@ def result_of(
 
 
 def _from_dict(data: dict[str, Any]) -> Identification:
-    data["estimates"] = tuple(Estimate(**_numbers(e)) for e in data["estimates"])
+    for e in data["estimates"]:
+        e |= {name: np.inf for name, value in e.items() if value is None}
+    data["estimates"] = tuple(Estimate(**e) for e in data["estimates"])
     for name in ("recordings", "joints", "undetermined", "derivatives", "parameter_names", "notes", "prismatic"):
         data[name] = tuple(data.get(name, ()))
     for name in ("T", "covariance", "Psi"):
         data[name] = None if data[name] is None else np.array(data[name], dtype=float)
     data["condition"] = np.inf if data["condition"] is None else data["condition"]
     return Identification(**data)
-
-
-def _numbers(entry: dict[str, Any]) -> dict[str, Any]:
-    return {name: np.inf if value is None else value for name, value in entry.items()}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -11,13 +11,12 @@ from elastic_arm.arrays import Array
 from elastic_arm.dynamics import Model
 from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.motion import Motion
-from elastic_arm.estimation.resampling import Clock, Grid, Placing
+from elastic_arm.estimation.resampling import Clock, Grid, Placing, joined, part
 from elastic_arm.estimation.residuals import AROUND, standing_speed, sticking
 from elastic_arm.estimation.smoother import Smoother, design_smoother
 from elastic_arm.identification.accumulator import BLOCK, Accumulator
 from elastic_arm.identification.base_regression import BaseRegression, Column
 from elastic_arm.identification.deflection import Deflections, fit_deflections
-from elastic_arm.identification.incoming import IncomingRun
 from elastic_arm.identification.least_squares import MISFIT_POWER, Blocks, Fit, Prior, fit
 from elastic_arm.identification.result import Identification, result_of
 from elastic_arm.identification.verdict import Excitation, MotionStatistics, excitation
@@ -28,6 +27,15 @@ from elastic_arm.recording.standstill import KEPT
 # What each joint has recorded.
 Recorded = tuple[frozenset[str], ...]
 SENSED = ("q", "theta", "tau_J", "tau_m")
+# Length of the first samples in motion, s, from which clock and smoother are chosen.
+CALIBRATION_SECONDS = 4.0
+# A joint that has left its first position by so much is in motion, rad: a standing arm shows no bandwidth.
+MOVED = 0.01
+# Of an arm that stands longer before its first motion, the last seconds are kept, and no more samples than these.
+STANDING_SECONDS = 60.0
+CAPACITY = 200_000
+# Samples this far behind are no stragglers, s: the clock was set back, or those before were stamped in the future.
+SET_BACK = 1.0
 
 
 def smoothed(smoother: Smoother, grid: Grid, equations: BaseRegression, standing: Array | None = None) -> Motion:
@@ -54,6 +62,60 @@ def velocity_noise(smoother: Smoother) -> Array | float:
     noise = smoother.noise
     covariance = None if noise is None else noise.link if noise.motor is None else noise.motor
     return 0.0 if covariance is None else np.sqrt(covariance[:, 1, 1])
+
+
+@dataclass
+class IncomingRun:
+    """Samples without a jump back in time."""
+
+    buffer: Samples | None = None  # Samples that are not on the grid yet
+    placing: Placing | None = None  # Puts them there
+    # points of the grid that wait for the smoother, or are part of its next window
+    run: list[Grid] = field(default_factory=list)
+    # since, last: time of the first sample that is held, and of the last one that came
+    since: float = np.inf
+    last: float = -np.inf
+
+    @property
+    def waiting(self) -> int:
+        """Samples that are in no equation yet."""
+        return sum(map(len, self.run)) + (0 if self.buffer is None else len(self.buffer))
+
+    def is_before(self, samples: Samples) -> bool:
+        """Return whether samples belong to another run, as time has jumped back."""
+        return bool(samples.t[-1] < max(self.since, self.last - SET_BACK))
+
+    def take(self, samples: Samples) -> Samples:
+        """Keep the samples that are later than those before; return them."""
+        newest = np.maximum.accumulate(np.concatenate([[self.last], samples.t]))[:-1]
+        good = samples.t > newest
+        kept = samples if good.all() else part(samples, np.flatnonzero(good))
+        if len(kept):
+            self.since = min(self.since, float(kept.t[0]))
+            self.last = float(kept.t[-1])
+            self.buffer = kept if self.buffer is None else joined(self.buffer, kept)
+        return kept
+
+    def first_in_motion(self, wait: bool) -> Samples | None:
+        """Return the samples from which clock and smoother are chosen; None where there are none."""
+        if self.buffer is None:
+            return None
+        onset = _onset(self.buffer)
+        self.buffer = kept = part(self.buffer, self.buffer.t >= onset - STANDING_SECONDS)
+        if wait and kept.t[-1] < onset + CALIBRATION_SECONDS:
+            self.buffer = part(kept, slice(-CAPACITY, None))
+            return None
+        since = min(onset, max(kept.t[-1] - CALIBRATION_SECONDS, kept.t[0]))
+        return part(kept, (kept.t >= since) & (kept.t <= since + CALIBRATION_SECONDS))
+
+
+def _onset(samples: Samples) -> float:
+    """Return the time at which the first joint leaves its first position; that of the last sample where all stand."""
+    position = samples.q if samples.q is not None else samples.theta
+    if position is None:
+        return float(samples.t[-1])
+    moves = (np.abs(position - position[0]) > MOVED).any(axis=1)
+    return float(samples.t[np.argmax(moves) if moves.any() else -1])
 
 
 @dataclass
@@ -207,19 +269,18 @@ class Identifier:
                 f"{self._piece.waiting} samples are not yet enough for an estimate",
                 "Wait some seconds, or record longer.",
             )
-        rows = Deflections.of(self.equations)
-        if rows is not None:
-            return fit_deflections(blocks, rows, 1.0, prior)
+        if self.equations.summed:
+            return fit_deflections(blocks, Deflections(self.equations), prior)
         return fit(blocks, MISFIT_POWER if self.equations.rigid else 1.0, prior=prior)
 
     def linear_blocks(self, found: Fit | None = None) -> Blocks:
         """Return the sums of rows that are linear in the base parameters, at the estimate where they are not."""
-        blocks, rows = self._ready().snapshot(), Deflections.of(self.equations)
-        if rows is None:
+        blocks = self._ready().snapshot()
+        if not self.equations.summed:
             return blocks
         found = found or self.fit()
         fixed = {k: float(found.Psi[k]) for k in found.fixed}
-        return blocks.transformed(rows.transform(found.Psi, fixed, blocks.groups))
+        return blocks.transformed(Deflections(self.equations).transform(found.Psi, fixed, blocks.groups))
 
     def estimate(
         self,
@@ -295,9 +356,9 @@ class Identifier:
         length = max(1, BLOCK // motion.every)
         kept = np.zeros(len(motion), dtype=bool)
         for start in range(0, len(motion), length):
-            part = position[start : start + length]
-            if self._rest is None or np.any(np.abs(part - self._rest[0]) >= STILL):
-                self._rest = part[-1], float(motion.t[start + len(part) - 1])
+            some = position[start : start + length]
+            if self._rest is None or np.any(np.abs(some - self._rest[0]) >= STILL):
+                self._rest = some[-1], float(motion.t[start + len(some) - 1])
             kept[start : start + length] = motion.t[start] <= self._rest[1] + KEPT
         self.progress.resting += motion.every * int(np.count_nonzero(~kept))
         edges = np.flatnonzero(np.diff(kept, prepend=False, append=False))

@@ -16,7 +16,7 @@ from elastic_arm.effects import EffectInstance
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.identification.accumulator import averaged
 from elastic_arm.identification.base_regression import BaseRegression
-from elastic_arm.identification.consistency.estimation import with_consistency
+from elastic_arm.identification.consistent import with_consistency
 from elastic_arm.identification.deviations import residual_norms
 from elastic_arm.identification.regularisation import (
     DOUBT,
@@ -29,8 +29,6 @@ from elastic_arm.identification.regularisation import (
 from elastic_arm.identification.result import Identification
 from elastic_arm.identification.stream import Identifier
 from elastic_arm.robot import Robot
-
-ByJoint = Mapping[str, Mapping[str, float]]
 
 # Relative errors of the description that are tried where held-out motion refutes a fit: errors of a model that does not
 # hold may be many times the noise.
@@ -52,20 +50,16 @@ class HeldOut:
     motions: Mapping[str, Sequence[Motion]]  # Runs of smoothed motion by recording
 
     @cached_property
-    def _factors(self) -> dict[str, Array]:
+    def _rows(self) -> dict[str, Array]:
         """Triangular factors (groups, B + 1, B + 1) of each recording's rows over the root of how many there are."""
-        return self._summed(lambda motion: (self.equations.information(motion), len(motion)))
+        return self._factors(lambda motion: (self.equations.information(motion), len(motion)))
 
     @cached_property
-    def _averaged(self) -> dict[str, Array]:
-        """The same of rows averaged over :data:`.accumulator.AVERAGED`.
+    def _averages(self) -> dict[str, Array]:
+        """The same of rows averaged over :data:`.accumulator.AVERAGED`."""
+        return self._factors(lambda motion: averaged(self.equations, motion))
 
-        Noise in accelerations is weighed by the inertias that predict, so that of two arms the one with less inertia
-        would seem to be better.
-        """
-        return self._summed(lambda motion: averaged(self.equations, motion))
-
-    def _summed(self, information: Callable[[Motion], tuple[Pair, int]]) -> dict[str, Array]:
+    def _factors(self, information: Callable[[Motion], tuple[Pair, int]]) -> dict[str, Array]:
         found = {}
         for source, motions in self.motions.items():
             sums, counts = zip(*map(information, motions), strict=True)
@@ -75,33 +69,45 @@ class HeldOut:
             found[source] = cholesky(functools.reduce(add, sums)) / size[:, None, None]
         return found
 
-    def errors(self, Psi_base: Array) -> dict[str, dict[str, dict[str, float]]]:
-        """Return recording -> equation -> joint -> rms, Nm, of base parameters."""
-        return self._rms(Psi_base, self._factors)
+    def errors(self, Psi_base: Array, *, averages: bool = False) -> dict[str, dict[str, dict[str, float]]]:
+        """Return recording -> equation -> joint -> rms, Nm, of base parameters; that of averages is what judges an arm.
 
-    def judged(self, Psi_base: Array) -> dict[str, dict[str, dict[str, float]]]:
-        """Return the rms of averages, by which one arm is called better than another."""
-        return self._rms(Psi_base, self._averaged)
-
-    def _rms(self, Psi_base: Array, factors: Mapping[str, Array]) -> dict[str, dict[str, dict[str, float]]]:
-        scale = np.concatenate(list(self.equations.comparable(Psi_base).values()))
+        Noise in accelerations is weighed by the inertias that predict, so that of two arms the one with less inertia
+        would seem to be better by the rows themselves.
+        """
+        scale = self.equations.comparable(Psi_base)
+        factors = self._averages if averages else self._rows
         return {
             source: self.equations.by_joint(scale * residual_norms(own, Psi_base)) for source, own in factors.items()
         }
 
     @cached_property
     def nominal(self) -> dict[str, dict[str, dict[str, float]]]:
-        """Judged errors of the description."""
-        return self.judged(self.equations.base.T @ self.equations.nominal)
+        """Errors of the description that judge."""
+        return self.errors(self.equations.described, averages=True)
+
+    def compared(self, Psi_base: Array) -> list[tuple[str, str, str, float, float]]:
+        """Return recording, equation, joint and the errors of base parameters and of the description, Nm.
+
+        Of equations that hold a torque, where there are such.
+        """
+        sides, equations = self.equations.sides, self.equations.equations
+        torques = [side for side in sides if equations.equation(side).torque is not None] or sides
+        return [
+            (source, side, joint, max(error, 1e-300), max(self.nominal[source][side][joint], 1e-300))
+            for source, by_side in self.errors(Psi_base, averages=True).items()
+            for side in torques
+            for joint, error in by_side[side].items()
+        ]
 
     def ratio(self, Psi_base: Array) -> float:
-        """Return the mean log ratio of rms errors to those of the description; above 0 is worse."""
-        return log_ratio(list(self.judged(Psi_base).values()), list(self.nominal.values()), self.equations)
+        """Return the mean log ratio of errors to those of the description; above 0 is worse."""
+        return float(np.mean([np.log(error / described) for *_, error, described in self.compared(Psi_base)]))
 
     def worse(self, Psi_base: Array) -> list[str]:
         """Return the joints that some recording shows to be predicted clearly worse than by the description."""
-        pairs = _pairs(list(self.judged(Psi_base).values()), list(self.nominal.values()), self.equations)
-        return list(dict.fromkeys(joint for _, joint, a, b in pairs if a > WORSE * b))
+        compared = self.compared(Psi_base)
+        return list(dict.fromkeys(joint for *_, joint, error, described in compared if error > WORSE * described))
 
 
 def validated(
@@ -120,16 +126,18 @@ def validated(
         consistent = partial(with_consistency, result, identifier, robot, effects, correlated=correlated)
         result = _consistent_or_none(result, consistent, held_out)
     equations = held_out.equations
-    arms = {"nominal": equations.base.T @ equations.nominal, "identified": result.Psi_base}
+    arms = {"nominal": equations.described, "identified": result.Psi_base}
     if result.Psi is not None:
         arms["consistent"] = equations.base.T @ result.Psi
     tables = {arm: held_out.errors(Psi) for arm, Psi in arms.items()}
     found = {source: {arm: table[source] for arm, table in tables.items()} for source in held_out.motions}
-    notes = list(result.notes)
-    for source, judged in held_out.judged(result.Psi_base).items():
-        worse = worse_joints(judged, held_out.nominal[source], equations)
-        notes += [f"{source} is predicted worse than by the description: {', '.join(worse)}"] if worse else []
-    return result.with_(validation=found, notes=tuple(notes))
+    worse: dict[str, list[str]] = {}
+    for source, side, joint, error, described in held_out.compared(result.Psi_base):
+        if error > WORSE * described:
+            size = f"{error:.3g} against {described:.3g} {result.units.at(joint, 'Nm')}"
+            worse.setdefault(source, []).append(f"{joint} ({side}: {size})")
+    notes = [f"{source} is predicted worse than by the description: {', '.join(at)}" for source, at in worse.items()]
+    return result.with_(validation=found, notes=(*result.notes, *notes))
 
 
 def _pulled(result: Identification, identifier: Identifier, held_out: HeldOut, correlated: float) -> Identification:
@@ -188,20 +196,6 @@ def _consistent_or_none(
     return result.with_(identified=None, notes=(*result.notes, note + "no robot.yaml is written"))
 
 
-def log_ratio(found: Sequence[ByJoint], nominal: Sequence[ByJoint], equations: BaseRegression) -> float:
-    """Return the mean log ratio of rms errors, over joints and the equations that hold a torque; above 0 is worse."""
-    return float(np.mean([np.log(a / b) for _, _, a, b in _pairs(found, nominal, equations)]))
-
-
-def worse_joints(found: ByJoint, nominal: ByJoint, equations: BaseRegression) -> list[str]:
-    """Return the joints that are predicted clearly worse than by the description, in words."""
-    pairs = _pairs([found], [nominal], equations)
-    unit = equations.model.robot.units.at
-    return [
-        f"{joint} ({side}: {a:.3g} against {b:.3g} {unit(joint, 'Nm')})" for side, joint, a, b in pairs if a > WORSE * b
-    ]
-
-
 def _described(joints: Sequence[str], equations: BaseRegression) -> str:
     motors = any(f"{joint}.{ARMATURE}" in equations.names for joint in joints)
     what = "laws and the motor inertia" if motors else "laws"
@@ -209,17 +203,3 @@ def _described(joints: Sequence[str], equations: BaseRegression) -> str:
         f"robot.yaml has the {what} of {', '.join(joints)} as the description has them: with those identified, the "
         "held-out recordings are predicted worse"
     )
-
-
-def _pairs(
-    found: Sequence[ByJoint], nominal: Sequence[ByJoint], equations: BaseRegression
-) -> list[tuple[str, str, float, float]]:
-    sides = [
-        side for side in equations.sides if equations.equations.equation(side).torque is not None
-    ] or equations.sides
-    return [
-        (side, joint, max(one[side][joint], 1e-300), max(other[side][joint], 1e-300))
-        for one, other in zip(found, nominal, strict=True)
-        for side in sides
-        for joint in one[side]
-    ]

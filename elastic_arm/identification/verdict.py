@@ -57,11 +57,10 @@ class Excitation:
 class MotionStatistics:
     """Running sums over a motion, from which its typical frequency and its number of independent samples follow."""
 
-    samples: int = 0  # Number of samples
+    samples: int = 0
     seconds: float = 0.0
-    # speed, acceleration: (n,) sums of squares
-    speed: Array | float = 0.0
-    acceleration: Array | float = 0.0
+    speed: Array | float = 0.0  # (n,) sum of squares
+    acceleration: Array | float = 0.0  # (n,) sum of squares
     forward: Array | float = 0.0  # (n,) sum of squared speeds in the positive direction
     stuck: Array | float = 0.0  # (n,) samples at which a joint sticks, where the motion states it
 
@@ -114,13 +113,11 @@ def natural_scales(equations: BaseRegression) -> Array:
     for members in groups.values():
         sizes[members] = np.max(own[members])
     base = equations.base
-    scale = np.maximum(np.abs(base.T @ equations.nominal), sizes[base.columns])
+    scale = np.maximum(np.abs(equations.described), sizes[base.columns])
     return np.where(scale > 0, scale, np.nan)
 
 
-def excitation(
-    blocks: Blocks, equations: BaseRegression, statistics: MotionStatistics, torque_noise: float = TORQUE_NOISE
-) -> Excitation:
+def excitation(blocks: Blocks, equations: BaseRegression, statistics: MotionStatistics) -> Excitation:
     """Judge the motion of a recording; the torques are not looked at.
 
     What a model misses (friction, ripple, elasticity) follows the motion and does not average out as noise does: the
@@ -128,7 +125,7 @@ def excitation(
     """
     r = blocks.total()[..., :-1]
     crowding = np.sqrt(max(blocks.samples / statistics.effective_samples, 1.0))
-    whole = triangular(r.reshape(-1, r.shape[-1]) / (torque_noise * crowding))
+    whole = triangular(r.reshape(-1, r.shape[-1]) / (TORQUE_NOISE * crowding))
     size = np.linalg.norm(whole, axis=0)
     _, s, vt = np.linalg.svd(whole / np.where(size > 0, size, 1.0), full_matrices=False)
     condition = float(s[0] / s[-1]) if s[-1] > 0 else float("inf")
@@ -182,11 +179,11 @@ def relative_std(equations: BaseRegression, Psi_base: Array, std: Array) -> Arra
 
 def directions(undetermined: Array, names: Sequence[str]) -> tuple[str, ...]:
     """Name the combinations of base parameters that the data leave open."""
-    found = []
-    for direction in undetermined:
-        parts = [f"{direction[k]:+.2f} ({names[k]})" for k in np.flatnonzero(np.abs(direction) > TAKES_PART).tolist()]
-        found.append(" ".join(parts))
-    return tuple(found)
+    taking_part = [np.flatnonzero(np.abs(direction) > TAKES_PART).tolist() for direction in undetermined]
+    return tuple(
+        " ".join(f"{direction[k]:+.2f} ({names[k]})" for k in part)
+        for direction, part in zip(undetermined, taking_part, strict=True)
+    )
 
 
 def impossible(equations: BaseRegression, Psi: Array) -> NDArray[np.bool_]:
@@ -243,15 +240,14 @@ def _encoders(fit: Fit, equations: BaseRegression) -> list[str]:
         return []
     place = {name: k for k, name in enumerate(equations.base.names)}
     found = []
-    wound = [equations.joints[j] for j in equations.wound]
-    for joint, (K, _) in zip(wound, equations.drive_columns, strict=True):
-        parts = []
-        offset = equations.model.robot.units.at(joint, "mrad")
-        for what, factor, unit in (("delay", 1e3, "ms"), ("offset", 1e3, offset)):
+    for j, (K, _) in zip(equations.wound, equations.drive_columns, strict=True):
+        joint, parts = equations.joints[j], []
+        for what, words, unit in (("delay", "lags by", "ms"), ("offset", "offset", "mrad")):
             k = place.get(f"link_encoder:{joint}.K_{what}")
             if k is not None and abs(fit.Psi[k]) > 5.0 * fit.std[k]:
-                value, std = rounded(factor * fit.Psi[k] / fit.Psi[K], factor * fit.std[k] / fit.Psi[K])
-                parts.append(f"lags by {value} ± {std} {unit}" if what == "delay" else f"offset {value} ± {std} {unit}")
+                own = equations.model.robot.units.at(joint, unit)
+                size = " ± ".join(rounded(1e3 * fit.Psi[k] / fit.Psi[K], 1e3 * fit.std[k] / fit.Psi[K]))
+                parts.append(f"{words} {size} {own}")
         if parts:
             found.append(f"link encoder of {joint} against the motor encoder: {', '.join(parts)}")
     return found

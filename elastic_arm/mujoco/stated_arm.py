@@ -15,7 +15,7 @@ import numpy as np
 from elastic_arm.arrays import Array
 from elastic_arm.effects import Catalogue, EffectInstance, SensorEffect, StructuralEffect, robot_effects
 from elastic_arm.effects.model import ControllerEffect, Effect
-from elastic_arm.identification.batch.mounting import about_x, about_y
+from elastic_arm.identification.batch.mounting import turned
 from elastic_arm.robot import Inertia, Joint, Robot
 from elastic_arm.robot.kinematics import lumped
 
@@ -174,7 +174,7 @@ def _tilt(arm: StatedArm, robot: Robot, i: int, instance: EffectInstance) -> Sta
     if i != instance.joint_indices(robot)[0]:
         return arm
     x, y = (number(instance, axis) for axis in "xy")
-    return replace(arm, gravity=(about_x(x) @ about_y(y)).T @ arm.gravity)
+    return replace(arm, gravity=turned(x, y).T @ arm.gravity)
 
 
 def _delay(arm: StatedArm, robot: Robot, i: int, instance: EffectInstance) -> StatedArm:

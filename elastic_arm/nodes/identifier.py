@@ -6,35 +6,40 @@ import contextlib
 import json
 import sys
 import time
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from elastic_arm_msgs.msg import ParameterEstimate
 from numpy.typing import NDArray
-from sensor_msgs.msg import JointState
-from std_srvs.srv import SetBool, Trigger
+from std_srvs.srv import Trigger
 
-from elastic_arm.errors import ElasticArmError, IdentificationError
+from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.formatting import rounded
 from elastic_arm.identification import identifier_of, parse_laws
 from elastic_arm.identification.least_squares import Fit
 from elastic_arm.nodes.support import graph
-from elastic_arm.nodes.support.collecting import Collector
-from elastic_arm.nodes.support.health import PERIOD, Health
-from elastic_arm.nodes.support.listening import Listener
-from elastic_arm.nodes.support.managed import AUTOSTART, ManagedNode
-from elastic_arm.nodes.support.parameters import declare, declare_texts
-from elastic_arm.nodes.support.running import LONGEST_REST, run
+from elastic_arm.nodes.support.managed import ManagedNode
+from elastic_arm.nodes.support.parameters import AUTOSTART, CHANNELS, MODEL, ROBOT, SIDES, Setting, declared
+from elastic_arm.nodes.support.running import run
 from elastic_arm.nodes.support.screening import StreamScreen
 from elastic_arm.nodes.support.wire import NANOSECONDS
-from elastic_arm.recording import load_channels, topics
+from elastic_arm.recording import topics
 from elastic_arm.robot import load_robot
 
-# Samples are taken in batches of this length, seconds: arrays are cheap, single samples are not.
-BATCH = 0.1
+PARAMETERS = {
+    "robot": ROBOT,
+    "model": MODEL,
+    "effects": Setting([], "Laws identified too: EFFECT[:JOINT][:side=link]"),
+    "channels": CHANNELS,
+    "sides": SIDES,
+    "estimate_period": Setting(1.0, "Between estimates, s", between=(0.1, 3600.0)),
+    "save_to": Setting("identified", "Folder of what ~/save writes"),
+    "save_at_exit": Setting(False, "Save also when the node stops"),
+    "print": Setting(False, "Print each estimate as a line of JSON on stdout"),
+    "autostart": AUTOSTART,
+}
 
 
 class IdentifierNode(ManagedNode):
@@ -42,71 +47,40 @@ class IdentifierNode(ManagedNode):
 
     def __init__(self) -> None:
         super().__init__("identifier")
-        self._file = declare(self, "robot", "", "Nominal arm: file (YAML) or URDF; empty: the arm of the package")
-        self._name = declare(self, "model", "mod3", "What the arm is taken to be", choices=("mod1", "mod2", "mod3"))
-        self._laws = declare_texts(self, "effects", "Laws identified too: EFFECT[:JOINT][:side=link]")
-        self._map = declare(self, "channels", "", "Channel map (YAML) of a driver's joint states: names, units")
-        self._sides = declare(self, "sides", "both", "What the arm measures", choices=("both", "link", "motor"))
-        self._every = declare(self, "estimate_period", 1.0, "Between estimates, s", between=(0.1, 3600.0))
-        self._folder = declare(self, "save_to", "identified", "Folder of what ~/save writes")
-        self._save_at_exit = declare(self, "save_at_exit", False, "Save also when the node stops")
-        self._lines = declare(self, "print", False, "Print each estimate as a line of JSON on stdout")
-        autostart = declare(self, "autostart", True, AUTOSTART)
-        self._health = Health(self, "estimate")
-        self.every(PERIOD, self._report)
-        self.start(autostart)
+        self.settings = declared(self, PARAMETERS)
+        self.start("estimate", "identifying", self.settings.autostart)
 
     def configure(self) -> None:
         """Compile the model's equations; offer estimates and services."""
-        robot = load_robot(self._file or None)
-        self._identifier = identifier_of(robot, self._name, parse_laws(self._laws, robot))
-        channels = load_channels(self._map) if self._map else None
-        self._collector = Collector(robot.joint_names, self._sides, partial(graph.resolved, self), channels)
+        robot = load_robot(self.settings.robot or None)
+        self._identifier = identifier_of(robot, self.settings.model, parse_laws(self.settings.effects, robot))
         self._screen = StreamScreen()
         self._warm_up(robot.n)
-        self._output = self.create_publisher(
-            ParameterEstimate, graph.relative(topics.PARAMETER_ESTIMATE), graph.qos(topics.PARAMETER_ESTIMATE)
-        )
-        self._offered = [
-            self.create_service(Trigger, "~/reset", self._reset),
-            self.create_service(SetBool, "~/pause", self._pause),
-            self.create_service(Trigger, "~/save", self._save),
-        ]
+        self.offer(robot)
+        self._output = self.output(topics.PARAMETER_ESTIMATE, ParameterEstimate)
         self._fit: Fit | None = None
-        self._problem = ""
 
     def activate(self) -> None:
         """Subscribe to the arm's samples."""
-        self._inputs = [
-            Listener(self, JointState, graph.relative(topic), inbox.put, raw=True)
-            for topic, inbox in self._collector.inboxes.items()
-        ]
-        self._due = self._estimate_due = time.monotonic()
+        super().activate()
+        self._estimate_due = time.monotonic()
 
     def deactivate(self) -> None:
         """Unsubscribe, and work off what has arrived."""
-        for listener in self._inputs:
-            listener.close()
+        super().deactivate()
         self._take(everything=True)
 
     def cleanup(self) -> None:
         """Take estimates and services out of the graph; all samples are forgotten."""
+        super().cleanup()
         self.destroy_publisher(self._output)
-        for service in self._offered:
-            self.destroy_service(service)
 
-    def tick(self) -> float:
+    def work(self, now: float) -> None:
         """Take what has arrived; now and then, make an estimate of it."""
-        if self.state != "active":
-            return LONGEST_REST
-        now = time.monotonic()
-        if now >= self._due:
-            self._due = now + BATCH
-            self._take()
-            if now >= self._estimate_due:
-                self._estimate_due = now + self._every
-                self._estimate()
-        return self._due - time.monotonic()
+        self._take()
+        if now >= self._estimate_due:
+            self._estimate_due = now + self.settings.estimate_period
+            self._estimate()
 
     def close(self) -> None:
         """Work off what waits, make the last estimate and save it, if that is wanted."""
@@ -116,8 +90,8 @@ class IdentifierNode(ManagedNode):
         with contextlib.suppress(IdentificationError):  # too few samples wait to make anything of
             self._identifier.finish()
         self._estimate()
-        if self._save_at_exit:
-            self.get_logger().info(self._write())
+        if self.settings.save_at_exit:
+            self.get_logger().info(self.save(Trigger.Request()))
 
     def _warm_up(self, n: int) -> None:
         """Compile the equations before samples arrive: that takes seconds, the first time."""
@@ -129,24 +103,24 @@ class IdentifierNode(ManagedNode):
         self._identifier.reset()
 
     def _take(self, everything: bool = False) -> None:
-        samples = self._collector.take(everything)
+        samples = self.collector.take(everything)
         if samples is None:
             return
         try:
             self._identifier.add(self._screen.take(samples))
-            self._problem = ""
+            self.problem = ""
         except IdentificationError as error:
-            self._problem = str(error)
+            self.problem = str(error)
 
     def _estimate(self) -> None:
         try:
             self._fit = self._identifier.fit()
         except IdentificationError as error:
-            self._problem = self._problem or error.problem
+            self.problem = self.problem or error.problem
             return
         base = self._identifier.equations.base
         message = ParameterEstimate(
-            model=self._name,
+            model=self.settings.model,
             name=list(base.names),
             value=self._fit.Psi,
             std=self._fit.std,
@@ -155,9 +129,9 @@ class IdentifierNode(ManagedNode):
             condition_number=self._fit.condition,
             samples=self._identifier.progress.samples,
         )
-        message.header.stamp.sec, message.header.stamp.nanosec = divmod(self._collector.last_ns, NANOSECONDS)
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(self.collector.last_ns, NANOSECONDS)
         self._output.publish(message)
-        if self._lines:
+        if self.settings.print:
             self._print(message)
 
     def _print(self, message: ParameterEstimate) -> None:
@@ -173,36 +147,21 @@ class IdentifierNode(ManagedNode):
         sys.stdout.write(json.dumps(line) + "\n")
         sys.stdout.flush()
 
-    def _reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Service: forget all samples."""
-        self._collector.reset()
+    def forget(self) -> None:
+        """Forget all samples."""
         self._screen.reset()
         self._identifier.reset()
         self._fit = None
-        response.success, response.message = True, "all samples forgotten"
-        return response
 
-    def _pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        """Service: ignore samples while `data` is true."""
-        if request.data:
-            self._identifier.pause()
-        else:
-            self._identifier.resume()
-        response.success, response.message = True, "paused" if request.data else "running"
-        return response
+    def pause(self, paused: bool) -> None:
+        """Ignore samples, or take them again."""
+        super().pause(paused)
+        (self._identifier.pause if paused else self._identifier.resume)()
 
-    def _save(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Service: write the estimate."""
-        try:
-            response.message, response.success = self._write(), True
-        except ElasticArmError as error:
-            response.message = str(error)
-        return response
-
-    def _write(self) -> str:
+    def save(self, request: Trigger.Request) -> str:
         """Write the estimate; return what was done, in words."""
-        result = self._identifier.estimate(tuple(graph.resolved(self, topic) for topic in self._collector.inboxes))
-        file = Path(self._folder) / "identification.json"
+        result = self._identifier.estimate(tuple(graph.resolved(self, topic) for topic in self.collector.inboxes))
+        file = Path(self.settings.save_to) / "identification.json"
         result.to_json(file)
         received = self._identifier.progress.received  # the smoother keeps some at both ends of every piece
         laws = [e for e in result.estimates if e.is_friction]
@@ -210,29 +169,19 @@ class IdentifierNode(ManagedNode):
         found = " ".join([*result.summary(), *([f"{'; '.join(sizes)}."] if sizes else [])])
         return f"{found} Estimate of {result.samples} samples, of {received} received, written to {file}"
 
-    def _report(self) -> None:
-        if self.state != "active":
-            self._health.report([self.state], "", {})
-            return
-        progress, losses = self._identifier.progress, self._collector.losses
-        problems = self._collector.problems()
-        if self._screen.left_out:
-            problems.append(f"{self._screen.left_out} samples hold absurd numbers, and are left out")
-        if self._identifier.paused:
-            problems.append("paused")
-        if self._problem:
-            problems.append(self._problem)
-        figures = {
+    def status(self) -> tuple[list[str], dict[str, Any]]:
+        """Return what is wrong, in words, and figures."""
+        progress, absurd = self._identifier.progress, self._screen.left_out
+        figures: dict[str, Any] = {
             "samples received": progress.received,
             "samples used": progress.samples,
             "samples at rest": progress.resting,
             "pieces without a gap": progress.pieces,
-            "samples absurd": self._screen.left_out,
-            **{f"samples {name}": count for name, count in vars(losses).items()},
+            "samples absurd": absurd,
         }
         if self._fit is not None:
             figures |= {"residual RMS, Nm": rms(self._fit.noise), "condition number": self._fit.condition}
-        self._health.report(problems, "identifying", figures)
+        return [f"{absurd} samples hold absurd numbers, and are left out"] if absurd else [], figures
 
 
 def rms(noise: NDArray[np.float64]) -> float:

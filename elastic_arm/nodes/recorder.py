@@ -2,70 +2,64 @@
 
 from __future__ import annotations
 
+import json
+import re
 import sys
 from contextlib import suppress
 from functools import cache, partial
+from pathlib import Path
 from typing import Any
 
+from ament_index_python import PackageNotFoundError, get_package_share_directory
 from rclpy.impl.implementation_singleton import rclpy_implementation as rcl
 from rosbag2_interfaces.srv import IsPaused, Pause, Resume, SplitBagfile
 
 from elastic_arm.errors import GraphError, RecordingError
 from elastic_arm.nodes.support import graph
-from elastic_arm.nodes.support.health import PERIOD, Health
-from elastic_arm.nodes.support.listening import Listener
-from elastic_arm.nodes.support.parameters import declare, declare_texts
-from elastic_arm.nodes.support.running import LONGEST_REST, ArmNode, run
-from elastic_arm.nodes.support.type_definitions import installed_definition
+from elastic_arm.nodes.support.node import LONGEST_REST, ArmNode, Health, Listener
+from elastic_arm.nodes.support.parameters import Setting, declared
+from elastic_arm.nodes.support.running import run
 from elastic_arm.recording import message_types, topics
 from elastic_arm.recording.storage.mcap_sink import COMPRESSIONS
 from elastic_arm.recording.stream_writer import StreamWriter
 
 # How often to look for publishers of topics not yet found, seconds.
 SEARCH_PERIOD = 0.1
-
-
-# Those of rosbag2's recorder.
-SERVICES: dict[Any, str] = {
-    SplitBagfile: "split_bagfile",
-    Pause: "pause",
-    Resume: "resume",
-    IsPaused: "is_paused",
+PARAMETERS = {
+    "bag": Setting("recording", "Folder to make; must not exist"),
+    "topics": Setting([], "Topics to record; empty: all of the suite's"),
+    "all": Setting(False, "Record every topic of the graph, but hidden ones"),
+    "max_size": Setting(0.0, "MB after which another file begins; 0: never", between=(0.0, 1e6)),
+    "max_duration": Setting(0.0, "Seconds after which another begins; 0: never", between=(0.0, 1e6)),
+    "compression": Setting("zstd", "Of the bag", choices=COMPRESSIONS),
 }
 
 
 class Recorder(ArmNode):
-    """Records topics as soon as somebody publishes them."""
+    """Records topics as soon as somebody publishes them; its services are those of rosbag2's recorder."""
 
     def __init__(self) -> None:
         super().__init__("recorder")
-        folder = declare(self, "bag", "recording", "Folder to make; must not exist")
-        wanted = declare_texts(self, "topics", "Topics to record; empty: all of the suite's")
-        self._all = declare(self, "all", False, "Record every topic of the graph, but hidden ones")
-        size = declare(self, "max_size", 0.0, "MB after which another file begins; 0: never", between=(0.0, 1e6))
-        length = declare(self, "max_duration", 0.0, "Seconds after which another begins; 0: never", between=(0.0, 1e6))
-        compression: Any = declare(self, "compression", "zstd", "Of the bag", choices=COMPRESSIONS)
+        wanted = declared(self, PARAMETERS)
+        self._all = wanted.all
         _load_types()  # takes long where the machine is busy: not while samples arrive
-        names = wanted or [graph.relative(topic) for topic in topics.TYPES]
+        names = wanted.topics or [graph.relative(topic) for topic in topics.TYPES]
         self._wanted = {self._resolved(name) for name in names}
         self._listeners: dict[str, tuple[str, Listener]] = {}  # topic -> type of its messages, and who receives them
         self._refused: set[str] = set()  # whose type is not installed
         self._paused = False
-        self._writer = StreamWriter(folder, compression, max_bytes=round(size * 1e6), max_seconds=length)
-        for kind, serve in (
-            (SplitBagfile, self._split),
-            (Pause, partial(self._pause, True)),
-            (Resume, partial(self._pause, False)),
-            (IsPaused, self._is_paused),
-        ):
-            self.create_service(kind, f"~/{SERVICES[kind]}", serve)
+        size = round(wanted.max_size * 1e6)
+        self._writer = StreamWriter(wanted.bag, wanted.compression, max_bytes=size, max_seconds=wanted.max_duration)
+        self.serve(SplitBagfile, "split_bagfile", self._split)
+        self.serve(Pause, "pause", lambda _: self._pause(True))
+        self.serve(Resume, "resume", lambda _: self._pause(False))
+        self.serve(IsPaused, "is_paused", lambda _: {"paused": self._paused})
         for topic in sorted(self._wanted):  # before anybody publishes: what comes first is kept, too
             if (own := f"/{topic.rpartition('/')[2]}") in topics.TYPES:
                 self._listen(topic, topics.TYPES[own])
-        self._health = Health(self, "bag")
+        Health(self, "bag", "recording", self._status)
         self.every(SEARCH_PERIOD, self._search)
-        self.every(PERIOD, self._report)
-        self.get_logger().info(f"recording to {folder}")
+        self.get_logger().info(f"recording to {wanted.bag}")
 
     def _resolved(self, name: str) -> str:
         try:
@@ -129,30 +123,58 @@ class Recorder(ArmNode):
         except RecordingError as error:
             self.failure = error
 
-    def _split(self, request: SplitBagfile.Request, response: SplitBagfile.Response) -> SplitBagfile.Response:
-        """Service: begin another file of the bag."""
+    def _split(self, _: SplitBagfile.Request) -> None:
         try:
             self._writer.split()
         except RecordingError as error:
             self.failure = error
-        return response
 
-    def _pause(self, paused: bool, request: Any, response: Any) -> Any:
-        """Service: leave out messages from now on, or take them again."""
+    def _pause(self, paused: bool) -> None:
         self._paused = paused
-        return response
 
-    def _is_paused(self, request: IsPaused.Request, response: IsPaused.Response) -> IsPaused.Response:
-        """Service: whether messages are left out."""
-        response.paused = self._paused
-        return response
-
-    def _report(self) -> None:
+    def _status(self) -> tuple[list[str], dict[str, Any]]:
         counts = self._writer.counts
         problems = [] if counts else ["none of the topics is published"]
         if self._paused:
             problems.append("paused")
-        self._health.report(problems, "recording", {"messages": sum(counts.values()), **counts})
+        return problems, {"messages": sum(counts.values()), **counts}
+
+
+_SEPARATOR = "=" * 80
+# A field's type at the beginning of a line: package, name; arrays, bounds and what follows do not matter.
+_FIELD = re.compile(r"^\s*(?:(\w+)/(?:msg/)?)?([A-Z]\w*)", flags=re.MULTILINE)
+
+
+def installed_definition(type_name: str) -> tuple[str, str]:
+    """Return the full ros2msg text of a type and all it is made of, and its RIHS01 hash; empty where not found."""
+    package, _, name = type_name.split("/")
+    texts: dict[str, str] = {}
+    try:
+        _gather(package, name, texts)
+        described = json.loads((_share(package) / f"{name}.json").read_text())
+    except (PackageNotFoundError, OSError, ValueError):
+        return "", ""
+    hashes = {entry["type_name"]: entry["hash_string"] for entry in described["type_hashes"]}
+    whole, *parts = texts.items()
+    blocks = [whole[1], *(f"{_SEPARATOR}\nMSG: {key}\n{text}" for key, text in parts)]
+    return "\n".join(blocks), hashes.get(type_name, "")
+
+
+def _share(package: str) -> Path:
+    return Path(get_package_share_directory(package)) / "msg"
+
+
+def _gather(package: str, name: str, texts: dict[str, str]) -> None:
+    """Add the text of a type and of those of its fields."""
+    key = f"{package}/{name}"
+    if key in texts:
+        return
+    texts[key] = (_share(package) / f"{name}.msg").read_text(encoding="utf-8")
+    plain = re.sub(r"#.*", "", texts[key])
+    for other, field in _FIELD.findall(plain):
+        if field == "Header" and not other:
+            other = "std_msgs"
+        _gather(other or package, field, texts)
 
 
 @cache

@@ -6,21 +6,22 @@ import sys
 import time
 from array import array
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Duration
+from scipy.interpolate import BPoly
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
+from elastic_arm.arrays import Array
 from elastic_arm.errors import GraphError
-from elastic_arm.excitation import load_trajectory
-from elastic_arm.nodes.following.plan import Plan
+from elastic_arm.excitation import FourierTrajectory, load_trajectory
 from elastic_arm.nodes.following.splines import Row
 from elastic_arm.nodes.support import graph
-from elastic_arm.nodes.support.health import PERIOD, Health
-from elastic_arm.nodes.support.listening import Listener
-from elastic_arm.nodes.support.parameters import declare
-from elastic_arm.nodes.support.running import LONGEST_REST, ArmNode, run
+from elastic_arm.nodes.support.node import LONGEST_REST, ArmNode, Health, Listener
+from elastic_arm.nodes.support.parameters import Setting, declared
+from elastic_arm.nodes.support.running import run
 from elastic_arm.nodes.support.wire import NANOSECONDS, Form
 from elastic_arm.recording import topics
 
@@ -37,6 +38,58 @@ LARGEST_POSITION = 1e4
 # reader of the reference are two nodes, one of which may be a recorder.
 SETTLING = 0.3
 READER_PATIENCE = 3.0
+PARAMETERS = {
+    "trajectory": Setting("", "Trajectory file (YAML, as `elastic-arm excite` writes it)"),
+    "repeat": Setting(1, "How often it is run; 0: until stopped", between=(0, 1_000_000)),
+    "rate": Setting(1000.0, "Points per second", between=(10.0, 10_000.0)),
+    "points_per_message": Setting(20, "Points in a message", between=(1, 1000)),
+    "lead": Setting(1.0, "How far ahead of the clock to stream, s", between=(0.3, 10.0)),
+    "approach_speed": Setting(1.0, "Joint speed on the way to the start, rad/s", between=(0.01, 3.0)),
+}
+
+
+# Peak speed and acceleration of a quintic from rest to rest: distance / duration and distance / duration² times these.
+QUINTIC_SPEED = 15.0 / 8.0
+QUINTIC_ACCELERATION = 10.0 / np.sqrt(3.0)
+# Highest acceleration on the way to the start, rad/s².
+GENTLE = 0.5
+
+
+class Plan:
+    """The approach to a trajectory's start, and the trajectory, one or more times.
+
+    position: (n,) where the arm stands.
+    """
+
+    def __init__(self, trajectory: FourierTrajectory, position: Array, repeat: int = 1, speed: float = 0.3) -> None:
+        self._trajectory, self._repeat = trajectory, repeat
+        first = np.array([values[0] for values in trajectory.evaluate(np.zeros(1))])
+        distance = float(np.max(np.abs(first[0] - position)))
+        self.approach = max(QUINTIC_SPEED * distance / speed, float(np.sqrt(QUINTIC_ACCELERATION * distance / GENTLE)))
+        at_rest = np.array([position, np.zeros_like(position), np.zeros_like(position)])
+        self._way: list[BPoly] = []
+        if self.approach > 0:
+            way = BPoly.from_derivatives([0.0, self.approach], [at_rest, first])
+            self._way = [way, way.derivative(), way.derivative(2)]
+
+    @property
+    def duration(self) -> float:
+        """Seconds from the first to the last point; infinite when repeated for ever."""
+        return self.approach + (self._repeat * self._trajectory.duration if self._repeat else np.inf)
+
+    def evaluate(self, t: Array) -> Row:
+        """Return the points at times t (N,), seconds from the beginning of the approach."""
+        rest = t - self.approach
+        cycle = np.floor(rest / self._trajectory.duration)
+        if self._repeat:
+            cycle = np.minimum(cycle, self._repeat - 1)
+        inside = np.clip(rest - cycle * self._trajectory.duration, 0.0, self._trajectory.duration)
+        points = [np.array(values) for values in self._trajectory.evaluate(inside)]
+        before = rest < 0.0
+        if before.any():
+            for values, polynomial in zip(points, self._way, strict=True):
+                values[before] = polynomial(t[before])
+        return Row(*points)
 
 
 class TrajectoryGenerator(ArmNode):
@@ -44,25 +97,16 @@ class TrajectoryGenerator(ArmNode):
 
     def __init__(self) -> None:
         super().__init__("trajectory_generator")
-        file = declare(self, "trajectory", "", "Trajectory file (YAML, as `elastic-arm excite` writes it)")
-        self._repeat = declare(self, "repeat", 1, "How often it is run; 0: until stopped", between=(0, 1_000_000))
-        rate = declare(self, "rate", 1000.0, "Points per second", between=(10.0, 10_000.0))
-        self._points = declare(self, "points_per_message", 20, "Points in a message", between=(1, 1000))
-        lead = declare(self, "lead", 1.0, "How far ahead of the clock to stream, s", between=(0.3, 10.0))
-        self._speed = declare(
-            self, "approach_speed", 1.0, "Joint speed on the way to the start, rad/s", between=(0.01, 3.0)
-        )
-        if not file:
+        wanted = declared(self, PARAMETERS)
+        if not wanted.trajectory:
             raise GraphError("parameter trajectory is empty", "Name a trajectory file: -p trajectory:=FILE.")
-        self._trajectory = load_trajectory(Path(file))
-        self._step_ns = round(NANOSECONDS / rate)
-        self._lead_ns = round(lead * NANOSECONDS)
-        self._publisher = self.create_publisher(
-            JointTrajectory, graph.relative(topics.REFERENCE), graph.qos(topics.REFERENCE)
-        )
+        self._trajectory = load_trajectory(Path(wanted.trajectory))
+        self._repeat, self._speed, self._points = wanted.repeat, wanted.approach_speed, wanted.points_per_message
+        self._step_ns = round(NANOSECONDS / wanted.rate)
+        self._lead_ns = round(wanted.lead * NANOSECONDS)
+        self._publisher = self.output(topics.REFERENCE, JointTrajectory)
         self._wait()
-        self._health = Health(self, "stream")
-        self.every(PERIOD, self._report)
+        Health(self, "stream", "streaming", self._status)
 
     def _wait(self) -> None:
         """Wait for an arm, to begin where it stands."""
@@ -208,7 +252,7 @@ class TrajectoryGenerator(ArmNode):
             message.points.append(point)
         return Form(topics.TYPES[topics.REFERENCE], message)
 
-    def _report(self) -> None:
+    def _status(self) -> tuple[list[str], dict[str, Any]]:
         problems = []
         if not self._publisher.get_subscription_count():
             problems.append(f"nobody reads {self._publisher.topic_name}")
@@ -216,7 +260,7 @@ class TrajectoryGenerator(ArmNode):
             problems.append(f"no arm on {graph.resolved(self, topics.MOTOR_STATES)}")
         streamed = self._sent * self._step_ns / NANOSECONDS
         total = self._plan.duration if self._plan else 0.0
-        self._health.report(problems, "streaming", {"streamed, s": streamed, "in all, s": total})
+        return problems, {"streamed, s": streamed, "in all, s": total}
 
 
 if __name__ == "__main__":

@@ -14,10 +14,10 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 from rosbags.interfaces import Nodetype
+from rosbags.interfaces.typing import Typesdict
 
 from elastic_arm.errors import RecordingError
-from elastic_arm.recording import limits
-from elastic_arm.recording.message_types import TypeFields
+from elastic_arm.recording import limits, message_types
 from elastic_arm.recording.spans import Bytes, Offsets, Spans, column, offsets_of
 
 _ORIGIN = 4  # alignment counts from behind the encapsulation header
@@ -103,11 +103,11 @@ class Layout:
             target.view(items)[:, 0] = column(spans.buffer, items, spans.begin, numbers.at)
 
 
-def layout_of(data: memoryview, type_name: str, store: TypeFields) -> Layout:
-    """Find the layout of one message."""
+def layout_of(data: memoryview, type_name: str, types: Typesdict | None = None) -> Layout:
+    """Find the layout of one message, of a type among those given, or else among the known ones."""
     if len(data) < _ORIGIN or data[0] != 0 or data[1] not in (0, 1):
         raise RecordingError(f"a {type_name} message is not plain CDR", "Record with serialization format cdr.")
-    walker = _Walker(data, store, "<" if data[1] else ">")
+    walker = _Walker(data, message_types.typestore().fielddefs if types is None else types, "<" if data[1] else ">")
     try:
         walker.message(type_name, "")
     except RecursionError:
@@ -122,8 +122,8 @@ def layout_of(data: memoryview, type_name: str, store: TypeFields) -> Layout:
 class Layouts:
     """The layouts met so far among the messages of one type."""
 
-    def __init__(self, type_name: str, store: TypeFields) -> None:
-        self.type_name, self.store = type_name, store
+    def __init__(self, type_name: str, types: Typesdict) -> None:
+        self.type_name, self.types = type_name, types
         self.known: dict[int, list[Layout]] = {}
         self._latest: Layout | None = None
         self._walked = 0
@@ -151,7 +151,7 @@ class Layouts:
         if sum(map(len, self.known.values())) >= limits.LAYOUTS or self._walked > limits.LAYOUT_FIELDS:
             problem = f"its messages differ in more than {limits.LAYOUTS} ways in their names and lengths"
             raise RecordingError(problem, "Stop publishers that change the names or the number of joints.")
-        layout = layout_of(pattern, self.type_name, self.store)
+        layout = layout_of(pattern, self.type_name, self.types)
         layout.learn(pattern)
         self._walked += len(layout.fixed) + len(layout.numbers)
         known.append(layout)
@@ -161,14 +161,14 @@ class Layouts:
 class _Walker:
     """Walks one message by its type and notes where things lie."""
 
-    def __init__(self, data: memoryview, store: TypeFields, order: Literal["<", ">"]) -> None:
-        self.data, self.store, self.order = data, store, order
+    def __init__(self, data: memoryview, types: Typesdict, order: Literal["<", ">"]) -> None:
+        self.data, self.types, self.order = data, types, order
         self.at = _ORIGIN
         self.walked = 0
         self.layout = Layout(len(data), fixed=[(0, 2)])
 
     def message(self, type_name: str, path: str) -> None:
-        _, fields = self.store.fielddefs[type_name]
+        _, fields = self.types[type_name]
         self.count(1)
         for name, (kind, what) in fields:
             self.count(1)

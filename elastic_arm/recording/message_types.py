@@ -1,21 +1,39 @@
-"""Message types without ROS: the standard ones of Jazzy, our own, and those that a foreign bag brings along."""
+"""Message types without ROS: the standard ones of Jazzy, our own, and those that a foreign bag brings along.
+
+Definitions in a bag are read as data: no text of it is ever executed. The library's parser reads types, fields and
+array sizes. What it takes minutes for, or does not know (separators and preprocessor lines of bags, annotations), and
+what does not change where numbers lie (constants, defaults) is left out first.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import re
 from functools import lru_cache
 from importlib import resources
-from typing import Protocol
+from typing import Any
 
+from rosbags.interfaces import Nodetype
 from rosbags.interfaces.typing import Typesdict
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from elastic_arm.errors import RecordingError
-from elastic_arm.recording.definitions import parse_definition
+from elastic_arm.recording import limits
 from elastic_arm.recording.storage.metadata import Topic
 
 OWN_PACKAGE = "elastic_arm_msgs"
+_NAME = r"[A-Za-z]\w*(?:/[A-Za-z]\w*){1,2}"
+_SEPARATOR = re.compile(r"={20,}\s*")
+_HEAD = re.compile(rf"\s*MSG:\s*({_NAME})\s*")
+_NO_IDL = re.compile(r"#.*|={20,}\s*|\s*IDL:.*")
+_MEMBER = re.compile(r"\s*([^\s#@]\S*)\s+(\w+)\s*(=)?")
+# Comments and strings that do not end go on to the end of the text: so none is looked through twice.
+_SPOKEN = re.compile(r'//[^\n]*|/\*(?:[^*]|\*(?!/))*(?:\*/)?|"(?:\\.|[^"\\])*"?', re.DOTALL)
+_ANNOTATION = re.compile(r"@[\w:]+\s*(?:\([^()]*\))?")
+# Of these the library makes expressions, by all ways to read them, and numbers of any size.
+_EXPRESSION = re.compile(r"[(*]|<<")
+# What ROS 2 sends of a message without fields.
+_EMPTY: list[Any] = [("structure_needs_at_least_one_member", (Nodetype.BASE, ("uint8", 0)))]
 
 
 @lru_cache(maxsize=1)
@@ -45,30 +63,64 @@ def definition(type_name: str) -> tuple[str, str]:
     return text, store.hash_rihs01(type_name)
 
 
-class TypeFields(Protocol):
-    """What is known of message types: by name, their constants and fields, as rosbags describes them."""
-
-    @property
-    def fielddefs(self) -> Typesdict:
-        """Constants and fields by type."""
-
-
-@dataclass(frozen=True)
-class _Defined:
-    """The types that one definition in a bag describes; never compiled."""
-
-    fielddefs: Typesdict
-
-
-@lru_cache(maxsize=64)
-def _defined(name: str, encoding: str, text: str) -> TypeFields:
-    return _Defined(parse_definition(name, encoding, text)) if text else typestore()
-
-
-def types_of(topic: Topic) -> TypeFields:
+def types_of(topic: Topic) -> Typesdict:
     """Return the types that a topic's messages are made of: as the bag defines them, or else the known ones."""
-    types = _defined(topic.type_name, topic.encoding, topic.definition)
-    if topic.type_name not in types.fielddefs:
+    types = parse_definition(topic.type_name, topic.encoding, topic.definition)
+    if topic.type_name not in types:
         problem = f"message type {topic.type_name} is not defined in the bag"
         raise RecordingError(problem, "Record it with its definition.")
     return types
+
+
+@lru_cache(maxsize=64)
+def parse_definition(type_name: str, encoding: str, text: str) -> Typesdict:
+    """Return the fields of a type and of all that it is made of; those known where there is no text."""
+    if not text:
+        return typestore().fielddefs
+    reason = ""
+    try:
+        if not re.fullmatch(_NAME, type_name):
+            reason = "that is no name of a type"
+        elif len(text) > limits.DEFINITION_BYTES:
+            reason = f"it has {len(text)} characters, {limits.DEFINITION_BYTES} are the limit"
+        elif encoding == "ros2msg":
+            found = get_types_from_msg(_plain_msg(text), type_name)
+        elif encoding in ("ros2idl", ""):
+            found = get_types_from_idl(_plain_idl(text))
+        else:
+            reason = f"it is written in {encoding[:60]!r}, not in ros2msg or ros2idl"
+    except (TypesysError, ValueError, RecursionError) as error:
+        reason = "it does not follow the grammar" if "\n" in str(error) else str(error)[:80]
+    if reason:
+        problem = f"the definition of message type {type_name[:60]!r} in the bag cannot be read: {reason}"
+        raise RecordingError(problem, "Record again with the definitions of ROS.")
+    return {name: (constants, fields or _EMPTY) for name, (constants, fields) in found.items()}
+
+
+def _plain_msg(text: str) -> str:
+    """Return the types and fields of a ros2msg text, one a line, and nothing else."""
+    lines: list[str] = []
+    for line in text.splitlines():
+        if head := _HEAD.fullmatch(line):
+            lines += ["=" * 80, f"MSG: {head[1]}"]
+        elif member := _MEMBER.match(line):
+            lines += [] if member[3] else [f"{member[1]} {member[2]}"]
+        elif not (_SEPARATOR.fullmatch(line) or line.lstrip()[:1] in ("", "#", "@")):
+            raise ValueError(f"{line.strip()[:60]!r} is no field")
+    _check_count(len(lines))
+    return "\n".join([*lines, ""])
+
+
+def _plain_idl(text: str) -> str:
+    """Return an IDL text without comments, annotations, preprocessor lines and what texts hold."""
+    kept = "\n".join(line for line in text.splitlines() if not _NO_IDL.fullmatch(line))
+    plain = _ANNOTATION.sub("", _SPOKEN.sub(lambda found: '""' if found[0][0] == '"' else " ", kept))
+    if found := _EXPRESSION.search(plain):
+        raise ValueError(f"{plain[found.start() :][:20]!r} stands in it")
+    _check_count(plain.count(";") + plain.count(","))
+    return plain
+
+
+def _check_count(fields: int) -> None:
+    if fields > limits.DEFINITION_FIELDS:
+        raise ValueError(f"it has more than {limits.DEFINITION_FIELDS} fields, which are the limit")

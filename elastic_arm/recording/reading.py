@@ -12,17 +12,15 @@ from typing import Any
 import numpy as np
 
 from elastic_arm.errors import RecordingError
-from elastic_arm.recording import cdr, message_types
-from elastic_arm.recording.decoding import Decoder
-from elastic_arm.recording.foreign.channels import ChannelMap, load_channels
+from elastic_arm.recording import cdr
+from elastic_arm.recording.foreign.channels import SIDE_NAMES, ChannelMap, load_channels
 from elastic_arm.recording.foreign.mapping import mapped_side
-from elastic_arm.recording.inspection.quality import check_times, checked
-from elastic_arm.recording.inspection.report import Finding, Severity
-from elastic_arm.recording.joint_names import matched_names
+from elastic_arm.recording.inspection.report import Finding, check_times, checked, note, warning
 from elastic_arm.recording.recording import Recording
-from elastic_arm.recording.series import Series
-from elastic_arm.recording.sides import Side, joints_with
-from elastic_arm.recording.storage.bag import Bag, BagFile, Block, open_bag
+from elastic_arm.recording.series import Decoder, Series
+from elastic_arm.recording.sides import Side, joints_with, matched_names
+from elastic_arm.recording.storage.bag import Bag, BagFile, open_bag
+from elastic_arm.recording.storage.mcap_scan import McapBlock
 from elastic_arm.recording.storage.messages import topics_of
 from elastic_arm.recording.timebase.joining import pair
 from elastic_arm.recording.topics import JOINT_STATES, JOINT_TORQUES, MOTOR_STATES, REFERENCE, ROBOT_DESCRIPTION, TYPES
@@ -48,7 +46,6 @@ class Content:
     topics: dict[str, str] = field(default_factory=dict)  # All topics that have messages, with their types
     messages: int = 0  # Number of messages on all topics
     damage: list[str] = field(default_factory=list)  # What was wrong with the bags
-    remarks: list[str] = field(default_factory=list)  # What cannot be known of the bags, and is no damage
     promised: int | None = None  # Number of messages by metadata.yaml; None where it does not say
     source: str = ""  # The bags by name; their torque channels that are currents times a torque constant
     currents: tuple[str, ...] = ()
@@ -65,7 +62,7 @@ class Content:
         self.decoders = {}
         return self
 
-    def take(self, file: BagFile, block: Block, wanted: Collection[str]) -> None:
+    def take(self, file: BagFile, block: McapBlock, wanted: Collection[str]) -> None:
         """Decode the wanted topics of a block; the messages of the others are counted alone."""
         for channel, count in block.counts().items():
             topic = file.topic(channel)
@@ -76,7 +73,7 @@ class Content:
                 self.decoders.setdefault(name, Decoder(name, topic.type_name)).add(file, channel, block)
             elif name == ROBOT_DESCRIPTION and topic.type_name == TYPES[ROBOT_DESCRIPTION]:
                 data = block.spans(channel).message(-1)
-                begin, end = cdr.layout_of(data, topic.type_name, message_types.typestore()).text["data"]
+                begin, end = cdr.layout_of(data, topic.type_name).text["data"]
                 self.robot_description = bytes(data[begin:end]).decode(errors="replace")
 
 
@@ -111,21 +108,23 @@ def read_recording(
     """
     if isinstance(channels, str | Path):
         channels = load_channels(channels)
-    (content,) = open_contents(path, channels, namespace)
+    (content,) = contents(path, channels, namespace)
     return recording_of(content, channels, joints, arrival=arrival)[0]
 
 
-def open_contents(
+def contents(
     path: str | Path | Sequence[str | Path],
-    channels: ChannelMap | None,
-    namespace: str | None,
+    channels: ChannelMap | None = None,
+    namespace: str | None = None,
     *,
+    wanted: Collection[str] | None = None,
     strict: bool = True,
     most: float = np.inf,
 ) -> Iterator[Content]:
-    """Decode what a recording is made of, in parts of so many messages.
+    """Yield what bags, parts of one recording, hold of its topics, or of those `wanted`, with their series.
 
-    With `strict` a damaged chunk raises, otherwise it is skipped and noted.
+    Whenever it has grown by `most` messages, and at the end. With `strict` a damaged chunk raises, otherwise it is
+    skipped and noted.
     """
     paths = [path] if isinstance(path, str | Path) else list(path)
     if not paths:
@@ -133,20 +132,10 @@ def open_contents(
     if channels is not None and namespace is not None:
         raise RecordingError("a channel map and a namespace are given", "Name whole topics in the map.")
     bags = [open_bag(each) for each in paths]
-    chosen = choose_namespace(bags, namespace) if channels is None else ""
-    return _contents(bags, _CONTRACT if channels is None else channels.topics(), strict, chosen, most)
-
-
-def read_content(bags: Sequence[Bag], wanted: Collection[str], strict: bool = True, namespace: str = "") -> Content:
-    """Decode the topics `wanted` of opened bags, parts of one recording, for the arm in a namespace."""
-    (content,) = _contents(bags, wanted, strict, namespace)
-    return content
-
-
-def _contents(
-    bags: Sequence[Bag], wanted: Collection[str], strict: bool, namespace: str, most: float = np.inf
-) -> Iterator[Content]:
-    """Yield what was read of bags whenever it has grown by `most` messages, with their series, and at the end."""
+    if wanted is None:
+        wanted = _CONTRACT if channels is None else channels.topics()
+        namespace = choose_namespace(bags, namespace) if channels is None else ""
+    namespace = namespace or ""
     names = ", ".join(str(bag.path) for bag in bags)
     content = Content(source=f"{names} ({namespace})" if namespace else names, namespace=namespace)
     for bag in bags:
@@ -163,7 +152,6 @@ def _contents(
                     before = content.messages
                     yield content.decoded()
         content.damage += bag.all_damage()
-        content.remarks += bag.remarks()
         content.currents = tuple(dict.fromkeys((*content.currents, *bag.currents())))
     yield content.decoded()
 
@@ -182,7 +170,7 @@ def read_parts(
     A bag of fewer is one part. Parts of a longer one that lack a topic of the first are left out.
     """
     topics: set[str] = set()
-    for content in open_contents(path, channels, namespace, most=most):
+    for content in contents(path, channels, namespace, most=most):
         topics = topics or set(content.series) - {REFERENCE}
         if topics <= set(content.series):
             read = recording_of(content, channels, joints, arrival=arrival)[0]
@@ -244,18 +232,10 @@ def recording_of(
     return replace(recording, source=source, notes=notes), found
 
 
-def _note(found: list[Finding], words: str, code: str = "reading", severity: Severity = "note") -> None:
-    found.append(Finding(severity, code, words))
-
-
 def _mapped_recording(
     series: Mapping[str, Series], content: Content, channels: ChannelMap, found: list[Finding]
 ) -> Recording:
-    link, of_link = mapped_side(channels, "link", series)
-    motor, of_motor = mapped_side(channels, "motor", series)
-    command, of_command = mapped_side(channels, "command", series)
-    for words in (*of_link, *of_motor, *of_command):
-        _note(found, words)
+    link, motor, command = (mapped_side(channels, side, series, found) for side in SIDE_NAMES)
     for each in series.values():
         found += each.findings
     joints, urdf = tuple(channels.joints), content.robot_description
@@ -283,7 +263,7 @@ def _contract_recording(
     reference = _reference(series.get(REFERENCE), joints, found)
     called = joints if wanted is None else tuple(wanted)
     if called != joints:
-        _note(found, f"{', '.join(joints)} are {', '.join(called)} by their names without what all of them share")
+        found.append(note(f"{', '.join(joints)} are {', '.join(called)} by their names without what all of them share"))
     return Recording(called, link, motor, reference, content.robot_description, currents=content.currents)
 
 
@@ -294,7 +274,7 @@ def _place_torques(
     torques = series.get(JOINT_TORQUES)
     sensed, driven = (_side(torques, joints, {"effort": name}, found) for name in ("joint_torque", "motor_torque"))
     if link is not None and link.effort is not None and motor is None and (sensed is None or sensed.effort is None):
-        _note(found, f"{JOINT_STATES}.effort was taken as the motor torque, as {MOTOR_STATES} was not recorded")
+        found.append(note(f"{JOINT_STATES}.effort was taken as the motor torque, as {MOTOR_STATES} was not recorded"))
         motor = Side(link.stamp_ns, effort=link.effort)
         link = replace(link, effort=None)
     if link is not None and link.effort is None and sensed is not None and sensed.effort is not None:
@@ -308,9 +288,7 @@ def _place_torques(
 
 
 def _with_torque(side: Side, torques: Side, name: str, topic: str, found: list[Finding]) -> Side:
-    side, torques, words = pair(side, torques, f"{JOINT_TORQUES}.{name}", topic)
-    for each in words:
-        _note(found, each)
+    side, torques = pair(side, torques, f"{JOINT_TORQUES}.{name}", topic, found)
     return replace(side, effort=torques.effort)
 
 
@@ -360,30 +338,29 @@ def _side(series: Series | None, joints: tuple[str, ...], paths: dict[str, str],
     parts = series.holding(joints)
     used = sum(part.count for part, _ in parts)
     if used < series.count:
-        _note(found, f"{series.count - used} messages on {series.topic} that hold other joints were left out")
+        found.append(note(f"{series.count - used} messages on {series.topic} that hold other joints were left out"))
     for part, names in parts:
         own = _part(part, joints, names, paths)
         found += [finding for finding in part.findings if finding not in found]
         if side is None:
             side = own
             continue
-        side, own, words = pair(side, own, f"messages of {', '.join(names)}", "those of the other joints")
+        words = f"{series.topic} holds messages of {', '.join(names)} apart from the others: they are joined"
+        found.append(note(words))
+        side, own = pair(side, own, f"messages of {', '.join(names)}", "those of the other joints", found)
         before = side.channels()
         joined = {name: np.fmax(before.get(name, values), values) for name, values in own.channels().items()}
         side = replace(side, **joined)
-        _note(found, f"{series.topic} holds messages of {', '.join(names)} apart from the others: they are joined")
-        for each in words:
-            _note(found, each)
     assert side is not None
     for name, values in side.channels().items():
         there = joints_with(values)
         if not there.any():
             missing = f"{series.topic}.{paths[name]} is NaN throughout and counts as not recorded"
-            _note(found, missing, "nan_channel", "warning")
+            found.append(warning("nan_channel", missing))
             side = replace(side, **{name: None})  # type: ignore[arg-type]
         elif not there.all():
             without = ", ".join(joint for joint, one in zip(joints, there, strict=True) if not one)
-            _note(found, f"{series.topic}.{paths[name]} is not there for {without}", "absent_channel")
+            found.append(note(f"{series.topic}.{paths[name]} is not there for {without}", "absent_channel"))
     return checked(side, series.topic, joints)
 
 
@@ -414,5 +391,5 @@ def _reference(series: Series | None, joints: tuple[str, ...], found: list[Findi
         check_times(side.stamp_ns + ahead, REFERENCE)
         return replace(side, stamp_ns=side.stamp_ns + ahead)
     except RecordingError as error:
-        _note(found, f"{REFERENCE} was left out: {error.problem}")
+        found.append(note(f"{REFERENCE} was left out: {error.problem}"))
         return None

@@ -10,8 +10,7 @@ import numpy as np
 import scipy
 
 from elastic_arm.errors import RecordingError, require_kind
-from elastic_arm.recording.joint_names import matched_names
-from elastic_arm.recording.sides import Array, ClockMode, Samples, Side, Stamps, joined_sides
+from elastic_arm.recording.sides import Array, ClockMode, Samples, Side, Stamps, joined_sides, matched_names
 from elastic_arm.recording.timebase.joining import join
 from elastic_arm.robot import JointController
 

@@ -1,7 +1,8 @@
-"""The samples of an arm: one side of its joints, or both on one time base."""
+"""The samples of an arm: one side of its joints, or both on one time base; and what joints are called."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -82,9 +83,8 @@ def joined_sides(parts: Sequence[Side]) -> Side:
 def _real(name: str, values: object) -> Array:
     """Return numbers as an array of floats, NaN where an array is masked."""
     try:
-        if isinstance(values, np.ma.MaskedArray):
-            values = np.ma.filled(values.astype(np.float64), np.nan)
-        found = np.asarray(values)
+        masked = isinstance(values, np.ma.MaskedArray)
+        found = np.ma.filled(values.astype(np.float64), np.nan) if masked else np.asarray(values)  # type: ignore[attr-defined]
         if found.dtype.kind != "c":
             return found.astype(np.float64, copy=False)
     except (TypeError, ValueError):
@@ -117,13 +117,35 @@ def joints_with(values: Array) -> NDArray[np.bool_]:
     return np.asarray(~np.isnan(values).all(axis=0))
 
 
+def short_names(names: Sequence[str]) -> list[str]:
+    """Return names without the longest common beginning, up to a mark such as `_`, that leaves each one a letter."""
+    ends = [match.end() for match in re.finditer(r"[_./-]", min(names, key=len, default=""))]
+    cut = [end for end in ends if len({name[:end] for name in names}) == 1]
+    whole = [end for end in cut if all(re.search("[a-zA-Z]", name[end:]) for name in names)]
+    return [name[whole[-1] if whole else 0 :] for name in names]
+
+
+def matched_names(wanted: Sequence[str], recorded: Sequence[str]) -> list[str] | None:
+    """Return what the joints wanted are called among those recorded; None where one of them is not there.
+
+    Names that are the same but for a prefix that all of each list share (`fer_`, `panda_`) are those of one joint.
+    """
+    if set(wanted) <= set(recorded):
+        return list(wanted)
+    called = dict(zip(short_names(recorded), recorded, strict=True))
+    short = short_names(wanted)
+    return [called[name] for name in short] if set(short) <= set(called) else None
+
+
 def listed(joints: Sequence[str], chosen: Any) -> str:
     """Return the names of the chosen joints (n,), as a mask, or that they are all."""
     return "all joints" if np.all(chosen) else ", ".join(np.array(joints)[chosen])
 
 
 def span_of(values: Array) -> str:
-    """Return the smallest and the largest of some numbers as text; one where they are alike."""
+    """Return the smallest and the largest of some numbers as text; one where they are alike, nothing of none."""
+    if not np.size(values):
+        return ""
     # Three digits, and 1000 rather than 1e+03.
     low, high = (f"{float(f'{end:.3g}'):g}" for end in (np.min(values), np.max(values)))
     return low if low == high else f"{low} to {high}"

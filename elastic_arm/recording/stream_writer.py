@@ -6,9 +6,8 @@ import os
 import time
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import AbstractContextManager
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
 import numpy as np
 
@@ -20,7 +19,7 @@ from elastic_arm.recording.storage.metadata import FileSummary, Topic, offered_q
 from elastic_arm.recording.writing import finish_bag
 
 
-class StreamWriter:
+class StreamWriter(AbstractContextManager["StreamWriter"]):
     """A bag being recorded, message by message, from raw CDR bytes.
 
     Messages gather in a chunk; it is written when it is `flush_every` seconds old or holds `chunk_bytes`. A killed
@@ -47,23 +46,14 @@ class StreamWriter:
         self._max_bytes, self._max_ns = max_bytes, round(max_seconds * 1e9)
         self._first_ns: int | None = None
         self._sink = self._next_file(compression)
-        self._flush_every, self._sync_every, self._chunk_bytes, self._clock = (
-            flush_every,
-            sync_every,
-            chunk_bytes,
-            clock,
-        )
+        self._flush_every, self._sync_every = flush_every, sync_every
+        self._chunk_bytes, self._clock = chunk_bytes, clock
         self._ids: dict[str, int] = {}
-        self._sequence: dict[int, int] = {}
+        self.counts: dict[str, int] = {}  # messages taken so far, by topic
         self._syncer = ThreadPoolExecutor(1)
         self._syncing: Future[None] | None = None
         self._flushed = self._synced = clock()
         self._begin_chunk()
-
-    @property
-    def counts(self) -> dict[str, int]:
-        """Messages taken so far, by topic."""
-        return {topic: self._sequence[channel] for topic, channel in self._ids.items()}
 
     def add_topic(
         self, name: str, type_name: str, definition: str | None = None, type_hash: str = "", qos: str | None = None
@@ -74,15 +64,14 @@ class StreamWriter:
         if definition is None:
             definition, type_hash = message_types.definition(type_name) if message_types.known(type_name) else ("", "")
         offered = offered_qos(name) if qos is None else qos
-        channel = self._sink.add_topic(Topic(name, type_name, definition, type_hash, offered))
-        self._ids[name] = channel
-        self._sequence[channel] = 0
+        self._ids[name] = self._sink.add_topic(Topic(name, type_name, definition, type_hash, offered))
+        self.counts[name] = 0
 
     def write(self, topic: str, data: bytes, log_ns: int, publish_ns: int | None = None) -> None:
         """Take a message."""
         channel = self._ids[topic]
-        sequence = self._sequence[channel]
-        self._sequence[channel] = sequence + 1
+        sequence = self.counts[topic]
+        self.counts[topic] += 1
         sent = log_ns if publish_ns is None else publish_ns
         times, offsets = self._index.setdefault(channel, ([], []))
         times.append(log_ns)
@@ -95,11 +84,9 @@ class StreamWriter:
         else:
             self.tick()
 
-        if self._first_ns is None:
-            self._first_ns = log_ns
-        if (self._max_bytes and self._sink.size + self._size >= self._max_bytes) or (
-            self._max_ns and log_ns - self._first_ns >= self._max_ns
-        ):
+        self._first_ns = log_ns if self._first_ns is None else self._first_ns
+        full = self._max_bytes and self._sink.size + self._size >= self._max_bytes
+        if full or (self._max_ns and log_ns - self._first_ns >= self._max_ns):
             self.split()
 
     def split(self) -> None:
@@ -139,13 +126,7 @@ class StreamWriter:
         finally:
             self._sink.close()
 
-    def __enter__(self) -> Self:
-        """Return the writer."""
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Close the bag; also after an error, as what was recorded is worth keeping."""
         self.close()
 
@@ -156,10 +137,7 @@ class StreamWriter:
         self._flushed = self._clock()
         if not self._size:
             return
-        index = {
-            channel: (np.array(times, np.int64), np.array(offsets, np.int64))
-            for channel, (times, offsets) in self._index.items()
-        }
+        index = {id: (np.array(times), np.array(offsets)) for id, (times, offsets) in self._index.items()}
         plain = b"".join(self._parts)
         self._begin_chunk()
         self._sink.write(pack(plain, index, self._sink.compression))

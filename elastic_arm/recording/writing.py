@@ -18,7 +18,7 @@ import yaml
 from elastic_arm.errors import RecordingError
 from elastic_arm.output_files import write_result
 from elastic_arm.recording import cdr, message_types
-from elastic_arm.recording.inspection.quality import check_times
+from elastic_arm.recording.inspection.report import check_times
 from elastic_arm.recording.recording import Recording, recordings_of
 from elastic_arm.recording.sides import Array, Side, Stamps
 from elastic_arm.recording.spans import Bytes, Offsets, place
@@ -37,6 +37,8 @@ from elastic_arm.recording.topics import (
 )
 
 _CHUNK_BYTES = 1 << 20
+_STATE = ("position", "velocity", "effort")
+_TORQUES = ("joint_torque", "motor_torque", "joint_torque_std", "motor_torque_std")
 
 
 @dataclass(frozen=True)
@@ -58,7 +60,7 @@ class Stream:
         """Lay messages into the bytes of a chunk."""
         stamps = self.stamp_ns[rows]
         where = lay_messages(buffer, offsets, self.template, channel=channel, first=rows.start, stamp_ns=stamps)
-        layout = cdr.layout_of(memoryview(self.template), type_of(self.topic), message_types.typestore())
+        layout = cdr.layout_of(memoryview(self.template), type_of(self.topic))
         if "header.stamp.sec" in layout.numbers:
             seconds, nanoseconds = np.divmod(stamps, 1_000_000_000)
             place(buffer, where, layout.numbers["header.stamp.sec"].at, seconds.astype("<i4"))
@@ -157,25 +159,22 @@ def _streams(recording: Recording, further: Mapping[str, Side]) -> list[Stream]:
         if side is not None:
             check_times(side.stamp_ns, topic)
             channels = {name: values for name, values in side.channels().items() if name != "acceleration"}
-            blank = {name: np.zeros(recording.n if name in channels else 0) for name in _STATE}
-            message = _message(TYPES[JOINT_STATES], header=_header(), name=joints, **blank)
-            streams.append(Stream(topic, side.stamp_ns, message, channels))
+            streams.append(_of_joints(topic, joints, side.stamp_ns, _STATE, channels))
     if recording.link is not None and recording.link.effort is not None and recording.motor is None:
         # Without a motor side nothing else marks the effort as the joint torque sensor's.
-        streams.append(_torques(joints, recording.link.stamp_ns, recording.link.effort))
+        torque = {"joint_torque": recording.link.effort}
+        streams.append(_of_joints(JOINT_TORQUES, joints, recording.link.stamp_ns, _TORQUES, torque))
     if recording.reference is not None:
         streams.append(_reference(joints, recording.reference))
     return streams
 
 
-_STATE = ("position", "velocity", "effort")
-
-
-def _torques(joints: list[str], stamp_ns: Stamps, effort: Array) -> Stream:
-    none, blank = np.zeros(0), np.zeros(len(joints))
-    torques = {"joint_torque": blank, "motor_torque": none, "joint_torque_std": none, "motor_torque_std": none}
-    message = _message(TYPES[JOINT_TORQUES], header=_header(), name=joints, **torques)
-    return Stream(JOINT_TORQUES, stamp_ns, message, {"joint_torque": effort})
+def _of_joints(
+    topic: str, joints: list[str], stamp_ns: Stamps, fields: Sequence[str], values: dict[str, Array]
+) -> Stream:
+    """Return messages that name joints, with numbers in those fields of which there are values."""
+    blank = {name: np.zeros(len(joints) if name in values else 0) for name in fields}
+    return Stream(topic, stamp_ns, _message(type_of(topic), header=_header(), name=joints, **blank), values)
 
 
 def _reference(joints: list[str], side: Side) -> Stream:

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure as MplFigure
 from elastic_arm.diagnosis.comparison import SimulationComparison
 from elastic_arm.recording.inspection.differences import RecordingDifference
 from elastic_arm.report.html import Figure, Section, Table, Text
-from elastic_arm.report.style import draw_signal, new_figure, style
+from elastic_arm.report.style import draw_signal, drawing
 
 UNITS = {"q": "rad", "theta": "rad", "dq": "rad/s", "dtheta": "rad/s", "tau_J": "Nm", "tau_m": "Nm"}
 
@@ -45,8 +45,7 @@ def _differences(found: RecordingDifference) -> list[Text | Table | Figure]:
 
 def drawn(found: RecordingDifference) -> MplFigure:
     """Draw the difference of every channel, a line a joint."""
-    with style():
-        figure, axes = new_figure(len(found.channels), 1, size=(8.4, 1.6 * len(found.channels)), sharex=True)
+    with drawing(len(found.channels), 1, size=(8.4, 1.6 * len(found.channels)), sharex=True) as (figure, axes):
         for i, one in enumerate(found.channels):
             for k, joint in enumerate(found.joints):
                 draw_signal(axes[i, 0], found.t, one.apart[:, k], lw=0.9, label=joint)

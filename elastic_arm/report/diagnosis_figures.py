@@ -18,7 +18,7 @@ from elastic_arm.diagnosis.result import Cause, Diagnosis
 from elastic_arm.estimation.equations import SIDES
 from elastic_arm.excitation import FourierTrajectory
 from elastic_arm.report.html import Figure, Plot
-from elastic_arm.report.style import BLUE, CYCLE, GREY, VERMILION, new_figure, style
+from elastic_arm.report.style import BLUE, CYCLE, GREY, VERMILION, drawing
 
 # The same colours mean the same throughout.
 BEFORE, CAUSE, AFTER = GREY, VERMILION, BLUE
@@ -44,12 +44,11 @@ def shown_sides(found: Diagnosis) -> tuple[str, ...]:
 def gap_map(found: Diagnosis) -> MplFigure:
     """Draw joints by sides, before and after: residual over its noise."""
     sides = shown_sides(found)
-    with style():
-        shown = {"the model as it is": found.before}
-        if found.causes:
-            shown["with the causes added"] = found.after
-        size_of_map = (0.6 + (1.5 + len(sides)) * len(shown), 1.3 + 0.5 * len(found.joints))
-        figure, axes = new_figure(1, len(shown), size=size_of_map)
+    shown = {"the model as it is": found.before}
+    if found.causes:
+        shown["with the causes added"] = found.after
+    size_of_map = (0.6 + (1.5 + len(sides)) * len(shown), 1.3 + 0.5 * len(found.joints))
+    with drawing(1, len(shown), size=size_of_map) as (figure, axes):
         for ax, (name, size) in zip(axes[0], shown.items(), strict=True):
             ratio = np.array(
                 [[_ratio(size.rmse.get((j, s)), found.noise.get((j, s))) for s in sides] for j in found.joints]
@@ -96,8 +95,7 @@ def residual_blocks(
     turn, turning = angle_within_turn(found, context, i, np.interp(t, motion.t, motion.theta[:, i]), regime)
     what = "position" if joint in found.prismatic else "angle"
     names = (f"{moving} velocity [{unit('rad/s')}]", f"{moving} {what} [{unit('rad')}]", turning)
-    with style():
-        figure, axes = new_figure(1, 4, size=(11.2, 2.7))
+    with drawing(1, 4, size=(11.2, 2.7)) as (figure, axes):
         spectrum, *clouds = axes[0]
         _draw_spectra(spectrum, before, rest if cause else None, context.validate.band.kept_rate, found.band)
         spectrum.set_ylabel(f"{unit('Nm')}/√Hz")
@@ -162,8 +160,8 @@ def horizons(prediction: Prediction, joints: Sequence[str], unit: str) -> MplFig
     before, after = prediction.before or {}, prediction.after or {}
     ms = 1e3 * np.array(prediction.horizons)
     drawn = [(before, BEFORE, 2.6, "before"), (after, AFTER, 1.0, "after")][: 1 if after == before else 2]
-    with style():
-        figure, axes = new_figure(1, len(joints), size=(max(4.5, min(3.2 * len(joints), 12.0)), 2.9), sharey=True)
+    width = max(4.5, min(3.2 * len(joints), 12.0))
+    with drawing(1, len(joints), size=(width, 2.9), sharey=True) as (figure, axes):
         for ax, joint in zip(axes[0], joints, strict=True):
             ax.set_title(joint, loc="left")
             for side, dash in (("motor", "-"), ("link", "--")):
@@ -184,8 +182,7 @@ def motion(trajectory: FourierTrajectory, found: Diagnosis) -> MplFigure:
     """Draw a proposed motion."""
     t = np.linspace(0.0, trajectory.duration, 1000)
     q, dq, _ = trajectory.evaluate(t)
-    with style():
-        figure, axes = new_figure(1, 2, size=(9.6, 2.7))
+    with drawing(1, 2, size=(9.6, 2.7)) as (figure, axes):
         for ax, values, what, unit in ((axes[0, 0], q, "angle", "rad"), (axes[0, 1], dq, "velocity", "rad/s")):
             for k, joint in enumerate(found.joints):
                 ax.plot(t, values[:, k], color=CYCLE[k % len(CYCLE)], label=joint)

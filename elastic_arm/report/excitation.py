@@ -10,7 +10,7 @@ from matplotlib.figure import Figure as MplFigure
 
 from elastic_arm.excitation import ExcitationResult, FourierTrajectory, LimitUse, MotionLimits, Workspace
 from elastic_arm.report.html import Block, Figure, Section, Table, Text
-from elastic_arm.report.style import BLUE, GREEN, GREY, VERMILION, new_figure, style
+from elastic_arm.report.style import BLUE, GREEN, GREY, VERMILION, drawing
 from elastic_arm.robot.description import Robot
 from elastic_arm.robot.kinematics import link_points
 
@@ -71,8 +71,7 @@ def _limits(use: LimitUse, limits: MotionLimits) -> list[Block]:
 def search_course(result: ExcitationResult) -> MplFigure:
     """Draw the best value over the evaluations of the search."""
     count, value = np.array(result.history).T
-    with style():
-        figure, axes = new_figure(size=(5.6, 3.0))
+    with drawing(size=(5.6, 3.0)) as (figure, axes):
         ax = axes[0, 0]
         ax.step(count, value, where="post", color=BLUE)
         ax.axhline(result.value_before, color=GREY, ls="--", lw=1.0)
@@ -96,8 +95,7 @@ def search_course(result: ExcitationResult) -> MplFigure:
 def condition_against_random(result: ExcitationResult) -> MplFigure:
     """Draw the condition numbers of the random motions and of the optimised one."""
     random = np.sort(result.random)
-    with style():
-        figure, axes = new_figure(size=(5.6, 2.6))
+    with drawing(size=(5.6, 2.6)) as (figure, axes):
         ax = axes[0, 0]
         if len(random):
             share = (np.arange(len(random)) + 0.5) / len(random)
@@ -122,8 +120,7 @@ def joint_motion(trajectory: FourierTrajectory, limits: MotionLimits) -> MplFigu
         (-limits.acceleration, limits.acceleration),
     )
     units = ("rad", "rad/s", "rad/s²")
-    with style():
-        figure, axes = new_figure(3, trajectory.n, size=(max(6.0, 3.0 * trajectory.n), 5.6), sharex=True)
+    with drawing(3, trajectory.n, size=(max(6.0, 3.0 * trajectory.n), 5.6), sharex=True) as (figure, axes):
         for row, (values, (low, high), unit) in enumerate(zip(trajectory.evaluate(t), bounds, units, strict=True)):
             for joint in range(trajectory.n):
                 ax = axes[row, joint]
@@ -150,8 +147,7 @@ def tip_path(trajectory: FourierTrajectory, robot: Robot, workspace: Workspace |
         (1, 2, "y [m]", "z [m]", "from the front"),
         (0, 1, "x [m]", "y [m]", "from above"),
     )
-    with style():
-        figure, axes = new_figure(1, 3, size=(10.5, 3.6))
+    with drawing(1, 3, size=(10.5, 3.6)) as (figure, axes):
         for ax, (right, up, x, y, title) in zip(axes[0], views, strict=True):
             for pose in poses:
                 ax.plot(pose[:, right], pose[:, up], "-", color=GREY, lw=2.5, alpha=0.45, solid_capstyle="round")

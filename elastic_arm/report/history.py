@@ -12,7 +12,7 @@ from elastic_arm.diagnosis.history import Course
 from elastic_arm.diagnosis.result import Diagnosis
 from elastic_arm.diagnosis.words import effect_at, probability_text, step_text
 from elastic_arm.report.html import Figure, Section, Table, Text, write_report
-from elastic_arm.report.style import BLUE, VERMILION, new_figure, style
+from elastic_arm.report.style import BLUE, VERMILION, drawing
 
 
 def write_history_report(path: Path, found: Diagnosis, numbers: Sequence[Course], dates: Sequence[str]) -> Path:
@@ -36,8 +36,7 @@ def write_history_report(path: Path, found: Diagnosis, numbers: Sequence[Course]
 def drawn(one: Course, dates: Sequence[str]) -> MplFigure:
     """Draw a number over the recordings, in their order, with its levels before and after a change."""
     sized, k = one.sized, np.arange(len(dates))
-    with style():
-        figure, axes = new_figure(size=(8.4, 2.6))
+    with drawing(size=(8.4, 2.6)) as (figure, axes):
         ax = axes[0, 0]
         ax.errorbar(k, sized.values, 1.96 * sized.stds, fmt="o", color=BLUE, capsize=3)
         if (step := one.step) is not None:

@@ -15,7 +15,7 @@ from elastic_arm.identification import Estimate, Identification
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.verdict import POORLY, WELL
 from elastic_arm.report.html import Block, Figure, Section, Table, Text, Written, fragment
-from elastic_arm.report.style import BLUE, GREEN, GREY, ORANGE, VERMILION, draw_signal, new_figure, style
+from elastic_arm.report.style import BLUE, GREEN, GREY, ORANGE, VERMILION, draw_signal, drawing
 
 COLOURS = {"well": GREEN, "poorly": ORANGE, "not": VERMILION}
 VERDICTS = {
@@ -37,8 +37,7 @@ def identifiability(result: Identification) -> MplFigure:
     """Draw the relative standard deviation of each base parameter, worst at the top."""
     order = np.argsort([e.relative_std for e in result.estimates])
     chosen = [result.estimates[k] for k in order]
-    with style():
-        figure, axes = new_figure(size=(8.4, 0.9 + 0.19 * len(chosen)))
+    with drawing(size=(8.4, 0.9 + 0.19 * len(chosen))) as (figure, axes):
         ax = axes[0, 0]
         widths = [max(min(e.relative_std, 1e3), 1e-9) for e in chosen]
         ax.barh(range(len(chosen)), widths, left=0, color=[COLOURS[e.verdict] for e in chosen], height=0.7)
@@ -67,10 +66,9 @@ def torques(equations: BaseRegression, motion: Motion, result: Identification) -
     """Draw measured torques, what the nominal and the identified arm predict, and what is left."""
     measured = equations.measured(motion)
     sides = [side for side in equations.sides if side != "link"] or list(equations.sides)
-    nominal = _predicted(equations, motion, equations.base.T @ equations.nominal)
+    nominal = _predicted(equations, motion, equations.described)
     found = _predicted(equations, motion, result.Psi_base)
-    with style():
-        figure, axes = new_figure(equations.n, len(sides), size=(4.6 * len(sides), 1.7 * equations.n), sharex=True)
+    with drawing(equations.n, len(sides), size=(4.6 * len(sides), 1.7 * equations.n), sharex=True) as (figure, axes):
         for column, side in enumerate(sides):
             for i, joint in enumerate(equations.joints):
                 ax = axes[i, column]
@@ -92,8 +90,7 @@ def _predicted(equations: BaseRegression, motion: Motion, Psi_base: Array) -> di
 def residuals(equations: BaseRegression, motion: Motion, result: Identification) -> MplFigure:
     """Draw what the identified arm leaves, per joint and equation."""
     measured, found = equations.measured(motion), _predicted(equations, motion, result.Psi_base)
-    with style():
-        figure, axes = new_figure(equations.n, 1, size=(8.4, 1.35 * equations.n), sharex=True)
+    with drawing(equations.n, 1, size=(8.4, 1.35 * equations.n), sharex=True) as (figure, axes):
         for i, joint in enumerate(equations.joints):
             for side, colour in zip(equations.sides, (BLUE, VERMILION, GREEN), strict=False):
                 left = measured[side][:, i] - found[side][:, i]

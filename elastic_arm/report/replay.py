@@ -9,7 +9,7 @@ from matplotlib.figure import Figure as MplFigure
 
 from elastic_arm.mujoco.replaying import Replay, labels
 from elastic_arm.report.html import Figure, Section, Table, Text
-from elastic_arm.report.style import CYCLE, GREY, draw_signal, new_figure, style
+from elastic_arm.report.style import CYCLE, GREY, draw_signal, drawing
 
 SHOWN_SECONDS = 6.0  # of a recording in a figure: windows stay visible
 
@@ -60,8 +60,7 @@ def torques(found: Sequence[Replay]) -> MplFigure:
 
 def _overlay(found: Sequence[Replay], recorded: str, model: str, unit: str) -> MplFigure:
     joints = found[0].joints
-    with style():
-        figure, axes = new_figure(len(joints), 1, size=(8.4, 1.5 * len(joints)), sharex=True)
+    with drawing(len(joints), 1, size=(8.4, 1.5 * len(joints)), sharex=True) as (figure, axes):
         for i, joint in enumerate(joints):
             ax, course = axes[i, 0], found[0].course
             kept = course.t <= course.t[0] + SHOWN_SECONDS

@@ -55,13 +55,14 @@ class Drawing(Figure):
         return buffer.getvalue()
 
 
-def new_figure(
-    rows: int = 1, columns: int = 1, *, size: tuple[float, float] | None = None, **kwargs: Any
-) -> tuple[Figure, np.ndarray]:
-    """Make a figure without a window or pyplot's global state."""
-    figure = Drawing(figsize=size or (4.2 * columns, 2.4 * rows), layout="constrained")
-    axes = figure.subplots(rows, columns, squeeze=False, **kwargs)
-    return figure, axes
+@contextlib.contextmanager
+def drawing(
+    rows: int = 1, columns: int = 1, *, size: tuple[float, float] | None = None, **options: Any
+) -> Iterator[tuple[Figure, np.ndarray]]:
+    """Make a figure and its axes, without a window or pyplot's global state, and draw within the project's look."""
+    with style():
+        figure = Drawing(figsize=size or (4.2 * columns, 2.4 * rows), layout="constrained")
+        yield figure, figure.subplots(rows, columns, squeeze=False, **options)
 
 
 def draw_signal(ax: Axes, t: np.ndarray, y: np.ndarray, *, points: int = 1500, **kwargs: Any) -> None:

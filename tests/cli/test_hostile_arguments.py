@@ -182,7 +182,7 @@ def test_letters_that_the_output_cannot_show_are_written_as_codes(how: dict[str,
 def test_a_command_ends_quietly_when_it_is_interrupted(number: signal.Signals, swallowed: int) -> None:
     """Also where a library catches the interrupt, as it would any error: it is raised once more."""
     before = f"""
-import contextlib, os, signal, sys, time, elastic_arm.app, elastic_arm.cli.describe as module
+import contextlib, os, signal, sys, time, elastic_arm.app, elastic_arm.cli.options as module
 elastic_arm.app.AGAIN = 0.2
 def load_arm(*_):
     left = {swallowed}
@@ -200,7 +200,7 @@ module.load_arm = load_arm
 def test_an_interrupt_that_a_library_turns_into_another_error_is_no_traceback() -> None:
     """An extension module that is interrupted while it loads raises an ImportError."""
     before = """
-import os, signal, elastic_arm.cli.describe as module
+import os, signal, elastic_arm.cli.options as module
 def load_arm(*_):
     try:
         os.kill(os.getpid(), signal.SIGINT)

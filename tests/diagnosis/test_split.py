@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -34,6 +36,17 @@ def test_what_is_fitted_may_not_judge() -> None:
     """A part of the same recording repeats its noise, which no other recording does."""
     first = recording(12.0, 1)
     with pytest.raises(DiagnosisError, match="bag_1 is also what is fitted"):
+        split([first], [first.between(3.0, 9.0)])
+
+
+def test_coarse_currents_that_repeat_do_not_make_a_recording_the_same() -> None:
+    """Whole amperes on the motors' side, angles on the links': another recording judges, the same one does not."""
+    first, second = (
+        replace(one, motor=Side(one.motor.stamp_ns, effort=np.round(3.0 * one.motor.position)), link=one.motor)
+        for one in (recording(12.0, 1), recording(8.0, 2))
+    )
+    assert split([first], [second]) == ([first], [second])
+    with pytest.raises(DiagnosisError, match="also what is fitted"):
         split([first], [first.between(3.0, 9.0)])
 
 

@@ -14,8 +14,8 @@ from elastic_arm.errors import ElasticArmError
 from elastic_arm.excitation import load_trajectory
 from elastic_arm.input_files import read_fields
 from elastic_arm.recording import load_channels
-from elastic_arm.recording.definitions import parse_definition
 from elastic_arm.recording.foreign.arrays import load_array_map
+from elastic_arm.recording.message_types import parse_definition
 from elastic_arm.robot import load_robot
 from elastic_arm.robot.loading import NOMINAL_ARM
 from tests.fuzz.campaign import run, try_one

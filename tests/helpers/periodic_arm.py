@@ -11,7 +11,8 @@ from collections.abc import Callable
 import numpy as np
 
 from elastic_arm.dynamics import Model
-from elastic_arm.recording import Samples
+from elastic_arm.recording import Recording, Samples, Side
+from elastic_arm.robot import Robot
 
 RATE = 1000.0
 
@@ -103,3 +104,10 @@ def below(frequency: float, x: np.ndarray, rate: float) -> np.ndarray:
     spectrum = np.fft.rfft(x, axis=0)
     spectrum[np.fft.rfftfreq(len(x), 1.0 / rate) > frequency] = 0.0
     return np.fft.irfft(spectrum, len(x), axis=0)
+
+
+def recording_of(samples: Samples, robot: Robot, source: str = "test", **changes: Side | None) -> Recording:
+    """Return samples as a recording of an arm, with some of its sides changed."""
+    link = Side(samples.stamp_ns, samples.q, samples.dq, samples.tau_J)
+    motor = Side(samples.stamp_ns, samples.theta, samples.dtheta, samples.tau_m)
+    return Recording(robot.joint_names, **{"link": link, "motor": motor, "source": source, **changes})

@@ -13,7 +13,7 @@ from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.resampling import Clock, joined, part
 from elastic_arm.estimation.smoother import design_smoother
 from elastic_arm.identification import Identifier, identifier_of
-from elastic_arm.identification.incoming import CAPACITY, IncomingRun
+from elastic_arm.identification.stream import CAPACITY, IncomingRun
 from elastic_arm.recording import Samples, read_recording
 from elastic_arm.robot import load_robot
 

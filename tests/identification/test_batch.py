@@ -24,14 +24,12 @@ from elastic_arm.identification import (
 )
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.batch.derivatives import DerivativeStage
-from elastic_arm.identification.batch.selection import BatchChoice, Trials
-from elastic_arm.identification.law_columns import SIGN_SPEEDS
 from elastic_arm.identification.stream import smoothed
 from elastic_arm.identification.verdict import relative_std
 from elastic_arm.recording import Recording, Samples, Side
 from elastic_arm.robot import load_robot, to_urdf
 from elastic_arm.robot.urdf import parse_urdf
-from tests.helpers.periodic_arm import record
+from tests.helpers.periodic_arm import record, recording_of
 
 REAL = {"encoder_noise": 1e-6, "velocity_noise": 1e-4}
 SEEDS = range(9)
@@ -48,10 +46,7 @@ def samples(model: Model) -> Samples:
 
 
 def recorded(samples: Samples, **changes: Side | None) -> Recording:
-    link = Side(samples.stamp_ns, samples.q, samples.dq, samples.tau_J)
-    motor = Side(samples.stamp_ns, samples.theta, samples.dtheta, samples.tau_m)
-    names = load_robot(None).joint_names
-    return Recording(names, **{"link": link, "motor": motor, "source": "test", **changes})
+    return recording_of(samples, load_robot(None), **changes)
 
 
 def fed(model: Model, samples: Samples, cuts: list[int]) -> Identifier:
@@ -60,16 +55,6 @@ def fed(model: Model, samples: Samples, cuts: list[int]) -> Identifier:
         identifier.add(part(samples, piece))
     identifier.finish()
     return identifier
-
-
-def test_stream_and_batch_agree_to_rounding_however_samples_are_cut(model: Model, samples: Samples) -> None:
-    """Estimates and standard deviations from one call and from hundreds of uneven ones agree to 1e-9."""
-    cuts = np.sort(np.random.default_rng(5).choice(np.arange(1, len(samples)), 300, replace=False)).tolist()
-    whole, cut = fed(model, samples, []).fit(), fed(model, samples, cuts).fit()
-    assert cut.samples == whole.samples
-    assert np.abs((cut.Psi - whole.Psi) / whole.std).max() < 1e-6
-    assert cut.Psi == pytest.approx(whole.Psi, rel=1e-9)
-    assert cut.std == pytest.approx(whole.std, rel=1e-6)
 
 
 def test_all_threads_identify_what_one_does(model: Model, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -111,14 +96,6 @@ def test_intervals_cover_the_truth_over_seeds(model: Model) -> None:
     assert 0.92 <= np.mean(hits) <= 0.985
     # Noise in the regressor itself would shift estimates the same way every time.
     assert np.sqrt(np.mean(np.mean(bias, axis=0) ** 2)) < 2.0 / np.sqrt(len(SEEDS))
-
-
-def test_exact_encoders_give_parameters_to_a_few_parts_in_ten_thousand(model: Model) -> None:
-    """With exact encoders and 0.26 Nm torque noise every base parameter comes out to 0.1 % of its natural size."""
-    identifier = fed(model, record(model, np.random.default_rng(3)), [])
-    found, equations = identifier.fit(), identifier.equations
-    error = np.abs(found.Psi - equations.base.T @ model.Psi)
-    assert np.all(relative_std(equations, found.Psi, error) < 1e-3)
 
 
 def test_a_lost_sample_and_a_gap_lose_nothing_else(model: Model, samples: Samples) -> None:
@@ -263,39 +240,6 @@ def test_an_arm_at_rest_is_refused(samples: Samples) -> None:
         identify(recorded(still), load_robot(None))
 
 
-def test_blocks_begun_long_are_those_that_a_stream_ends_with(model: Model) -> None:
-    """The same blocks but for rounding; what noise adds to the first of them is taken from fewer samples."""
-    samples = record(model, np.random.default_rng(5), periods=10, **REAL)
-    found = []
-    for expected in (0, len(samples)):
-        identifier = Identifier(model, encoder_columns=True)
-        equations = identifier.choose_equations(samples)
-        assert identifier.accumulator is not None
-        identifier.accumulator.expect(expected)
-        for motion in DerivativeStage(samples)(equations).motions:
-            identifier.add_motion(motion)
-        found.append((identifier.fit(), identifier.linear_blocks()))
-    (grown, short), (begun, long) = found
-    assert short.counts == long.counts and short.span == long.span > 4
-    for (one, _), (other, _) in zip(long.grams, short.grams, strict=True):
-        size = np.sqrt(np.einsum("gii->gi", one))
-        np.testing.assert_array_less(np.abs(one - other), 1e-14 * size[:, :, None] * size[:, None] + 1e-300)
-    np.testing.assert_array_less(np.abs(begun.Psi - grown.Psi), 0.02 * grown.std)
-    np.testing.assert_allclose(begun.std, grown.std, rtol=0.01)
-
-
-def test_samples_in_pieces_too_short_do_not_lengthen_the_blocks(model: Model) -> None:
-    """Of 40 s, 10 are in a piece long enough: blocks are as many as of a recording that ends there."""
-    whole = record(model, np.random.default_rng(5), periods=4, **REAL)
-    k, counts = np.arange(len(whole)), []
-    for kept in (k < 10_050, (k < 10_050) | (k % 150 > 25)):
-        samples = part(whole, np.flatnonzero(kept))
-        settings = IdentificationSettings()
-        trials = Trials([(recorded(samples), samples)], load_robot(None), settings, lambda what, share: None)
-        counts.append(trials(BatchChoice()).linear_blocks.counts)
-    assert counts[0] == counts[1] and len(counts[0]) > 30
-
-
 def test_noise_is_that_of_the_rows_that_count(model: Model, samples: Samples) -> None:
     """Leaving out every other instant of a joint, as if it stuck there, makes its noise no smaller."""
     found = []
@@ -308,19 +252,3 @@ def test_noise_is_that_of_the_rows_that_count(model: Model, samples: Samples) ->
         noise = identifier.estimate().noise["motor"]
         found.append(list(noise.values()))
     assert found[1] == pytest.approx(found[0], rel=0.1)
-
-
-def test_periodic_motion_repeats_and_a_ramp_does_not(model: Model, samples: Samples) -> None:
-    """Whether a motion repeats is found from it."""
-    assert DerivativeStage(samples).repeats
-    ramp = np.outer(np.linspace(0.0, 1.0, len(samples)) ** 2, np.ones(3))
-    assert not DerivativeStage(replace(samples, q=ramp, theta=ramp)).repeats
-
-
-def test_of_the_speeds_that_are_tried_one_estimator_stays_in_memory(samples: Samples) -> None:
-    """And the one that was there before: each holds sums of squares by block."""
-    robot = load_robot(None)
-    settings = IdentificationSettings(effects=parse_laws(["coulomb_friction:joint_2"], robot))
-    trials = Trials([(recorded(samples), samples)], robot, settings, lambda what, share: None)
-    choice = trials._speed(BatchChoice(averaged=False))
-    assert choice.sign_speed in SIGN_SPEEDS and len(trials._known) == 1

@@ -18,21 +18,14 @@ from elastic_arm.identification import (
     identify_with,
     parse_laws,
 )
-from elastic_arm.identification.consistency import estimation
-from elastic_arm.identification.consistency.chart import pseudo_inertia
-from elastic_arm.identification.consistency.estimation import consistent, correlation_of_errors
-from elastic_arm.identification.consistency.identified_robot import identified_robot, odd_masses
+from elastic_arm.identification import consistent as module
+from elastic_arm.identification.chart import pseudo_inertia
+from elastic_arm.identification.consistent import consistent, correlation_of_errors, identified_robot, odd_masses
 from elastic_arm.identification.verdict import remarks
-from elastic_arm.recording import Recording, Samples, Side
+from elastic_arm.recording import Recording, Side
 from elastic_arm.robot import Inertia, Robot, load_robot, parse_urdf, to_urdf
-from tests.helpers.periodic_arm import derivative, link_motion, record
+from tests.helpers.periodic_arm import derivative, link_motion, record, recording_of
 from tests.helpers.random_arms import random_arm
-
-
-def recorded(samples: Samples, robot: Robot, source: str = "test") -> Recording:
-    link = Side(samples.stamp_ns, samples.q, samples.dq, samples.tau_J)
-    motor = Side(samples.stamp_ns, samples.theta, samples.dtheta, samples.tau_m)
-    return Recording(robot.joint_names, link=link, motor=motor, source=source)
 
 
 def mistaken(robot: Robot) -> Robot:
@@ -57,10 +50,10 @@ def result(true_robot: Robot) -> Identification:
     samples = record(model, np.random.default_rng(1), encoder_noise=1e-6, velocity_noise=1e-4)
     other = record(model, np.random.default_rng(2), encoder_noise=1e-6, velocity_noise=1e-4)
     return identify(
-        recorded(samples, true_robot),
+        recording_of(samples, true_robot),
         mistaken(true_robot),
         IdentificationSettings(),
-        validate=[recorded(other, true_robot, "other")],
+        validate=[recording_of(other, true_robot, "other")],
     )
 
 
@@ -101,7 +94,7 @@ def test_stiffness_and_motor_inertia_come_out_to_a_thousandth(result: Identifica
 def test_errors_count_as_alike_over_half_a_period_only_where_the_motion_repeats(true_robot: Robot) -> None:
     """Blocks show how far sensors' noise is correlated; where the motion repeats, so may what the model misses."""
     samples = record(build_model(true_robot, "mod3"), np.random.default_rng(1), encoder_noise=1e-6, velocity_noise=1e-4)
-    recording = recorded(samples, true_robot)
+    recording = recording_of(samples, true_robot)
     _, identifier, _ = identify_with(recording, true_robot, IdentificationSettings(consistent=False))
     half_period = identifier.fit().samples / identifier.statistics.effective_samples
     assert correlation_of_errors(identifier, repeats=True) == half_period
@@ -215,9 +208,9 @@ def test_a_solution_that_is_no_body_is_a_note(monkeypatch: pytest.MonkeyPatch, t
     def refusing(*_: object) -> Robot:
         raise RobotError("inertia violates the triangle inequality", "Check it")
 
-    monkeypatch.setattr(estimation, "identified_robot", refusing)
+    monkeypatch.setattr(module, "identified_robot", refusing)
     samples = record(build_model(true_robot, "mod3"), np.random.default_rng(1), encoder_noise=1e-6)
-    found = identify(recorded(samples, true_robot), true_robot)
+    found = identify(recording_of(samples, true_robot), true_robot)
     assert found.identified is None
     assert "no physically consistent arm: inertia violates the triangle inequality" in found.notes
     assert np.isfinite(found.Psi_base).all()
@@ -231,4 +224,4 @@ def test_a_description_that_hides_the_stiffness_is_refused(true_robot: Robot) ->
         stages = replace(joint.transmission, belt_ratio=1e4, harmonic_drive_ratio=1e4)
         far = far.with_joint(joint.name, transmission=stages)
     with pytest.raises(IdentificationError, match=r"joint_1\.K is lost beside numbers of the description"):
-        identify(recorded(samples, true_robot), far)
+        identify(recording_of(samples, true_robot), far)

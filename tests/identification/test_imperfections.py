@@ -20,7 +20,7 @@ from elastic_arm.identification.batch.imperfections import (
     possible_imperfections,
     told_apart,
 )
-from elastic_arm.identification.batch.mounting import about_x
+from elastic_arm.identification.batch.mounting import turned
 from elastic_arm.identification.law_columns import law_columns, on_recorded_side
 from elastic_arm.identification.regularisation import law_sizes, prior_of
 from elastic_arm.identification.stream import Identifier
@@ -202,7 +202,7 @@ def test_an_arm_mounted_otherwise_has_no_zeros_that_nobody_asked_for(robot: Robo
     """Without laws beyond the model its tilt alone is identified."""
     upright = robot.with_(gravity=np.array([0.0, 0.0, -9.81]))
     turn = np.eye(4)
-    turn[:3, :3] = about_x(np.pi / 2)
+    turn[:3, :3] = turned(np.pi / 2, 0.0)
     described = upright.with_(base_placement=turn @ upright.base_placement, base_dh=None)
     found = identify(recorded(upright, []), described, IdentificationSettings(consistent=False))
     assert any("mounted otherwise" in note for note in found.notes)

@@ -86,15 +86,6 @@ def test_memory_is_bounded_however_long_the_stream() -> None:
     assert blocks.grams[0][0][0, 0, 0] * 1.0 == blocks.span
 
 
-def test_two_accumulators_merge_into_that_of_all_samples() -> None:
-    """Merging the accumulators of two halves gives the estimate of the whole."""
-    rows, _ = problem(np.random.default_rng(2), 8192)
-    halves = accumulate(rows[:, :4096]), accumulate(rows[:, 4096:])
-    whole, merged = fit(accumulate(rows)), fit(halves[0].merged(halves[1]))
-    assert merged.Psi == pytest.approx(whole.Psi, rel=1e-12)
-    assert merged.samples == whole.samples
-
-
 def test_noise_of_each_group_is_found_and_weighs_it() -> None:
     """Residual noise comes out to 3 % per group, and weighting makes the estimate better than ordinary squares."""
     errors = []

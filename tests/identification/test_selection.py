@@ -69,15 +69,6 @@ def test_speeds_of_joints_that_slide_are_in_metres(arm: Robot) -> None:
     assert selection.standstill((1e-3, 2e-3, 5e-2), sliding) == "0.001 to 0.05 rad/s and 0.002 m/s"
 
 
-def test_torques_with_right_zeros_get_none(arm: Robot, samples: Samples) -> None:
-    """Without an offset there is none among the estimates, nor without laws where there is one."""
-    torque = np.tanh(samples.dtheta / 1e-3) * np.array([0.0, 0.0, 10.0])
-    laws = parse_laws(FRICTION, arm)
-    right = identify(with_torque(arm, samples, torque), arm, IdentificationSettings(effects=laws, consistent=False))
-    unasked = identify(with_torque(arm, samples, np.array([0, 0, 4.0])), arm, IdentificationSettings(consistent=False))
-    assert not zeros_of(right) and not zeros_of(unasked)
-
-
 def test_dry_friction_turns_over_at_each_joint_where_it_does(arm: Robot, samples: Samples) -> None:
     """Sharp friction at one joint and gradual at another are both found within 5 %."""
     turning, dry = np.array([1e-4, 1e-4, 5e-2]), np.array([0.0, 20.0, 20.0])

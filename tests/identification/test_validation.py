@@ -62,8 +62,8 @@ def test_noise_in_accelerations_does_not_speak_for_small_masses() -> None:
     held_out = HeldOut(equations, {"held out": [motion]})
     true = equations.base.T @ equations.nominal
     raw, judged = (
-        [sum(by_side["whole"].values()) for Psi in (true, 0.5 * true) for by_side in of(Psi).values()]
-        for of in (held_out.errors, held_out.judged)
+        [sum(held_out.errors(Psi, averages=averages)["held out"]["whole"].values()) for Psi in (true, 0.5 * true)]
+        for averages in (False, True)
     )
     assert raw[0] > raw[1]
     assert judged[0] < 0.5 * judged[1]

@@ -11,7 +11,7 @@ from elastic_arm.effects import EFFECTS, EffectInstance
 from elastic_arm.errors import EffectError
 from elastic_arm.identification import Identification, IdentificationSettings, identify, parse_laws
 from elastic_arm.recording import Recording, Side
-from elastic_arm.recording.foreign.coupling import coupled
+from elastic_arm.recording.foreign.channels import coupled
 from tests.helpers.effect_samples import contribution, random_motion
 from tests.helpers.full_tree import FullTree
 from tests.helpers.motions import trajectory

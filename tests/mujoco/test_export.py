@@ -20,6 +20,7 @@ from elastic_arm.robot import Inertia, JointController, Robot, load_robot, to_ur
 from elastic_arm.robot.kinematics import lumped
 from tests.helpers.mujoco_arms import MODELS, random_motion
 from tests.helpers.servo_arms import EXAMPLE
+from tests.robot.test_mjcf import two_joints
 
 pytest.importorskip("mujoco")
 
@@ -271,6 +272,15 @@ def test_the_format_goes_by_the_ending(tmp_path: Path, name: str, asked: str | N
         root = {"urdf": "<robot", "mjcf": "<mujoco"}[found]
         assert result.exit_code == 0 and root in (tmp_path / name).read_text()
         assert "armature" in result.output or "bearing" in result.output
+
+
+def test_what_was_left_out_when_an_arm_was_read_is_said_of_its_file(tmp_path: Path) -> None:
+    """Cogging of a motor, which a rigid arm cannot hold, is not in the URDF either."""
+    motor = '<dcmotor name="m" joint="j1" motorconst="0.05" resistance="1" gear="100" cogging="0.03 6 0"/>'
+    app = typer.Typer()
+    app.command()(export)
+    result = CliRunner().invoke(app, [str(two_joints(tmp_path, actuator=motor)), "--out", str(tmp_path / "x.urdf")])
+    assert result.exit_code == 0 and "cogging of actuator m, 3 Nm at j1" in result.output
 
 
 def test_the_limit_of_a_servo_is_written_as_forcerange(tmp_path: Path) -> None:

@@ -363,41 +363,30 @@ def test_absurd_references_leave_the_arm_as_it_is(graph: Graph) -> None:
     graph.until(lambda: samples, "the arm is there")
     graph.until(lambda: all(p.get_subscription_count() for p in publishers.values()), "it listens")
 
-    def at(seconds: float, *position: float, **rest: list[float]) -> JointTrajectoryPoint:
+    def at(seconds: float, *position: float) -> JointTrajectoryPoint:
         whole, part = divmod(round(seconds * 1e9), 10**9)
-        return JointTrajectoryPoint(
-            positions=position or (0.0,) * 3, time_from_start=Duration(sec=whole, nanosec=part), **rest
-        )
+        return JointTrajectoryPoint(positions=position or (0.0,) * 3, time_from_start=Duration(sec=whole, nanosec=part))
 
-    nan, huge = float("nan"), 1e308
     sent = {
-        "no points": [],
         "no positions": [JointTrajectoryPoint()],
-        "one position": [at(1.0, 0.0)],
-        "not a number": [at(1.0, nan, nan, nan)],
-        "huge": [at(0.0), at(1.0, huge, huge, huge)],
-        "huge velocity": [at(0.0), at(1.0, velocities=[huge] * 3)],
+        "not a number": [at(1.0, *[float("nan")] * 3)],
+        "huge": [at(0.0), at(1.0, *[1e308] * 3)],
         "descending": [at(2.0), at(1.0)],
-        "before its stamp": [at(-5.0)],
-        "in 68 years": [at(2.0**31 - 1)],
         "for 68 years": [at(0.0), at(2.0**31 - 1)],
-        "for three hours": [at(0.0), at(10800.0)],
         "too many": [at(1e-3 * k) for k in range(20_001)],
     }
-    now = graph.peer.get_clock().now().to_msg()
     for publisher in publishers.values():
         for points in sent.values():
-            for stamp in (None, now, type(now)(sec=2**31 - 1), type(now)(sec=-(2**31)), type(now)(sec=1)):
-                message = JointTrajectory(joint_names=list(JOINTS), points=points)
-                if stamp is not None:
-                    message.header.stamp = stamp
-                publisher.publish(message)
+            message = JointTrajectory(joint_names=list(JOINTS), points=points)
+            publisher.publish(message)
+            message.header.stamp = graph.peer.get_clock().now().to_msg()
+            publisher.publish(message)
         publisher.publish(JointTrajectory(joint_names=["x" * 100_000, "\x1b[31m", "[r]"], points=[at(1.0)]))
     publishers["/simulator/joint_trajectory"].publish(
         JointTrajectory(joint_names=list(JOINTS), points=[at(0.5, 0.02, 0.02, 0.02)])
     )
     graph.until(lambda: abs(samples[-1].position[0] - 0.02) < 2e-3, "a proper goal is reached")
-    graph.until(lambda: int(status.get("reference messages refused", 0)) >= 100, "what was refused is counted")
+    graph.until(lambda: int(status.get("reference messages refused", 0)) == 26, "what was refused is counted")
     assert simulator.stop() == 0
     assert "Traceback" not in simulator.output and "Warning" not in simulator.output
     assert "\x1b[31m[r]" not in simulator.output

@@ -8,7 +8,6 @@ import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import Any
 
-import pytest
 from elastic_arm_msgs.msg import GapResidual
 from sensor_msgs.msg import JointState
 
@@ -28,42 +27,6 @@ def test_foxglove_s_layout_is_one() -> None:
     assert isinstance(FOXGLOVE["playbackConfig"]["speed"], (int, float))
     placed = re.findall(r'"(\w+!\w+)"', json.dumps(FOXGLOVE["layout"]))
     assert sorted(placed) == sorted(PANELS)
-
-
-def test_foxglove_s_plots_have_their_types_fields() -> None:
-    """Fields and values are those of Lichtblick's `PlotConfig` and `PlotPath`; those without `?` are there."""
-    needed = {"paths", "showLegend", "legendDisplay", "showPlotValuesInLegend", "showXAxisLabels", "showYAxisLabels"}
-    needed |= {"isSynced", "xAxisVal", "sidebarDimension"}
-    titles = {"foxglovePanelTitle", "lichtblickPanelTitle"}
-    for panel in PLOTS.values():
-        assert needed | titles <= set(panel) <= needed | titles | {"followingViewWidth"}
-        assert (panel["legendDisplay"], panel["xAxisVal"]) == ("floating", "timestamp")
-        for path in panel["paths"]:
-            assert set(path) == {"value", "enabled", "timestampMethod", "label"}
-            assert path["timestampMethod"] in ("headerStamp", "receiveTime")
-
-
-def test_plotjuggler_s_layout_is_one() -> None:
-    """Elements and attributes are those that its `xmlLoadState` looks for, as many as it counts."""
-    assert PLOTJUGGLER.tag == "root"
-    (window,) = PLOTJUGGLER.findall("tabbed_widget")
-    assert window.attrib == {"name": "Main Window", "parent": "main_window"}
-    tabs = window.findall("Tab")
-    index = window.find("currentTabIndex")
-    assert index is not None and 0 <= int(index.get("index", "")) < len(tabs)
-    for tab in tabs:
-        assert tab.get("tab_name")
-        (container,) = tab
-        (splitter,) = container
-        areas = splitter.findall("DockArea")
-        assert len(areas) == len(splitter) == int(splitter.get("count", ""))
-        assert splitter.get("orientation") in ("|", "-")
-        assert sum(map(float, splitter.get("sizes", "").split(";"))) == pytest.approx(1.0, abs=1e-3)
-        for area in areas:
-            (plot,) = area
-            assert (plot.tag, plot.get("mode")) == ("plot", "TimeSeries")
-            assert {child.tag for child in plot} == {"limitY", "curve"}
-            assert all(re.fullmatch("#[0-9a-f]{6}", curve.get("color", "")) for curve in plot.iter("curve"))
 
 
 def sent(topic: str) -> Any:

@@ -6,10 +6,10 @@ from collections.abc import Iterator
 
 import pytest
 
-from elastic_arm.nodes.support.playback import Playback
-from elastic_arm.nodes.support.type_definitions import installed_definition
+from elastic_arm.nodes.recorder import installed_definition
+from elastic_arm.nodes.replayer import Playback
 from elastic_arm.recording import message_types
-from elastic_arm.recording.definitions import parse_definition
+from elastic_arm.recording.message_types import parse_definition
 from elastic_arm.recording.storage.messages import Message
 
 SECOND = 1_000_000_000

@@ -17,16 +17,16 @@ from sensor_msgs.msg import JointState
 
 from elastic_arm.errors import ElasticArmError, RecordingError
 from elastic_arm.excitation import FourierTrajectory
-from elastic_arm.nodes.following.plan import Plan
 from elastic_arm.nodes.following.reference import ReferenceQueue
 from elastic_arm.nodes.following.splines import Row
 from elastic_arm.nodes.recorder import Recorder
+from elastic_arm.nodes.simulator import Pace
 from elastic_arm.nodes.support import running
 from elastic_arm.nodes.support.collecting import Collector
-from elastic_arm.nodes.support.pacing import Pace
 from elastic_arm.nodes.support.pairing import Pairing
 from elastic_arm.nodes.support.running import run
 from elastic_arm.nodes.support.wire import Form, Inbox
+from elastic_arm.nodes.trajectory_generator import Plan
 from elastic_arm.recording import ChannelMap, limits, load_channels
 
 MS = 1_000_000
@@ -55,66 +55,33 @@ def test_samples_of_equal_stamp_are_paired_in_order() -> None:
     np.testing.assert_array_equal(pairs.motor, rows([1, 2, 3], 0.5))
 
 
-def test_an_overtaken_sample_takes_its_place_again() -> None:
-    """A sample that arrives behind a younger one, within the window, is handed out in order and counted."""
-    pairing = Pairing(window_ns=10)
-    feed(pairing, [1, 3, 2, 4], [1, 2, 3, 4])
-    pairs = pairing.take(everything=True)
-    assert pairs.stamp_ns.tolist() == [1, 2, 3, 4]
-    assert pairing.losses.reordered == 1
+PAIRED: dict[str, tuple[int, list[tuple[list[int], list[int]]], list[int], dict[str, int]]] = {
+    # window, batches of link and motor, stamps that are handed out in all, and what is counted
+    "overtaken within the window": (10, [([1, 3, 2, 4], [1, 2, 3, 4])], [1, 2, 3, 4], {"reordered": 1}),
+    "repeated, in another batch too": (10, [([1, 2, 2], [1, 2]), ([2, 3], [3])], [1, 2, 3], {"repeated": 2}),
+    "older than what was handed out": (0, [([1, 3], [1, 3]), ([2, 4], [2, 4])], [1, 3, 4], {"late": 2, "reordered": 2}),
+    "without a partner": (5, [([1, 2, 3], [1, 3]), ([9], [9])], [1, 3, 9], {"unmatched": 1}),
+    "before the other topic was found": (
+        5, [([1, 2, 3, 4, 5], [3, 5]), ([11], [11])], [3, 5, 11], {"early": 2, "unmatched": 1},
+    ),
+    "of a clock set back": (
+        0, [([5_000 * MS],) * 2, ([1 * MS, 2 * MS],) * 2], [5_000 * MS, 1 * MS, 2 * MS], {"restarts": 1},
+    ),
+}  # fmt: skip
 
 
-def test_a_repeated_sample_counts_once() -> None:
-    """The second sample of a stamp is dropped and counted, also when it comes in another batch."""
-    pairing = Pairing(window_ns=10)
-    feed(pairing, [1, 2, 2], [1, 2])
-    feed(pairing, [2, 3], [3])
-    pairs = pairing.take(everything=True)
-    assert pairs.stamp_ns.tolist() == [1, 2, 3]
-    assert pairing.losses.repeated == 2
-
-
-def test_a_late_sample_never_follows_a_younger_one() -> None:
-    """What is older than what was handed out is dropped and counted."""
-    pairing = Pairing(window_ns=0)
-    feed(pairing, [1, 3], [1, 3])
-    pairing.take()
-    feed(pairing, [2, 4], [2, 4])
-    pairs = pairing.take()
-    assert pairs.stamp_ns.tolist() == [4]
-    assert pairing.losses.late == 2
-
-
-def test_a_missing_partner_is_counted_once_the_window_has_passed() -> None:
-    """A sample without partner waits for the window, then it is counted as unmatched."""
-    pairing = Pairing(window_ns=5)
-    feed(pairing, [1, 2, 3], [1, 3])
-    pairs = pairing.take()
-    assert pairs is None
-    assert pairing.losses.unmatched == 0
-    feed(pairing, [9], [9])
-    pairs = pairing.take()
-    assert pairs.stamp_ns.tolist() == [1, 3]
-    assert pairing.losses.unmatched == 1
-
-
-def test_what_came_before_the_other_topic_was_found_is_no_loss() -> None:
-    """Samples older than the other side's first are counted apart from those whose partner got lost."""
-    pairing = Pairing(window_ns=5)
-    feed(pairing, [1, 2, 3, 4, 5], [3, 5])
-    feed(pairing, [11], [11])
-    assert pairing.take() is not None
-    assert (pairing.losses.early, pairing.losses.unmatched) == (2, 1)
-
-
-def test_a_clock_set_back_starts_again() -> None:
-    """After a restart of the arm its samples are paired again, instead of being late for ever."""
-    pairing = Pairing(window_ns=0)
-    feed(pairing, [5_000 * MS], [5_000 * MS])
-    feed(pairing, [1 * MS, 2 * MS], [1 * MS, 2 * MS])
-    pairs = pairing.take()
-    assert pairs.stamp_ns.tolist() == [1 * MS, 2 * MS]
-    assert pairing.losses.restarts == 1
+@pytest.mark.parametrize("what", PAIRED)
+def test_samples_that_come_otherwise_are_put_in_order_or_counted(what: str) -> None:
+    """What is handed out increases within a run, and every sample that is not is counted by the reason."""
+    window, batches, expected, counts = PAIRED[what]
+    pairing, handed = Pairing(window_ns=window), list[int]()
+    for batch in (*batches, None):
+        if batch is not None:
+            feed(pairing, *batch)
+        pairs = pairing.take(everything=batch is None)
+        handed += [] if pairs is None else pairs.stamp_ns.tolist()
+    assert handed == expected
+    assert {name: count for name, count in vars(pairing.losses).items() if count} == counts
 
 
 def test_a_silent_peer_costs_no_memory() -> None:

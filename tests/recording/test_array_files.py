@@ -204,19 +204,6 @@ def test_a_table_that_cannot_be_read_is_told_by_line(tmp_path: Path, text: str, 
     assert words in caught.value.problem and caught.value.remedy
 
 
-@pytest.mark.parametrize("kind", ["npz", "npy"])
-def test_objects_are_no_numbers(tmp_path: Path, kind: str) -> None:
-    """What is no array of numbers is named."""
-    ragged = np.array([1, "a", None], dtype=object)
-    file = tmp_path / f"run.{kind}"
-    np.savez(file, q=ragged) if kind == "npz" else np.save(file, ragged)
-    with pytest.raises(RecordingError, match="Object arrays cannot be loaded"):
-        load_arrays(file)
-    file.write_bytes(b"PK no archive")
-    with pytest.raises(RecordingError, match="cannot be read"):
-        load_arrays(file)
-
-
 def test_semicolons_beside_commas_in_names_part_the_columns(tmp_path: Path) -> None:
     """As spreadsheets write them."""
     (tmp_path / "run.csv").write_text("time, s;angle, rad\n0;1.5\n1;2.5\n")

@@ -10,9 +10,10 @@ import yaml
 
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording import load_channels, message_types, read_recording, write_recording
-from elastic_arm.recording.foreign.arrays import load_array_map
-from elastic_arm.recording.foreign.channels import ChannelScale
+from elastic_arm.recording.foreign.arrays import import_arrays, load_array_map
+from elastic_arm.recording.foreign.channels import ChannelMap, ChannelScale, coupled, coupling_matrix
 from elastic_arm.recording.inspection.check import check_bag
+from elastic_arm.recording.sides import Side
 from tests.helpers.bags import JOINT_STATE, JOINTS, joint_state, stamps, states, write_foreign, write_yaml
 
 ROOT = Path(__file__).parents[2]
@@ -136,6 +137,7 @@ CHANNEL = {"topic": "/x"}
         ({"joints": {"a": {"motor": {"effort": {**CHANNEL, "sign": 2}}}}}, "joints.a.motor.effort.sign"),
         ({"joints": {"a": {"motor": {"effort": {**CHANNEL, "factor": 0}}}}}, "factor must be a finite number"),
         ({"joints": {"a": {"motor": {"effort": {"field": "effort"}}}}}, "joints.a.motor.effort.topic: missing field"),
+        ({"joints": {"a": {"link": {"position": {**CHANNEL, "index": True}}}}}, "index: is yes or no, not a number"),
         ({"joints": {"a": {"link": {"position": CHANNEL}}, "b": {}}}, "b has no channel"),
         ({"joints": {"a": {"link": [1]}}}, "joints.a.link"),
         (["a"], "holds no fields"),
@@ -177,10 +179,46 @@ def test_a_linear_axis_has_lengths_and_forces() -> None:
         ChannelScale(unit="mm").check_unit("effort")
 
 
-@pytest.mark.parametrize("field", ["offset", "factor", "sign", "ratio", "index", "torque_constant"])
-def test_a_truth_is_no_number(tmp_path: Path, field: str) -> None:
-    """Python takes true for 1."""
-    channel = {"topic": "/x", field: True}
-    file = write_yaml(tmp_path / "map.yaml", {"joints": {"a": {"link": {"position": channel}}}})
-    with pytest.raises(RecordingError, match=f"{field}: is yes or no, not a number"):
-        load_channels(file)
+WRIST = {"b": {"a": 0.02, "b": 1.0}, "c": {"a": -0.01, "b": 0.5, "c": -1.0}}
+AXES = ["a", "b", "c"]
+
+
+def wrist(**changes: object) -> dict[str, object]:
+    motor = {"position": {"key": "angle"}, "velocity": {"key": "speed"}, "effort": {"key": "torque"}}
+    return {"times": {"rate": 100}, "joints": AXES, "motor": motor, "coupling": WRIST, **changes}
+
+
+def test_angles_go_by_the_matrix_and_torques_keep_their_power(tmp_path: Path) -> None:
+    """theta = C theta_motors joint by joint, and the power of all motors is that at the joints."""
+    angle, speed, torque = np.random.default_rng(0).standard_normal((3, 50, 3))
+    np.savez(tmp_path / "run.npz", angle=angle, speed=speed, torque=torque)
+    (tmp_path / "map.yaml").write_text(yaml.safe_dump(wrist()))
+    motor = import_arrays(tmp_path / "run.npz", tmp_path / "map.yaml").motor
+    np.testing.assert_allclose(motor.position[:, 2], -0.01 * angle[:, 0] + 0.5 * angle[:, 1] - angle[:, 2])
+    np.testing.assert_array_equal(motor.position[:, 0], angle[:, 0])
+    power = [np.sum(a * b, axis=1) for a, b in ((motor.velocity, motor.effort), (speed, torque))]
+    np.testing.assert_allclose(*power, atol=1e-12)
+
+
+def test_a_channel_map_has_the_same_coupling() -> None:
+    """Bags are uncoupled as arrays are; what is not recorded stays so."""
+    source = {"topic": "/drives", "field": "position"}
+    joints = {name: {"motor": {"position": {**source, "name": name}}} for name in AXES}
+    rules = ChannelMap.model_validate({"joints": joints, "coupling": WRIST})
+    side = coupled(Side(np.arange(2), position=np.eye(2, 3)), coupling_matrix(rules.coupling, AXES))
+    assert side is not None and side.effort is None and side.position is not None
+    np.testing.assert_allclose(side.position, [[1.0, 0.02, -0.01], [0.0, 1.0, 0.5]])
+    assert coupled(None, np.eye(3)) is None
+
+
+@pytest.mark.parametrize(
+    ("coupling", "words"),
+    [({"d": {"a": 1.0}}, "no joint d"), ({"b": {"e": 1.0}}, "no joint e"), ({"b": {"a": 1.0}}, "cannot move"),
+     ({"b": {"b": float("nan")}}, "not finite")],
+)  # fmt: skip
+def test_what_is_no_coupling_is_refused(coupling: dict[str, dict[str, float]], words: str, tmp_path: Path) -> None:
+    """Unknown names, and motors that cannot move the joints apart, are named."""
+    np.savez(tmp_path / "run.npz", angle=np.eye(3), speed=np.eye(3), torque=np.eye(3))
+    (tmp_path / "map.yaml").write_text(yaml.safe_dump(wrist(coupling=coupling)))
+    with pytest.raises(RecordingError, match=words):
+        import_arrays(tmp_path / "run.npz", tmp_path / "map.yaml")

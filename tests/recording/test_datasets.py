@@ -149,15 +149,6 @@ def test_holes_texts_and_truths_refuse_no_parquet_file(tmp_path: Path) -> None:
     assert not {"name", "ragged"} & set(arrays)
 
 
-@pytest.mark.parametrize("name", ["run.parquet", "run.hdf5"])
-def test_damaged_files_are_refused_in_one_line(tmp_path: Path, name: str) -> None:
-    """What is no Parquet and no HDF5 is named."""
-    (tmp_path / name).write_bytes(b"PAR1 no such thing")
-    with pytest.raises(RecordingError, match=f"{name} cannot be read") as error:
-        load_arrays(tmp_path / name)
-    assert "\n" not in str(error.value)
-
-
 @pytest.fixture
 def recording() -> Recording:
     """Sides of different rates and stamps, commands, a URDF, torques from currents, and names that need quotes."""

@@ -38,6 +38,7 @@ def recorded(
     speed: float = 1.0,
     flipped: Sequence[int] = (),
     seconds: float = 20.0,
+    noise: float = 0.1,
 ) -> Recording:
     """Sines, with torques of the arm under some gravity, friction, zeros and noise; `flipped` have the other sign."""
     rng, n = np.random.default_rng(5), robot.n
@@ -48,7 +49,7 @@ def recorded(
     rows = build_model(true, "mod3").inverse_dynamics(*(np.hstack([r, r]) if robot.elastic else r for r in rates))
     torque = 1.2 * (rows[:, :n] + (rows[:, n:] if robot.elastic and side == "motor" else 0.0))
     friction = 0.1 * np.std(torque, axis=0) * np.sign(rates[1])
-    torque += friction + rng.normal(0.0, 0.1, torque.shape) + rng.normal(0.0, 0.5, n)
+    torque += friction + rng.normal(0.0, noise, torque.shape) + rng.normal(0.0, 0.5, n)
     torque[:, list(flipped)] *= -1.0
     stamp_ns = 10**18 + np.rint(1e9 * t[:, 0]).astype(np.int64)
     position, effort = Side(stamp_ns, rates[0], rates[1]), Side(stamp_ns, effort=torque)
@@ -153,6 +154,18 @@ def heavier(robot: Robot) -> Robot:
 
 
 ONES = (1.0, 1.0, 1.0, 1.0)
+
+
+@pytest.mark.parametrize("wrong", [(), (4,), (5,), tuple(range(6))])
+def test_mirrored_joints_of_a_noisy_arm_of_six_are_named(wrong: tuple[int, ...]) -> None:
+    """Angle and torque, by noise as large as the torques of a wrist: those that are mirrored, and no others."""
+    robot = random_arm(6, np.random.default_rng(2), elastic=False).with_(gravity=DOWN)
+    signs = np.where(np.isin(np.arange(6), wrong), -1.0, 1.0)
+    given = arranged(recorded(robot, noise=1.0), "link", range(6), signs.tolist(), "all")
+    found = contradicted_gravity(given, heavier(robot))
+    assert {finding.code for finding in found} <= {"mirrored"}
+    names = ("every joint",) if len(wrong) == 6 else tuple(robot.joint_names[k] for k in wrong)
+    assert [f.message.partition(" turns")[0] for f in found] == [f"link side: {name}" for name in names]
 
 
 @pytest.mark.parametrize(("side", "elastic", "seed"), [("link", False, 2), ("motor", True, 3)])

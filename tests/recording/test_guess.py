@@ -152,18 +152,14 @@ def test_a_single_axis_has_columns_of_one_name_each() -> None:
     assert stated.unit == "mm"
 
 
-def test_arrays_without_a_sample_are_refused() -> None:
-    """By the reason, and without a remark of numpy's about the mean of nothing."""
+def test_arrays_of_other_joints_or_without_a_sample_are_refused() -> None:
+    """Three columns are no arm of seven joints; and numpy has no remark about the mean of nothing."""
+    with pytest.raises(RecordingError, match="no array holds positions or torques of 7 joints"):
+        guess_mapping({"time": T, "q": Q}, [f"joint_{k}" for k in range(7)])
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         with pytest.raises(RecordingError, match="no array holds"):
             guess_mapping({"t": np.empty(0), "q": np.empty((0, 2))}, JOINTS)
-
-
-def test_arrays_of_other_joints_are_refused() -> None:
-    """Arrays of three columns are no arm of seven joints."""
-    with pytest.raises(RecordingError, match="no array holds positions or torques of 7 joints"):
-        guess_mapping({"time": T, "q": Q}, [f"joint_{k}" for k in range(7)])
 
 
 def test_columns_without_a_sensor_are_left_out(tmp_path: Path) -> None:

@@ -101,7 +101,7 @@ def test_a_zip_bomb_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
         load_arrays(tmp_path / "a.npz")
 
 
-@pytest.mark.parametrize("suffix", [".npz", ".npy", ".csv", ".mat"])
+@pytest.mark.parametrize("suffix", [".npz", ".npy", ".csv", ".mat", ".parquet", ".h5"])
 def test_damaged_files_are_refused(tmp_path: Path, suffix: str) -> None:
     """Every kind of file, cut at every place of its beginning, ends in one line."""
     whole = tmp_path / "whole.npz"

@@ -125,22 +125,6 @@ def test_fields_of_the_wrong_kind_are_damage(bag: Path, fields: dict[str, object
     assert len(read_recording(bag).link) == 300  # type: ignore[arg-type]
 
 
-def test_chunks_without_checksum_are_said_to_be_unchecked(tmp_path: Path, bag: Path) -> None:
-    """The format allows a checksum of 0: a note says that damage may go unseen, and nothing is wrong."""
-    content = bytearray((bag / "bag_0.mcap").read_bytes())
-    at = 8
-    while at + 9 < len(content):
-        opcode, size = struct.unpack_from("<BQ", content, at)
-        if opcode == Opcode.CHUNK:
-            content[at + 9 + 24 : at + 9 + 28] = bytes(4)
-        at += 9 + size
-    file = tmp_path / "a.mcap"
-    file.write_bytes(content)
-    (finding,) = [f for f in check_bag(file).findings if f.code == "unchecked"]
-    assert finding.severity == "note"
-    assert "have no checksum" in finding.message
-
-
 @pytest.mark.parametrize("storage", ["mcap", "db3"])
 def test_the_limits_are_configurable(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, storage: str) -> None:
     """A file that unpacks to more than $ELASTIC_ARM_MAX_UNPACKED_MB is refused, and read once that is raised."""

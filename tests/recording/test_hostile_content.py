@@ -13,10 +13,10 @@ import pytest
 import zstandard
 
 from elastic_arm.recording import limits, message_types, read_recording
-from elastic_arm.recording.decoding import Decoder
 from elastic_arm.recording.inspection.check import check_bag
 from elastic_arm.recording.inspection.info import bag_info
 from elastic_arm.recording.inspection.repair import repair_bag
+from elastic_arm.recording.series import Decoder
 from elastic_arm.recording.storage.bag import open_bag
 from tests.helpers.bags import JOINT_STATE, START_NS, joint_state, stamps, states, write_sqlite
 from tests.helpers.hostile_mcap import at, channel, chunk, file, mcap, quickly, record, schema, text

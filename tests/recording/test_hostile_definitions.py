@@ -13,7 +13,7 @@ from rosbags.typesys.store import Typestore
 
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording import cdr, limits, message_types
-from elastic_arm.recording.definitions import parse_definition
+from elastic_arm.recording.message_types import parse_definition
 from elastic_arm.recording.reading import read_recording
 from elastic_arm.recording.storage.metadata import Topic
 from tests.helpers.bags import stamps, states, write_foreign
@@ -122,7 +122,7 @@ def test_no_definition_is_executed(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     """Reading a bag with definitions neither registers them with the library nor calls exec, eval or compile."""
     bag = write_foreign(tmp_path / "bag", states("/joint_states", stamps(300)))
     read_recording(bag)  # imports what it needs
-    message_types._defined.cache_clear()
+    parse_definition.cache_clear()
 
     def forbidden(*_: object, **__: object) -> None:
         raise AssertionError("text of a bag was executed")

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from elastic_arm.recording import Recording, Side, write_recording
-from elastic_arm.recording.inspection.check import check_bag
+from elastic_arm.recording import Recording, Side
 from elastic_arm.recording.inspection.magnitudes import beyond_limits, hardly_usable
 from elastic_arm.robot import Robot
 from elastic_arm.robot.parts import Limits
@@ -63,16 +60,6 @@ def test_a_rail_in_millimetres_is_named() -> None:
     given = replace(recording.link, position=recording.link.position * [1000.0, 1.0, 1.0])
     (finding,) = beyond_limits(replace(recording, link=given), robot)
     assert "to 1e+03 m, its limits are -2 to 2" in finding.message and "millimetres" in finding.message
-
-
-def test_a_bag_in_which_nothing_moves_says_so(tmp_path: Path) -> None:
-    """Without a warning of the library beside."""
-    still = recorded(size=0.0, zero=0.3)
-    bag = write_recording(tmp_path / "bag", replace(still, link=replace(still.link, effort=np.ones((len(T), 3)))))
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", RuntimeWarning)
-        report = check_bag(bag, robot=arm())
-    assert not report.ok and "no_motion" in [finding.code for finding in report.findings]
 
 
 def test_a_recording_that_can_hardly_be_used_says_so() -> None:

@@ -8,8 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from elastic_arm.recording.spans import column, progression
-from elastic_arm.recording.storage.mcap_blocks import McapBlock, indexed, repeated
-from elastic_arm.recording.storage.mcap_scan import Record, scan
+from elastic_arm.recording.storage.mcap_scan import McapBlock, Record, indexed, repeated, scan
 
 RECORDS = st.lists(st.tuples(st.sampled_from([3, 4, 5, 5, 5, 5]), st.integers(1, 3), st.integers(0, 40)), max_size=300)
 

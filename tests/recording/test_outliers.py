@@ -130,14 +130,6 @@ def test_joints_that_rest_have_no_outliers_by_resolution() -> None:
     assert not find_outliers(still)
 
 
-def test_the_check_names_them(tmp_path: Path, recording: Recording) -> None:
-    """`bag check` gives side, channel, joint and size."""
-    bag = write_recording(tmp_path / "bag", spoiled(recording, "motor", "effort", 1e6))
-    (finding,) = [f for f in check_bag(bag).findings if f.code == "outliers"]
-    assert finding.severity == "warning"
-    assert "motor effort of joint_2 up to 1e+06" in finding.message
-
-
 def test_a_single_sample_within_the_range_of_others_is_said_to_be_off_its_neighbours() -> None:
     """It is no sample beyond the range of nearly all others, and nothing of the kind is said."""
     t = np.arange(4000) / 200.0
@@ -265,11 +257,11 @@ def test_a_second_publisher_of_zeros_is_left_out(tmp_path: Path, same_stamp: boo
     assert not check_bag(bag).ok
 
 
-@pytest.mark.slow(10)
-@pytest.mark.parametrize(("side", "channel", "value"), ABSURD)
-def test_identification_goes_on_without_them(recording: Recording, side: str, channel: str, value: float) -> None:
+@pytest.mark.slow(3)
+def test_identification_goes_on_without_them(recording: Recording) -> None:
     """The same parameters as without the sample, within a small part of their deviations, and a note."""
     sound = identify(recording, load_robot(), IdentificationSettings(consistent=False))
-    found = identify(spoiled(recording, side, channel, value), load_robot(), IdentificationSettings(consistent=False))
+    spoilt = spoiled(recording, "motor", "effort", 1e6)
+    found = identify(spoilt, load_robot(), IdentificationSettings(consistent=False))
     assert any("outliers" in note for note in found.notes)
     np.testing.assert_array_less(np.abs(found.Psi_base - sound.Psi_base), 0.5 * sound.std)

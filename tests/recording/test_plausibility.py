@@ -13,6 +13,7 @@ from elastic_arm.recording import Recording, Side, read_recording, write_recordi
 from elastic_arm.recording.foreign.arrays import import_arrays
 from elastic_arm.recording.inspection.check import check_bag
 from elastic_arm.recording.inspection.plausibility import implausible, smoothed_torques
+from elastic_arm.recording.inspection.torque_spectrum import torque_spectra, torque_spectrum
 from tests.helpers.bags import JOINTS
 
 ROOT = Path(__file__).parents[2]
@@ -119,6 +120,15 @@ def test_a_motor_torque_of_the_wrong_sign_is_found_beside_the_encoders_of_the_li
     assert not backward(replace(recording, link=None, motor=replace(alone, effort=-alone.effort)))
 
 
+def test_an_axis_that_brakes_the_others_is_not_of_the_wrong_sign() -> None:
+    """A coupled axis that moves with the one before it feels more of that one's friction than it has of its own."""
+    motor = arm().motor
+    position, rates = (one + 0.9 * one[:, [1]] * [0.0, 0.0, 1.0] for one in (motor.position, motor.velocity))
+    torque = motor.effort + 30.0 * np.sign(rates)
+    torque[:, 2] -= 90.0 * np.sign(rates[:, 1]) + 60.0 * rates[:, 1]
+    assert not backward(changed(arm(), "motor", position=position, velocity=rates, effort=torque))
+
+
 def test_regular_stamps_on_samples_taken_irregularly_are_made_up() -> None:
     """Samples taken 0.2 ms (std) beside their perfectly regular stamps: all joints tell of the same times."""
     even = np.arange(COUNT) / RATE
@@ -136,8 +146,10 @@ def test_a_smoothed_torque_is_found_with_its_band() -> None:
     recording = arm()
     sections = scipy.signal.butter(4, 5.0, fs=RATE, output="sos")
     smooth = scipy.signal.sosfiltfilt(sections, recording.motor.effort, axis=0)
-    (finding,) = implausible(changed(recording, "motor", effort=smooth))
+    filtered = changed(recording, "motor", effort=smooth)
+    (finding,) = implausible(filtered)
     assert finding.code == "smooth_torque"
+    assert smoothed_torques(filtered) == [finding.message] and smoothed_torques(recording) == []
     assert 5.0 < float(finding.message.split("above ")[1].split()[0]) < 30.0
 
 
@@ -176,18 +188,6 @@ def test_low_passed_torques_of_real_robots_are_found() -> None:
     assert codes(ur10) == codes(lwr4) == {"smooth_torque"}
 
 
-def test_torques_that_were_low_passed_are_named_by_themselves() -> None:
-    """The diagnosis asks for this alone; torques with noise of their own are not named."""
-    rng, t = np.random.default_rng(0), np.arange(4000) / 200.0
-    noisy = 20.0 * np.sin(t)[:, None] + rng.normal(0.0, 0.3, (len(t), 2))
-    smooth = scipy.signal.sosfiltfilt(scipy.signal.butter(4, 5.0, fs=200.0, output="sos"), noisy, axis=0)
-    stamps = np.rint(1e9 * t).astype(np.int64)
-    angles = np.stack([np.sin(t), np.cos(t)], axis=1)
-    named = [smoothed_torques(Recording(("a", "b"), motor=Side(stamps, angles, effort=e))) for e in (noisy, smooth)]
-    assert named[0] == []
-    assert len(named[1]) == 1 and "motor effort of all joints holds nothing above" in named[1][0]
-
-
 def test_velocities_beside_stamps_of_a_wrong_unit_are_compared() -> None:
     """Milliseconds taken for seconds make the motion a thousand times slower than its velocities: no standstill."""
     recording = arm()
@@ -195,3 +195,39 @@ def test_velocities_beside_stamps_of_a_wrong_unit_are_compared() -> None:
     (finding,) = implausible(Recording(JOINTS, link=slow))
     assert finding.code == "velocity" and "1000 times the derivative of the position" in finding.message
     assert "the unit of the times: the samples come at 0.5 Hz" in finding.message
+
+
+SLOW_RATE = 200.0
+
+
+def torque(seconds: float = 30.0) -> np.ndarray:
+    """Return torques (N, 2) of slow motion with dry friction and white noise, Nm."""
+    t, rng = np.arange(round(seconds * SLOW_RATE)) / SLOW_RATE, np.random.default_rng(7)
+    slow = np.stack([20.0 * np.sin(1.3 * t), 5.0 * np.cos(2.1 * t)], axis=1)
+    friction = 3.0 * np.sign(np.stack([np.cos(1.3 * t), -np.sin(2.1 * t)], axis=1))
+    return slow + friction + rng.normal(0.0, 0.2, slow.shape)
+
+
+@pytest.mark.parametrize("order", [3, 5])
+@pytest.mark.parametrize("corner", [2.0, 5.0])
+def test_the_knee_is_where_the_filter_begins(order: int, corner: float) -> None:
+    """A zero-phase Butterworth filter of 2 or 5 Hz is found to a third of its corner, and nothing is left far above."""
+    sections = scipy.signal.butter(order, corner, fs=SLOW_RATE, output="sos")
+    found = torque_spectrum(scipy.signal.sosfiltfilt(sections, torque(), axis=0), SLOW_RATE)
+    assert found.low_passed.all() and not found.computed.any()
+    np.testing.assert_allclose(found.knee, corner, rtol=0.35)
+    assert np.all(found.end > found.knee)
+
+
+def test_a_torque_with_noise_has_no_knee() -> None:
+    """White noise of a sensor, however small, is no low pass."""
+    found = torque_spectrum(torque(), SLOW_RATE)
+    assert not found.low_passed.any() and np.isinf(found.knee).all() and np.isinf(found.end).all()
+
+
+@pytest.mark.skipif(not SHARED.is_dir(), reason="needs the recordings of real robots")
+def test_the_low_pass_of_a_real_robot_is_found() -> None:
+    """The UR10's currents were low-passed at 2 Hz, as its recording's source states."""
+    (found,) = torque_spectra(read_recording(SHARED / "ur10" / "ur10_exciting_trajectory.db3")).values()
+    assert np.median(found.knee) == pytest.approx(2.0, rel=0.15)
+    assert 1.0 < found.band < np.median(found.knee)

@@ -19,10 +19,8 @@ from elastic_arm.recording.inspection.repair import repair_bag
 from elastic_arm.recording.storage.messages import read_messages, read_topics
 from tests.helpers.bags import (
     JOINT_STATE,
-    JOINTS,
     assert_equal,
     both,
-    joint_state,
     stamps,
     states,
     write_foreign,
@@ -106,19 +104,6 @@ def test_rows_out_of_order_come_out_by_their_timestamps(tmp_path: Path) -> None:
     folder = write_sqlite(tmp_path / "bag", shuffled)
     assert [m.log_ns for m in read_messages(folder)] == [m[2] for m in messages]
     np.testing.assert_array_equal(read_recording(folder).link.stamp_ns, stamps(9_000))
-
-
-def test_messages_of_many_lengths_are_told_apart(tmp_path: Path) -> None:
-    """Rows of different lengths in one block are decoded each by its own layout."""
-    rng = np.random.default_rng(4)
-    frames = ["base" * int(k) for k in rng.integers(0, 4, 500)]
-    messages = [
-        ("/motor_states", JOINT_STATE, int(t), joint_state(t, JOINTS, [k, 1, 2], [3] * 3, [4] * 3, frame))
-        for k, (t, frame) in enumerate(zip(stamps(500), frames, strict=True))
-    ]
-    np.testing.assert_array_equal(
-        read_recording(write_sqlite(tmp_path / "bag", messages)).motor.position[:, 0], np.arange(500)
-    )
 
 
 def test_rows_in_a_write_ahead_log_are_read(tmp_path: Path) -> None:

@@ -75,7 +75,7 @@ def test_a_side_without_positions_goes_by_the_clock_of_the_other(rng: np.random.
     """Torques alone do not tell what their stamps mean."""
     late = [stamps(4000) + np.round(rng.normal(0.0, 3e4, 4000)).astype(np.int64) for _ in range(2)]
     link, motor = (replace(wave(stamps(4000)), stamp_ns=at) for at in late)
-    _, torques, _ = pair(link, Side(motor.stamp_ns, effort=motor.effort), "the torques", "the link side")
+    _, torques = pair(link, Side(motor.stamp_ns, effort=motor.effort), "the torques", "the link side", [])
     inner = slice(10, -10)
     given = link.effort[np.searchsorted(late[0], torques.stamp_ns)]
     np.testing.assert_allclose(torques.effort[inner], given[inner], rtol=0, atol=3e-4)

@@ -142,3 +142,20 @@ def test_what_a_bag_states_of_currents_is_taken_as_far_as_it_makes_sense(
     told["rosbag2_bagfile_information"]["custom_data"] = {"torques_from_currents": stated}
     file.write_text(yaml.safe_dump(told))
     assert read_recording(folder).currents == (("motor_torque",) if isinstance(stated, str) else ())
+
+
+def test_own_messages_match_their_ros_text() -> None:
+    """Every .msg of elastic_arm_msgs parses, and an own message survives its round through CDR."""
+    store = message_types.typestore()
+    own = [name for name in store.fielddefs if name.startswith("elastic_arm_msgs/")]
+    assert {"JointTorques", "ParameterEstimate", "GapDiagnosis"} <= {name.split("/")[-1] for name in own}
+    for name in own:
+        text, type_hash = message_types.definition(name)
+        assert type_hash.startswith("RIHS01_")
+        assert text
+    torques = store.types["elastic_arm_msgs/msg/JointTorques"]
+    header = store.types["std_msgs/msg/Header"](store.types["builtin_interfaces/msg/Time"](1, 2), "")
+    given = torques(header, ["a"], np.array([1.0]), np.array([2.0]), np.zeros(0), np.array([0.26]))
+    again = store.deserialize_cdr(store.serialize_cdr(given, torques.__msgtype__), torques.__msgtype__)
+    assert again.motor_torque.tolist() == [2.0]
+    assert again.header.stamp.nanosec == 2

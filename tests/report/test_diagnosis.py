@@ -17,9 +17,9 @@ import pytest
 from rich.console import Console
 
 from elastic_arm.app import load
+from elastic_arm.cli.application import spelled_out
 from elastic_arm.cli.console import UNLIMITED
 from elastic_arm.cli.diagnose import print_diagnosis, write_diagnosis
-from elastic_arm.cli.several_values import spelled_out
 from elastic_arm.diagnosis import Question, diagnose, follow_up
 from elastic_arm.diagnosis.corrected_robot import repaired_robot
 from elastic_arm.diagnosis.estimates import ParameterEstimate

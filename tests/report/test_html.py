@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 
 from elastic_arm.report.html import Figure, Section, Table, Text, write_report
-from elastic_arm.report.style import draw_signal, envelope_indices, new_figure, style
+from elastic_arm.report.style import draw_signal, drawing, envelope_indices
 from tests.helpers.browser import rendered_page
 
 
 def _figure():
-    with style():
-        figure, axes = new_figure()
+    with drawing() as (figure, axes):
         t = np.linspace(0.0, 10.0, 20_000)
         draw_signal(axes[0, 0], t, np.sin(t))
     return Figure(figure, "A sine.")

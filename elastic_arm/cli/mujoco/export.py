@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 from rich.markup import escape
-from rich.table import Table
 
-from elastic_arm.cli.console import out, print_json, reports_errors
-from elastic_arm.cli.options import AtOption, ChainOption, EffectsFiles, load_arm
+from elastic_arm.cli import options
+from elastic_arm.cli.console import new_table, out, print_json, reports_errors
 from elastic_arm.cli.outputs import Force, claim_file
 from elastic_arm.effects import Catalogue
 from elastic_arm.errors import RobotError
@@ -56,10 +56,10 @@ def export(
         Path | None,
         typer.Option(help="Your own file, whose numbers change and whose shape stays; else a new file is made."),
     ] = None,
-    chain: ChainOption = None,
-    at: AtOption = None,
-    effects_files: EffectsFiles = None,
-    json: Annotated[bool, typer.Option("--json", help="Print JSON, for scripts.")] = False,
+    chain: options.Chain = None,
+    at: options.At = None,
+    effects_files: options.EffectsFiles = None,
+    json: options.Json = False,
     force: Force = False,
 ) -> None:
     """Write an arm, such as a diagnosis' robot.yaml, as MJCF, URDF or USD, and list what changes and what is left.
@@ -84,7 +84,7 @@ def export(
     claim_file(file, force=force)
     catalogue = Catalogue.default().with_files(effects_files or ())
     of_base = base is not None
-    robot = load_arm(robot_file, None if of_base else chain, None if of_base else at, catalogue)
+    robot = options.load_arm(robot_file, None if of_base else chain, None if of_base else at, catalogue)
     ends = None if chain is None else parse_chain(chain)
     if base is None:
         new: dict[Format, Any] = {Format.mjcf: export_new_mjcf, Format.urdf: export_urdf, Format.usd: export_usd}
@@ -95,6 +95,8 @@ def export(
         done = export_mjcf(robot, base, file, chain=ends, at=at, catalogue=catalogue)
     else:
         done = export_urdf(robot, base, file, chain=ends, catalogue=catalogue)
+    # What was left out of the arm when it was read is not in the file either.
+    done = replace(done, notes=(*robot.notes, *done.notes))
     if json:
         print_json(
             {
@@ -111,9 +113,7 @@ def export(
 def print_export(done: Exported, *, new: bool = False) -> None:
     """Print what changed, unless the file is a new one, what is left, and what was written."""
     if done.changes:
-        table = Table(box=None, header_style="bold", pad_edge=False)
-        for heading in ("element", "number", "before", "after", "unit"):
-            table.add_column(heading, no_wrap=heading in ("element", "unit"))
+        table = new_table("element", "number", "before", "after", "unit", whole=("element", "unit"))
         for change in done.changes:
             cells = (change.element, change.number, before_text(change), after_text(change), change.unit)
             table.add_row(*(escape(cell) for cell in cells))

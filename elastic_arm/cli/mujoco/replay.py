@@ -10,17 +10,16 @@ from typing import Annotated
 import numpy as np
 import typer
 from rich.markup import escape
-from rich.table import Table
 
-from elastic_arm.cli.console import err, out, print_json, reports_errors
+from elastic_arm.cli import options
+from elastic_arm.cli.console import err, new_table, out, print_json, reports_errors
 from elastic_arm.cli.mujoco.corrected import Correction
-from elastic_arm.cli.options import AtOption, ChainOption, ClockChoice, ClockOption, read_by_clock
 from elastic_arm.cli.outputs import Force, claim_folder
 from elastic_arm.errors import RobotError
 from elastic_arm.mujoco import Replay, replay
 from elastic_arm.mujoco.replaying import WINDOW, labels
 from elastic_arm.output_files import write_result
-from elastic_arm.recording import Recording, load_channels
+from elastic_arm.recording import Recording
 from elastic_arm.robot.loading import is_mjcf, parse_chain
 from elastic_arm.robot.mjcf import MjcfArm, open_mjcf
 
@@ -32,12 +31,12 @@ def replay_command(
     bag: Annotated[Path, typer.Argument(metavar="BAG", help="Recording with positions and motor torques.")],
     robots: Annotated[list[Path], typer.Option("--robot", help="MJCF; may be given again.", show_default=False)],
     window: Annotated[float, typer.Option(help="s that the arm moves on its own before it is put back.")] = WINDOW,
-    chain: ChainOption = None,
-    at: AtOption = None,
-    channels: Annotated[Path | None, typer.Option(help="Channel map of a foreign bag.")] = None,
-    clock: ClockOption = ClockChoice.auto,
-    out_dir: Annotated[Path, typer.Option("--out", help="Folder for the results.")] = Path("replay"),
-    json: Annotated[bool, typer.Option("--json", help="Print replay.json.")] = False,
+    chain: options.Chain = None,
+    at: options.At = None,
+    channels: options.Channels = None,
+    clock: options.Clock = options.ClockChoice.auto,
+    out_dir: options.OutFolder = Path("replay"),
+    json: options.Json = False,
     force: Force = False,
 ) -> None:
     """Replay a recording in MuJoCo, and measure how far each model is from it.
@@ -55,10 +54,10 @@ def replay_command(
     """
     claim_folder(out_dir, RESULTS, force=force)
     arms = {path: open_arm(path, chain, at) for path in robots}
-    mapping = None if channels is None else load_channels(channels)
+    mapping = options.channel_map(channels)
     found = []
     for path, arm in arms.items():
-        recording = read_by_clock(bag, mapping, arm.robot, clock)
+        recording = options.read_by_clock(bag, mapping, arm.robot, clock)
         with err.status(f"replaying in {escape(path.name)}"):
             found.append(replay(recording, arm, window=window, name=str(path)))
     write_replays(found, str(bag), out_dir)
@@ -121,10 +120,7 @@ def print_replays(found: list[Replay]) -> None:
         values = [np.broadcast_to(np.asarray(row, dtype=float), len(found[0].joints)) for row in rows]
         if not np.isfinite(values).any():
             continue
-        table = Table(box=None, header_style="bold", pad_edge=False)
-        table.add_column(title, overflow="fold")
-        for joint in found[0].joints:
-            table.add_column(escape(joint), justify="right")
+        table = new_table(title, *found[0].joints, right=found[0].joints)
         for name, row in zip(labels(found), values, strict=True):
             table.add_row(escape(name), *(f"{v:.4g}" if np.isfinite(v) else "–" for v in row))
         out.print(table)

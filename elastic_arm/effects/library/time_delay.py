@@ -6,7 +6,6 @@ from elastic_arm.effects.law import (
     Contribution,
     Effect,
     Numbers,
-    Ordinary,
     Parameter,
     Scope,
     SensorEffect,
@@ -43,12 +42,6 @@ def change(sensors: Sensors, i: int, n: int, p: Numbers) -> Sensors:
     return sensors
 
 
-def note(p: Numbers, place: str) -> str:
-    """Describe what is counted as part of the model: a lag of a sample or less."""
-    late = f"{', '.join(p['channels'])} of {place} lags by {1e3 * p['delay']:.2f} ms"
-    return f"{late}, a sample or less: taken into account, no cause."
-
-
 EFFECT: Effect = SensorEffect(
     id="time_delay",
     formula="named channels recorded(t) = true(t - delay), late against the motor encoder",
@@ -74,7 +67,6 @@ EFFECT: Effect = SensorEffect(
     sides_of=sides_of,
     regime="frequency",
     change=change,
-    ordinary=Ordinary("delay", lambda rate: 1.0 / rate, note),
     regressor=DelayedTorques,
     prior=lambda rate: 0.3 / rate,  # channels that are sampled one after another
     confusions=(

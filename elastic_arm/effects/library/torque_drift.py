@@ -8,7 +8,6 @@ from elastic_arm.effects.law import (
     Contribution,
     Effect,
     Numbers,
-    Ordinary,
     SensorEffect,
     SymbolicMotion,
     signed,
@@ -34,11 +33,6 @@ def change(sensors: Sensors, i: int, n: int, p: Numbers) -> Sensors:
     return sensors.changed(p["channel"], i, n, drift=p["rate"])
 
 
-def note(p: Numbers, place: str) -> str:
-    """Describe what is counted as part of the model: a slow drift."""
-    return f"the zero of {p['channel']} of {place} drifts by {p['rate']:.2g} Nm/s, as is usual: no cause."
-
-
 EFFECT: Effect = SensorEffect(
     id="torque_drift",
     formula="recorded = true + a zero that moves at the mean rate from the first sample on",
@@ -55,7 +49,6 @@ EFFECT: Effect = SensorEffect(
     change=change,
     prior=lambda rate: USUAL,
     set_at_start=True,
-    ordinary=Ordinary("rate", lambda rate: 3.0 * USUAL, note),
     confusions=(
         Confusion(
             "joint_torque_offset",

@@ -19,7 +19,7 @@ from elastic_arm.estimation.residuals import standing_speed
 from elastic_arm.estimation.smoother import Smoother, design_smoother, left_out, runs, with_ends
 from elastic_arm.formatting import JointUnits
 from elastic_arm.identification.base_regression import BaseRegression
-from elastic_arm.identification.deflection import shifted, shifts, zeros
+from elastic_arm.identification.deflection import shifts, zeros
 from elastic_arm.identification.stream import smoothed, velocity_noise
 from elastic_arm.recording import Samples
 from elastic_arm.recording.inspection.stuck_channels import STILL
@@ -36,9 +36,8 @@ class Derived:
     method: str  # In words
     said: tuple[str, ...] = ()  # What is to be known of clock and pieces
     lengths: tuple[int, ...] = ()  # Samples of the recording in each run
-    # zeros, shift: where deflections are measured: at no load, with standard deviations, and what is added to the
-    # link angles so that they count from where those of the first recording do, (n,) rad each
-    zeros: tuple[Array, Array] | None = None
+    zeros: tuple[Array, Array] | None = None  # deflections at no load and their deviations, (n,) rad, where measured
+    # (n,) rad added to the link angles, to count from where those of the first recording do
     shift: Array | None = None
 
     @property
@@ -62,7 +61,8 @@ class Derived:
         return sum(self.lengths)
 
     def _made(self, piece: Callable[[], Motion]) -> Motion:
-        return piece() if self.shift is None else shifted(piece(), self.shift)
+        motion = piece()
+        return motion if self.shift is None or motion.q is None else replace(motion, q=motion.q + self.shift)
 
     def notes(self, source: str, units: JointUnits) -> list[str]:
         """Return what was done to the recording `source` beside smoothing it; `units` are those of the arm's joints."""

@@ -9,8 +9,6 @@ from itertools import product
 
 import numpy as np
 
-from elastic_arm.dynamics import build_model
-from elastic_arm.effects import EffectInstance
 from elastic_arm.effects.library.base_tilt import TILT
 from elastic_arm.effects.library.friction import PLAIN
 from elastic_arm.effects.text import parse_laws
@@ -19,11 +17,17 @@ from elastic_arm.estimation.motion import Motion
 from elastic_arm.identification.batch.derivatives import DerivativeStage
 from elastic_arm.identification.batch.imperfections import nuisance_effects
 from elastic_arm.identification.batch.mounting import other_mounting
-from elastic_arm.identification.batch.selection import BatchChoice, BatchTrial, ProgressCallback, Trials, with_trace
-from elastic_arm.identification.batch.settings import USUAL, IdentificationSettings
-from elastic_arm.identification.consistency.estimation import correlation_of_errors, with_consistency
-from elastic_arm.identification.consistency.identified_robot import odd_masses
-from elastic_arm.identification.law_columns import law_columns, on_recorded_side, with_stated
+from elastic_arm.identification.batch.selection import (
+    BatchChoice,
+    BatchTrial,
+    IdentificationSettings,
+    ProgressCallback,
+    Trials,
+    identifier_of,
+    with_trace,
+)
+from elastic_arm.identification.consistent import correlation_of_errors, odd_masses, with_consistency
+from elastic_arm.identification.law_columns import on_recorded_side, with_stated
 from elastic_arm.identification.least_squares import Prior
 from elastic_arm.identification.misfit import poor_fits, resonance
 from elastic_arm.identification.regularisation import (
@@ -57,7 +61,7 @@ FELT = "taken as what the joint torque sensors feel (side=link), as no motor tor
 def identify(
     recordings: Recording | Sequence[Recording],
     robot: Robot,
-    settings: IdentificationSettings = USUAL,
+    settings: IdentificationSettings | None = None,
     *,
     validate: Sequence[Recording] = (),
     progress: ProgressCallback | None = None,
@@ -71,7 +75,7 @@ def identify(
     robot
         The nominal arm.
     settings
-        How.
+        How; by default with all parameters and no laws.
     validate
         Recordings that no fit may see; the residuals on them are part of the result.
     progress
@@ -90,24 +94,17 @@ def identify(
 def identify_with(
     recordings: Recording | Sequence[Recording],
     robot: Robot,
-    settings: IdentificationSettings = USUAL,
+    settings: IdentificationSettings | None = None,
     *,
     validate: Sequence[Recording] = (),
     progress: ProgressCallback | None = None,
 ) -> tuple[Identification, Identifier, Motion]:
     """Identify as :func:`identify` does, and hand out the estimator and a run of motion too.
 
-    Parameters
-    ----------
-    recordings, robot, settings, validate, progress
-        See :func:`identify`.
-
-    Returns
-    -------
-    result, identifier, motion
-        The result, the estimator that it came from, and the first run of smoothed motion.
+    Returns the result, the estimator that it came from, and the first run of smoothed motion.
     """
     require_robot(robot)
+    settings = settings or IdentificationSettings()
     asked = settings.laws(robot)
     chosen, validate = recordings_of(recordings), recordings_of(validate, "validate")
     if not chosen:
@@ -117,8 +114,8 @@ def identify_with(
     prepared = [recording.samples() for recording in chosen]
     held_out = _held_out(validate, prepared[0], robot, settings.model)
     motored = any(samples.tau_m is not None for samples in prepared)
-    described, robot = robot, robot.with_armatures() if motored else robot
-    armed = robot is not described
+    armed = robot.with_armatures() if motored else robot
+    notes, robot = [MOTOR_INERTIA] if armed is not robot else [], armed
     asked, moved = on_recorded_side(asked, robot, motored=motored)
     known = with_stated(asked, robot, motored=motored, catalogue=settings.catalogue)
     known, unseen = with_trace(known, robot, settings.model, prepared[0])
@@ -126,23 +123,20 @@ def identify_with(
     unasked = nuisance_effects(robot, settings.catalogue)
     effects = tuple(law for law in known if law in asked or law.effect.id not in unasked)
     recorded, settings = list(zip(chosen, prepared, strict=True)), replace(settings, effects=effects)
-    trials = Trials(recorded, robot, settings, report, beside=bool(known))
+    trials = Trials(recorded, robot, settings, report, unasked=bool(known))
     choice = trials.selected()
     tilted = any(instance.effect.id == TILT for instance in known)
     mounting = None if tilted else other_mounting(robot, settings.model, [trials(choice).derived[0].longest])
     if mounting is not None:
         robot, effects = mounting.of(robot), (*effects, *parse_laws([TILT], robot, settings.catalogue))
-        settings = replace(settings, effects=effects)
-        trials = Trials(recorded, robot, settings, report, beside=bool(known))
+        trials = replace(trials, robot=robot, settings=replace(settings, effects=effects), _known={})
         choice = trials.selected()
     result, trial, correlated = _estimated(trials, choice)
-    notes = [MOTOR_INERTIA] if armed else []
-    notes += [] if mounting is None else [mounting.note]
-    notes += [f"{', '.join(moved)}: {FELT}"] if moved else []
     equations = {name for rms in result.noise.values() for name in rms}
     bare = [name for name in prepared[0].without_torque(robot.joint_names) if name not in equations]
-    notes += [f"{', '.join(bare)}: {BARE}"] if bare else []
-    notes += [f"{', '.join(unseen)}: {UNSEEN}"] if unseen else []
+    notes += [mounting.note] if mounting else []
+    said = ((moved, FELT), (bare, BARE), (unseen, UNSEEN))
+    notes += [f"{', '.join(names)}: {words}" for names, words in said if names]
     result = result.with_(notes=tuple(dict.fromkeys([*result.notes, *notes])))
     if validate:
         motions = _held_out_motions(held_out, trial, not choice.sticking, report)
@@ -238,23 +232,3 @@ def resonances(robot: Robot, model: str, recordings: Sequence[Sequence[Motion]])
             if (peak := resonance(identifier.equations, longest, Psi, side, j)) is not None:
                 found[robot.joint_names[j]] = peak
     return found
-
-
-def identifier_of(
-    robot: Robot, model: str = "mod3", effects: Sequence[EffectInstance] = (), **options: object
-) -> Identifier:
-    """Return the stream estimator for an arm.
-
-    Parameters
-    ----------
-    robot
-        The nominal arm.
-    model
-        mod1, mod2 or mod3.
-    effects
-        Laws identified beside the model.
-    options
-        Of :class:`.stream.Identifier`.
-    """
-    arm, columns = build_model(robot, model), law_columns(effects, robot, model)
-    return Identifier(arm, columns, joints=robot.joint_names, **options)  # type: ignore[arg-type]

@@ -42,8 +42,7 @@ class NuisanceLaw:
     """A law that nobody asked for."""
 
     instance: EffectInstance  # The effect at its joint, as the description states it, if it does
-    # standard deviation of its prior, in the unit of its parameters; None where it is free
-    ordinary: float | None = None
+    ordinary: float | None = None  # Standard deviation of its prior, in the unit of its parameters; None where free
     stated: bool = False  # Whether the description states it
 
     @property
@@ -133,18 +132,16 @@ def _names(each: NuisanceLaw, equations: BaseRegression) -> list[str]:
 def described_imperfections(found: Sequence[NuisanceLaw]) -> list[str]:
     """Return in words which imperfections were identified, and how."""
     shown = [each.place for each in found if each.ordinary is None and not each.stated]
-    free = [f"{law}:{joint}" if joint else law for law, joint in shown]
-    held = {e.place[0] for e in found if e.ordinary is not None}
-    notes = []
-    if free:
-        notes.append(
-            "identified without being asked for, as they differ from none in the recordings: " + ", ".join(free)
-        )
-    others = "the other " if free else "the "
-    zeros = (
-        [f"{others}zeros of torques ({ZERO:.0%} of the joint's torque; free in robot.yaml)"] if held - {TILT} else []
-    )
-    tilt = [f"the tilt of the base ({1e3 * LEVEL:g} mrad)"] if TILT in held else []
-    if zeros or tilt:
-        notes.append("also identified, kept within what is usual: " + ", ".join(zeros + tilt))
+    held = {each.place[0] for each in found if each.ordinary is not None}
+    notes, usual = [], []
+    if shown:
+        free = ", ".join(f"{law}:{joint}" if joint else law for law, joint in shown)
+        notes.append(f"identified without being asked for, as they differ from none in the recordings: {free}")
+    if held - {TILT}:
+        others = "the other " if shown else "the "
+        usual.append(f"{others}zeros of torques ({ZERO:.0%} of the joint's torque; free in robot.yaml)")
+    if TILT in held:
+        usual.append(f"the tilt of the base ({1e3 * LEVEL:g} mrad)")
+    if usual:
+        notes.append("also identified, kept within what is usual: " + ", ".join(usual))
     return notes

@@ -1,4 +1,4 @@
-"""What a batch lets the recordings decide: where dry friction turns over, which ordinary imperfections count.
+"""What a batch is asked, and what it lets the recordings decide: how dry friction turns over, which zeros count.
 
 **Dry friction** turns over gradually about standstill: at each joint within the most probable of some speeds, by the
 difference of their errors block by block (Q. Vuong, Econometrica 57 (1989) 307) and what is usual. While a joint
@@ -12,14 +12,15 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
 from elastic_arm.arrays import Array
 from elastic_arm.dynamics import build_model
-from elastic_arm.effects import EffectInstance
+from elastic_arm.effects import Catalogue, EffectInstance
 from elastic_arm.effects.library.friction import PLAIN
-from elastic_arm.effects.text import parse_laws
+from elastic_arm.effects.text import parse_laws, read_effects
 from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.residuals import FAILS
 from elastic_arm.identification.accumulator import closes
@@ -32,7 +33,6 @@ from elastic_arm.identification.batch.imperfections import (
     possible_imperfections,
     told_apart,
 )
-from elastic_arm.identification.batch.settings import IdentificationSettings
 from elastic_arm.identification.law_columns import (
     DEFAULT_SIGN_SPEED,
     SIGN_SPEEDS,
@@ -58,6 +58,33 @@ STICKS = "instants at which a joint sticks are left out: its dry friction takes 
 SPREAD = 10.0
 # Laws whose squared errors differ by this share may be ranked either way by another motion.
 ALIKE = 0.02
+
+
+@dataclass(frozen=True)
+class IdentificationSettings:
+    """How an arm is identified.
+
+    Parameters
+    ----------
+    model
+        mod1, mod2 or mod3.
+    effects
+        Laws identified in addition to the model's own parameters and to those that the description states, as text
+        ("coulomb_friction", on every joint) or as :func:`elastic_arm.effects.text.parse_laws` reads them.
+    consistent
+        Also find all parameters, physically consistent and close to the nominal where the data determine nothing.
+    catalogue
+        Where the ids of the description's effects are looked up; the default one when None.
+    """
+
+    model: str = "mod3"
+    effects: Sequence[EffectInstance | str] = ()
+    consistent: bool = True
+    catalogue: Catalogue | None = None
+
+    def laws(self, robot: Robot) -> tuple[EffectInstance, ...]:
+        """Return the laws on the joints of an arm."""
+        return read_effects(self.effects, lambda text: parse_laws([text], robot, self.catalogue))
 
 
 @dataclass(frozen=True)
@@ -112,7 +139,7 @@ class Trials:
     robot: Robot  # The nominal arm
     settings: IdentificationSettings  # How it is identified; laws that the description states are among the effects
     report: ProgressCallback  # Called with what is being done, and the share that is done
-    beside: bool = False  # Whether imperfections are identified that nobody asked for
+    unasked: bool = False  # Whether imperfections are identified that nobody asked for
     _known: dict[tuple[object, ...], BatchTrial] = field(default_factory=dict)
     _made: int = 0
 
@@ -134,16 +161,18 @@ class Trials:
         """Return the estimator of one choice; with `ends`, those of the recordings' pieces are used too."""
         if not ends and choice.key in self._known:
             return self._known[choice.key]
-        columns = self._columns(choice)
-        arm, joints = build_model(self.robot, self.settings.model), self.robot.joint_names
-        identifier = Identifier(arm, columns, joints=joints, encoder_columns=True, averaged=choice.averaged)
-        derived: list[Derived] = []
+        identifier = self._estimator(choice, encoder_columns=True, averaged=choice.averaged)
         unasked = {place_of(each.instance, self.robot) for each in choice.imperfections}
-        asked = sum(column.name.rpartition(".")[0] not in unasked for column in columns)
-        for j, (recording, samples) in enumerate(self.recordings):
+        derived: list[Derived] = []
+        for stage, (recording, samples) in zip(self.stages, self.recordings, strict=True):
             self.report(f"equations of {recording.source}", self._made / (self._made + 1))
-            equations = _traced(identifier, samples, asked)
-            made = self.stages[j](equations, ends=ends, stuck=not choice.sticking)
+            equations = identifier.choose_equations(samples)
+            if lost := [c.name for c in equations.columns if c not in _traced(equations) and c.place not in unasked]:
+                raise IdentificationError(
+                    f"{', '.join(lost)}: no trace in the torques that were recorded",
+                    "Leave the law out, or let it act on the recorded side, as in coulomb_friction:side=link.",
+                )
+            made = stage(equations, ends=ends, stuck=not choice.sticking)
             derived.append(made.aligned(equations, derived[0] if derived else None))
         if identifier.accumulator is not None:
             identifier.accumulator.expect(sum(made.samples for made in derived))
@@ -155,12 +184,14 @@ class Trials:
             self._known[choice.key] = trial
         return trial
 
-    def _columns(self, choice: BatchChoice) -> list[Column]:
-        """Return the columns of the laws asked for and of the imperfections, these with their priors."""
+    def _estimator(self, choice: BatchChoice, **options: Any) -> Identifier:
+        """Return an estimator with the columns of the laws asked for and of imperfections, these with their priors."""
         laws = [*self.effects, *choice.laws]
-        found = law_columns(laws, self.robot, self.settings.model, choice.sign_speed)
+        columns = law_columns(laws, self.robot, self.settings.model, choice.sign_speed)
         ordinary = {place_of(each.instance, self.robot): each.ordinary for each in choice.imperfections}
-        return [replace(column, ordinary=ordinary.get(column.name.rpartition(".")[0])) for column in found]
+        columns = [replace(column, ordinary=ordinary.get(column.place)) for column in columns]
+        arm = build_model(self.robot, self.settings.model)
+        return Identifier(arm, columns, joints=self.robot.joint_names, **options)
 
     def selected(self) -> BatchChoice:
         """Return what the recordings decide."""
@@ -175,14 +206,12 @@ class Trials:
 
     def _possible(self) -> tuple[NuisanceLaw, ...]:
         """Return the imperfections that the channels tell from everything else."""
-        asked, catalogue = self.effects, self.settings.catalogue
-        if not self.beside:
+        if not self.unasked:
             return ()
         samples = [each for _, each in self.recordings]
-        possible = possible_imperfections(samples, self.robot, asked, catalogue)
-        columns = self._columns(BatchChoice(imperfections=possible))
-        identifier = Identifier(build_model(self.robot, self.settings.model), columns, joints=self.robot.joint_names)
-        return told_apart(possible, identifier.choose_equations(samples[0]))
+        possible = possible_imperfections(samples, self.robot, self.effects, self.settings.catalogue)
+        equations = self._estimator(BatchChoice(imperfections=possible)).choose_equations(samples[0])
+        return told_apart(possible, equations)
 
     def final(self, choice: BatchChoice) -> BatchTrial:
         """Return the estimator of a choice, ends of short recordings included where the equations do not close."""
@@ -281,26 +310,36 @@ def with_trace(
     bare = samples.without_torque(robot.joint_names)
     if not any(law.joint in bare for law in laws):
         return tuple(laws), []
-    columns = law_columns(laws, robot, model)
-    equations = Identifier(build_model(robot, model), columns, joints=robot.joint_names).choose_equations(samples)
-    own = len(equations.names) - len(columns)
-    shown = {c.name.rpartition(".")[0] for k, c in enumerate(columns, own) if equations.base.T[:, k].any()}
+    equations = identifier_of(robot, model, laws).choose_equations(samples)
+    shown = {column.place for column in _traced(equations)}
     unseen = [law for law in laws if law.joint in bare and place_of(law, robot) not in shown]
     return tuple(law for law in laws if law not in unseen), [place_of(law, robot) for law in unseen]
 
 
-def _traced(identifier: Identifier, samples: Samples, asked: int) -> BaseRegression:
-    """Return the equations that the channels allow, in which each of the first `asked` laws has left a trace."""
-    equations = identifier.choose_equations(samples)
-    own = len(equations.names) - len(equations.columns)
-    columns = equations.columns[:asked]
-    unseen = [c.name for k, c in enumerate(columns, own) if not equations.base.T[:, k].any()]
-    if unseen:
-        raise IdentificationError(
-            f"{', '.join(unseen)}: no trace in the torques that were recorded",
-            "Leave the law out, or let it act on the recorded side, as in coulomb_friction:side=link.",
-        )
-    return equations
+def identifier_of(
+    robot: Robot, model: str = "mod3", effects: Sequence[EffectInstance] = (), **options: Any
+) -> Identifier:
+    """Return the stream estimator for an arm.
+
+    Parameters
+    ----------
+    robot
+        The nominal arm.
+    model
+        mod1, mod2 or mod3.
+    effects
+        Laws identified beside the model.
+    options
+        Of :class:`.stream.Identifier`.
+    """
+    arm, columns = build_model(robot, model), law_columns(effects, robot, model)
+    return Identifier(arm, columns, joints=robot.joint_names, **options)
+
+
+def _traced(equations: BaseRegression) -> list[Column]:
+    """Return the columns of laws beyond the model that act in some equation."""
+    first = len(equations.names) - len(equations.columns)
+    return [c for k, c in enumerate(equations.columns, first) if equations.base.T[:, k].any()]
 
 
 def _errors_by_block(trial: BatchTrial, fit: Fit) -> Array:
@@ -321,7 +360,7 @@ def turning_speeds(recordings: Sequence[Recording], robot: Robot) -> Array | Non
     side = "" if all(samples.tau_m is not None for _, samples in recorded) else ":side=link"
     laws = parse_laws([f"{law}{side}" for law in PLAIN], robot)
     settings = IdentificationSettings(model="mod1", effects=laws)
-    trials = Trials(recorded, robot, settings, report=lambda what, share: None, beside=True)
+    trials = Trials(recorded, robot, settings, report=lambda what, share: None, unasked=True)
     try:
         speeds = trials.selected().sign_speed
     except IdentificationError:

@@ -24,13 +24,19 @@ from elastic_arm.errors import GraphError
 from elastic_arm.nodes.following.follower import Follower
 from elastic_arm.nodes.following.goals import Goal
 from elastic_arm.nodes.following.splines import Row
-from elastic_arm.nodes.support.parameters import declare
+from elastic_arm.nodes.support.parameters import Setting, declared
 from elastic_arm.nodes.support.wire import NANOSECONDS
 
 Result = FollowJointTrajectory.Result
 NAME = "~/follow_joint_trajectory"
 # Between two messages of feedback, in the arm's time.
 FEEDBACK_NS = NANOSECONDS // 20
+PARAMETERS = {
+    "constraints.trajectory": Setting(0.0, "Largest error on the way, rad; 0: any"),
+    "constraints.goal": Setting(0.0, "Largest error at the end, rad; 0: any"),
+    "constraints.goal_time": Setting(0.0, "How late a goal may be reached, s; 0: any time"),
+    "constraints.stopped_velocity_tolerance": Setting(0.01, "At the end, rad/s; 0: any"),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,10 +95,7 @@ class TrajectoryAction:
 
     def __init__(self, node: Node, follower: Callable[[], Follower]) -> None:
         self._follower = follower
-        self._path = declare(node, "constraints.trajectory", 0.0, "Largest error on the way, rad; 0: any")
-        self._goal = declare(node, "constraints.goal", 0.0, "Largest error at the end, rad; 0: any")
-        self._seconds = declare(node, "constraints.goal_time", 0.0, "How late a goal may be reached, s; 0: any time")
-        self._stopped = declare(node, "constraints.stopped_velocity_tolerance", 0.01, "At the end, rad/s; 0: any")
+        self._allowed = declared(node, PARAMETERS)
         self._active: _Active | None = None
         self._log = node.get_logger()
         self._server = ActionServer(
@@ -156,10 +159,12 @@ class TrajectoryAction:
         request, follower = handle.request, self._follower()
         if request.multi_dof_trajectory.points:
             raise GraphError("moves joints of several degrees of freedom", "This arm has none.")
-        path = Tolerances.of(request.path_tolerance, follower.joints, self._path)
-        end = Tolerances.of(request.goal_tolerance, follower.joints, self._goal, self._stopped)
+        allowed, joints = self._allowed, follower.joints
+        path = Tolerances.of(request.path_tolerance, joints, allowed.constraints_trajectory)
+        stopped = allowed.constraints_stopped_velocity_tolerance
+        end = Tolerances.of(request.goal_tolerance, joints, allowed.constraints_goal, stopped)
         seconds = request.goal_time_tolerance.sec + request.goal_time_tolerance.nanosec / NANOSECONDS
-        patience = round((seconds or self._seconds) * NANOSECONDS)
+        patience = round((seconds or allowed.constraints_goal_time) * NANOSECONDS)
         return _Active(handle, follower.go_to(request.trajectory), path, end, patience, Future())
 
     def _end(self, code: int, words: str, state: Callable[[], None] | None = None) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.arrays import Array
-from elastic_arm.nodes.support.driver_channels import DriverSide
+from elastic_arm.errors import RecordingError
 from elastic_arm.nodes.support.pairing import Losses, Pairing
 from elastic_arm.nodes.support.wire import Inbox
-from elastic_arm.recording import ChannelMap, Samples, topics
+from elastic_arm.recording import Samples, topics
+from elastic_arm.recording.foreign.channels import CHANNEL_NAMES, ChannelMap, SideChannels
 
 FIELDS = ("position", "velocity", "effort")
 CHANNELS = {topics.JOINT_STATES: ("q", "dq", "tau_J"), topics.MOTOR_STATES: ("theta", "dtheta", "tau_m")}
@@ -32,6 +33,59 @@ class Faults:
     foreign: int = 0  # they do not name all joints of the arm
     not_finite: int = 0  # they hold a number that is none
     changed: int = 0  # they lack, or add, a channel that those before had, or had not
+
+
+@dataclass(frozen=True)
+class DriverSide:
+    """One side of all joints: the topic that it comes on, and the channels of each joint."""
+
+    topic: str
+    joints: Sequence[SideChannels]
+
+    @staticmethod
+    def of(channels: ChannelMap, side: str, names: Sequence[str]) -> DriverSide | None:
+        """Return a side of the joints as a map has it; None where it has nothing of it.
+
+        Raises a RecordingError if the map holds what a live graph does not give.
+        """
+        if missing := [name for name in names if name not in channels.joints]:
+            raise RecordingError(f"the channel map lacks {', '.join(missing)}", "Name every joint of the arm.")
+        if channels.time != "header" or channels.coupling:
+            raise RecordingError(
+                "the channel map has arrival times or coupled motors",
+                "Record a bag, and diagnose that with --channels; live nodes take stamps and joints as they come.",
+            )
+        joints = [getattr(channels.joints[name], side) for name in names]
+        present = [dict(one.present()) for one in joints]
+        topics = {channel.topic for one in present for channel in one.values()}
+        if not topics:
+            return None
+        if len(topics) > 1 or any(one.keys() != present[0].keys() for one in present):
+            raise RecordingError(
+                f"the {side} side comes on {', '.join(sorted(topics))}, or not all joints have the same channels",
+                "Live nodes take a side from one topic of sensor_msgs/JointState, alike for all joints.",
+            )
+        return DriverSide(topics.pop(), joints)
+
+    def read(self, names: tuple[str, ...], numbers: dict[str, Array]) -> dict[str, Array] | None:
+        """Return the fields (N, n) in SI units at the output, one that was not recorded (N, 0); None if it is no such
+        message."""
+        rows = len(next(iter(numbers.values())))
+        found: dict[str, Array] = {}
+        for field in CHANNEL_NAMES:
+            columns = []
+            for joint in self.joints:
+                channel = getattr(joint, field)
+                if channel is None:
+                    continue
+                named = names.index(channel.name) if channel.name in names else None
+                place = named if channel.index is None else channel.index
+                values = numbers.get(channel.field)
+                if values is None or place is None or place >= values.shape[1]:
+                    return None
+                columns.append(channel.applied(values[:, place], field))
+            found[field] = np.column_stack(columns) if columns else np.empty((rows, 0))
+        return found
 
 
 class Collector:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
@@ -19,50 +21,52 @@ _TYPES = {
 }
 
 
-def declare(
-    node: Node,
-    name: str,
-    default: bool | int | float | str,
-    description: str,
-    *,
-    between: tuple[float, float] | None = None,
-    choices: Sequence[str] = (),
-    live: bool = False,
-) -> Any:
-    """Declare a parameter and return its value.
+@dataclass(frozen=True)
+class Setting:
+    """A row of a node's table of parameters; the type is that of the default, [] stands for a list of texts."""
 
-    node, name, default, description: of the parameter; its type is that of the default; live: whether it may be
-    changed while the node runs.
-    """
-    descriptor = ParameterDescriptor(description=description, read_only=not live, type=_TYPES[type(default)].value)
-    if choices:
-        descriptor.additional_constraints = "one of " + ", ".join(choices)
-    if between and isinstance(default, float):
-        descriptor.floating_point_range = [FloatingPointRange(from_value=between[0], to_value=between[1])]
-    elif between:
-        descriptor.integer_range = [IntegerRange(from_value=int(between[0]), to_value=int(between[1]))]
-    value = node.declare_parameter(name, default, descriptor).value
-    if choices and value not in choices:
-        raise GraphError(f"parameter {name} is {value!r}", f"Choose one of {', '.join(choices)}.")
+    default: Any
+    description: str
+    between: tuple[float, float] | None = None
+    choices: Sequence[str] = ()
+    live: bool = False  # whether it may be changed while the node runs
+
+
+# Those that several nodes have.
+ROBOT = Setting("", "Nominal arm: file (YAML) or URDF; empty: the arm of the package")
+MODEL = Setting("mod3", "What the arm is taken to be", choices=("mod1", "mod2", "mod3"))
+CHANNELS = Setting("", "Channel map (YAML) of a driver's joint states: names, units")
+SIDES = Setting("both", "What the arm measures", choices=("both", "link", "motor"))
+AUTOSTART = Setting(True, "Configure and activate the node at once; false: wait for the transitions")
+
+
+def declared(node: Node, table: Mapping[str, Setting]) -> SimpleNamespace:
+    """Declare the parameters of a table, and return their values by name; a dot in a name becomes `_`."""
+    return SimpleNamespace(**{name.replace(".", "_"): _declare(node, name, row) for name, row in table.items()})
+
+
+def _declare(node: Node, name: str, row: Setting) -> Any:
+    descriptor = ParameterDescriptor(description=row.description, read_only=not row.live)
+    if row.default == []:
+        # An empty list has no type in ROS: as a default a list of one empty text stands for it. Where the parameter may
+        # be set, it takes an empty list of whatever type `ros2 param set NODE NAME "[]"` makes of it.
+        descriptor.dynamic_typing = row.live
+        if not row.live:
+            descriptor.type = Parameter.Type.STRING_ARRAY.value
+        return texts(node.declare_parameter(name, [""], descriptor).value)
+    listed = isinstance(row.default, list)
+    descriptor.type = (Parameter.Type.DOUBLE_ARRAY if listed else _TYPES[type(row.default)]).value
+    if row.choices:
+        descriptor.additional_constraints = "one of " + ", ".join(row.choices)
+    if row.between and isinstance(row.default, float):
+        descriptor.floating_point_range = [FloatingPointRange(from_value=row.between[0], to_value=row.between[1])]
+    elif row.between:
+        low, high = map(int, row.between)
+        descriptor.integer_range = [IntegerRange(from_value=low, to_value=high)]
+    value = node.declare_parameter(name, row.default, descriptor).value
+    if row.choices and value not in row.choices:
+        raise GraphError(f"parameter {name} is {value!r}", f"Choose one of {', '.join(row.choices)}.")
     return value
-
-
-def declare_texts(node: Node, name: str, description: str, *, live: bool = False) -> list[str]:
-    """Declare a list of texts, empty by default, and return it.
-
-    An empty list has no type in ROS: as a default a list of one empty text stands for it. Where the parameter may be
-    set, it takes an empty list of whatever type `ros2 param set NODE NAME "[]"` makes of it.
-    """
-    descriptor = ParameterDescriptor(description=description, read_only=not live, dynamic_typing=live)
-    if not live:
-        descriptor.type = Parameter.Type.STRING_ARRAY.value
-    return texts(node.declare_parameter(name, [""], descriptor).value)
-
-
-def declare_numbers(node: Node, name: str, default: list[float], description: str) -> list[float]:
-    """Declare a list of numbers and return it."""
-    descriptor = ParameterDescriptor(description=description, read_only=True, type=Parameter.Type.DOUBLE_ARRAY.value)
-    return list(node.declare_parameter(name, default, descriptor).value)
 
 
 def texts(value: Any) -> list[str]:

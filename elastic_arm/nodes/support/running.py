@@ -10,48 +10,19 @@ from collections.abc import Callable, Sequence
 from types import FrameType
 
 import rclpy
-from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException, ParameterException
 from rclpy.executors import Executor
 from rclpy.experimental import EventsExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation as rcl
-from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
-from rclpy.timer import Timer
 
 from elastic_arm.errors import ElasticArmError
+from elastic_arm.nodes.support.node import LONGEST_REST, ArmNode
 from elastic_arm.nodes.transport import choose_transport
 
-# How long a stop signal may wait for a node that has nothing to do.
-LONGEST_REST = 0.1
 # A node that is stopped takes what has arrived: until nothing comes for `QUIET`, or this long where the stream goes on.
 LONGEST_DRAIN = 1.0
 QUIET = 0.02
-
-
-class ArmNode(Node):
-    """A node with a rhythm of its own: the process calls :meth:`tick`, spins until the next is due, and so on.
-
-    failure: set by a callback that met an error, which ends the node; an exception out of a callback would be
-    logged by the executor with its traceback first.
-    """
-
-    failure: ElasticArmError | None = None
-
-    def every(self, seconds: float, callback: Callable[[], None]) -> Timer:
-        """Call something again and again, in real time: also where the node goes by a clock that nobody publishes."""
-        return self.create_timer(seconds, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
-
-    def tick(self) -> float:
-        """Do what is due; return the seconds until there is more to do."""
-        return LONGEST_REST
-
-    def done(self) -> bool:
-        """Return whether the node has finished its work by itself."""
-        return False
-
-    def close(self) -> None:
-        """Put in order what is to outlive the process; called once, whatever ended it."""
 
 
 def run(make: Callable[[], ArmNode], args: Sequence[str] | None = None) -> int:

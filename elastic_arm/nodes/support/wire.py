@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from rclpy.serialization import serialize_message
 
 from elastic_arm.errors import RecordingError
-from elastic_arm.recording import cdr, limits, message_types
+from elastic_arm.recording import cdr, limits
 
 NANOSECONDS = 1_000_000_000
 # Names of the joints, stamps (N,) in ns, numbers by field (N, count).
@@ -32,7 +32,7 @@ class Form:
 
     def __init__(self, type_name: str, message: Any) -> None:
         self._buffer = bytearray(serialize_message(message))
-        layout = cdr.layout_of(memoryview(self._buffer), type_name, message_types.typestore())
+        layout = cdr.layout_of(memoryview(self._buffer), type_name)
         self._stamp = next(
             layout.numbers[path].at for path in ("header.stamp.sec", "clock.sec") if path in layout.numbers
         )
@@ -89,7 +89,7 @@ class Inbox:
             while len(block) and layouts < limits.LAYOUTS:
                 layouts += 1
                 try:
-                    layout = cdr.layout_of(block[0].data, self.type_name, message_types.typestore())
+                    layout = cdr.layout_of(block[0].data, self.type_name)
                 except RecordingError:
                     self.unreadable += 1
                     block = block[1:]

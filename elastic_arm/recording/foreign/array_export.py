@@ -48,11 +48,11 @@ def _sides(recording: Recording, path: Path) -> list[str]:
     joints = list(recording.joints)
     mapping: dict[str, Any] = {"times": {}, "joints": joints}
     said = []
-    in_folder = path.suffix.lower() in _ONE_TABLE and len(tables) > 1
+    of_joints = path.suffix.lower() in _ONE_TABLE
+    in_folder = of_joints and len(tables) > 1
     for side, table in tables.items():
         file = path / f"{side}{path.suffix}" if in_folder else path
-        prefix = f"{side}." if in_folder or path.suffix.lower() not in _ONE_TABLE else ""
-        of_joints = path.suffix.lower() in _ONE_TABLE
+        prefix = f"{side}." if in_folder or not of_joints else ""
         times = {"key": f"{prefix}stamp_ns", "unit": "ns"}
         mapping["times"] = mapping["times"] or dict(times)
         mapping[side] = {"times": times}
@@ -79,10 +79,8 @@ def _sides(recording: Recording, path: Path) -> list[str]:
 def _joined(recording: Recording, path: Path) -> list[str]:
     samples = recording.samples()
     channels = {name: values for name in _JOINED if (values := getattr(samples, name)) is not None}
-    if path.suffix.lower() in _ONE_TABLE:
-        _write(path, {"time": samples.t, **_columns(channels, recording.joints)})
-    else:
-        _write(path, {"time": samples.t, **channels})
+    one_table = path.suffix.lower() in _ONE_TABLE
+    _write(path, {"time": samples.t, **(_columns(channels, recording.joints) if one_table else channels)})
     counts = " and ".join(f"{len(side)} of the {name} side" for name, side in recording.measured().items())
     said = [f"{path}: {len(samples)} samples on one time base of {counts}: time, {', '.join(channels)}"]
     left = "; the commands are not in it" if recording.reference is not None else ""

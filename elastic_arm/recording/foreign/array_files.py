@@ -60,21 +60,20 @@ def load_arrays(path: Path, decimal: str | None = ".") -> Arrays:
         files = [file for file in sorted(path.iterdir()) if file.suffix.lower() in set(KINDS) - set(LEARNERS)]
         below = [file for depth in ("*", "*/*", "*/*/*") for file in root.glob(depth)]
         learned = sorted((f for f in below if f.suffix.lower() in LEARNERS and f.is_file()), key=_number)
-        files += learned
     except OSError as error:
         raise RecordingError(f"{path} cannot be read: {error.strerror}", "Check its permissions.") from None
-    if not files:
+    if not files and not learned:
         raise RecordingError(f"{path} holds no arrays", f"Give a folder of files {', '.join(KINDS)}.")
     parts: dict[Path, Arrays] = {}
-    for some in [[file] for file in files if file not in learned] + [learned] * bool(learned):
+    for some in [*([file] for file in files), *([learned] if learned else [])]:
         parts |= zip(some, _load(some, decimal), strict=True)
         _refuse_large(path, sum(array.nbytes for part in parts.values() for array in part.values()))
-    if files != learned:
+    if files:
         return _side_by_side(path, parts)
     rows = [_rows(part) for part in parts.values()]
     alike = {tuple((name, values.shape[1:]) for name, values in part.items()) for part in rows}
-    numbered = len(alike) == 1 and all(file.stem[-1:].isdecimal() for file in files)
-    return _stacked(rows) if numbered or len(files) == 1 else _side_by_side(path, parts)
+    numbered = len(alike) == 1 and all(file.stem[-1:].isdecimal() for file in learned)
+    return _stacked(rows) if numbered or len(learned) == 1 else _side_by_side(path, parts)
 
 
 def _number(file: Path) -> list[tuple[int, str]]:
@@ -101,18 +100,15 @@ def _side_by_side(path: Path, parts: Mapping[Path, Arrays]) -> Arrays:
     for file, part in parts.items():
         # The one column of a file of one number a line is the file.
         only = _WHOLE_TABLE in part and len(part) == 2
-        found = Arrays({_in_folder(file, name): v for name, v in part.items() if not (only and name)})
+        names = {name: f"{file.stem}.{name}" if name else file.stem for name in part if not (only and name)}
+        found = Arrays({called: part[name] for name, called in names.items()})
         if twice := sorted(arrays.keys() & found.keys()):
             raise RecordingError(f"{path}: two files hold an array {twice[0][:60]!r}", "Give files other names.")
         arrays.update(found)
-        arrays.units |= {_in_folder(file, name): unit for name, unit in part.units.items()}
-        arrays.faults |= {_in_folder(file, name): fault for name, fault in part.faults.items()}
+        arrays.units |= {f"{file.stem}.{name}": unit for name, unit in part.units.items()}
+        arrays.faults |= {f"{file.stem}.{name}": fault for name, fault in part.faults.items()}
         arrays.decimal = "," if part.decimal == "," else arrays.decimal
     return arrays
-
-
-def _in_folder(file: Path, name: str) -> str:
-    return f"{file.stem}.{name}" if name != _WHOLE_TABLE else file.stem
 
 
 def _load(paths: Sequence[Path], decimal: str | None) -> list[Arrays]:

@@ -16,25 +16,26 @@ from elastic_arm.errors import RecordingError
 from elastic_arm.input_files import Number, WholeNumber, read_text
 from elastic_arm.recording.foreign.array_files import FILE_INDEX, Arrays, load_arrays
 from elastic_arm.recording.foreign.channels import (
-    CHANNEL_NAMES,
     DEFAULT_UNIT,
     MOST_JOINTS,
     SIDE_NAMES,
     TO_SI,
     ChannelName,
     ChannelScale,
+    Coupling,
+    Present,
     SideName,
     Sign,
     Strict,
     Unit,
+    coupled,
+    coupling_matrix,
     from_currents,
     known_unit,
-    load_yaml,
+    load_model,
     stated_unit,
-    validated,
 )
-from elastic_arm.recording.foreign.coupling import Coupling, coupled, coupling_matrix
-from elastic_arm.recording.inspection.quality import REPAIR, checked
+from elastic_arm.recording.inspection.report import REPAIR, checked
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import Array, Side, Stamps, joints_with
 
@@ -120,18 +121,13 @@ class ArrayChannel(Strict):
         return of_joint
 
 
-class SideArrays(Strict):
+class SideArrays(Present):
     """The channels of one side."""
 
     times: Times | None = None  # of its samples, where they are its own
     position: ArrayChannel | None = None
     velocity: ArrayChannel | None = None
     effort: ArrayChannel | None = None
-
-    def present(self) -> dict[ChannelName, ArrayChannel]:
-        """Return the channels that are there."""
-        names: tuple[ChannelName, ...] = (*CHANNEL_NAMES, "acceleration")
-        return {name: channel for name in names if (channel := getattr(self, name, None)) is not None}
 
 
 class CommandArrays(SideArrays):
@@ -187,7 +183,7 @@ class ArrayMap(Strict):
 
 def load_array_map(path: str | Path) -> ArrayMap:
     """Read a mapping file (YAML)."""
-    return validated(ArrayMap, load_yaml(path, "mapping"), path)
+    return load_model(ArrayMap, path, "mapping")
 
 
 def import_arrays(path: str | Path, mapping: str | Path) -> Recording:

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeVar, get_args
 
+import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
 from elastic_arm.errors import RecordingError
 from elastic_arm.input_files import Number, WholeNumber, explain, read_fields, refuse_truth
-from elastic_arm.recording.foreign.coupling import Coupling, coupling_matrix
-from elastic_arm.recording.sides import Array
+from elastic_arm.recording.sides import Array, Side
 from elastic_arm.recording.storage.metadata import TORQUE_CHANNELS
 
 SideName = Literal["link", "motor", "command"]
@@ -23,6 +23,9 @@ Unit = Literal[
     "rad", "deg", "turns", "rad/s", "deg/s", "turns/s", "rpm", "Nm", "Nm_motor", "A", "m", "mm", "m/s", "mm/s", "N",
     "rad/s^2", "deg/s^2", "m/s^2",
 ]  # fmt: skip
+# Of motors that move several joints at once, as in a wrist: joint -> motor -> how much the joint turns for one turn of
+# the motor, both at the joint's output.
+Coupling = dict[str, dict[str, Number]]
 Sign = Annotated[Literal[1, -1], BeforeValidator(refuse_truth)]
 REMEDY = "See docs/channel_maps.md."
 REFERENCE = "docs/channel_maps.md shows every key"
@@ -144,7 +147,15 @@ class Channel(ChannelScale):
     name: str = ""  # the joint's name in the message; the joint's own name by default
 
 
-class SideChannels(Strict):
+class Present(Strict):
+    """Channels of which some are there."""
+
+    def present(self) -> dict[ChannelName, Any]:
+        """Return the channels that are there."""
+        return {name: own for name in get_args(ChannelName) if (own := getattr(self, name, None)) is not None}
+
+
+class SideChannels(Present):
     """The channels of one side of a joint; None where not recorded."""
 
     position: Channel | None = None
@@ -153,16 +164,9 @@ class SideChannels(Strict):
 
     @model_validator(mode="after")
     def _units(self) -> Self:
-        for name, channel in self.present():
+        for name, channel in self.present().items():
             channel.check_unit(name)
         return self
-
-    def present(self) -> Iterator[tuple[ChannelName, Channel]]:
-        """Yield the channels that are there."""
-        for name in CHANNEL_NAMES:
-            channel = getattr(self, name)
-            if channel is not None:
-                yield name, channel
 
 
 def from_currents(link: Sequence[str | None], motor: Sequence[str | None]) -> tuple[str, ...]:
@@ -200,10 +204,21 @@ class ChannelMap(Strict):
     time: Literal["header", "arrival"] = "header"
     coupling: Coupling = Field(default_factory=dict)
 
+    @model_validator(mode="before")
+    @classmethod
+    def _written_out(cls, data: Any) -> Any:
+        """Fill in the defaults of all joints, and what a channel leaves out."""
+        if not isinstance(data, dict):
+            return data
+        defaults, rest = data.get("defaults") or {}, {key: value for key, value in data.items() if key != "defaults"}
+        if isinstance(joints := rest.get("joints"), dict):
+            rest["joints"] = {name: _filled(str(name), _merged(defaults, own or {})) for name, own in joints.items()}
+        return rest
+
     @model_validator(mode="after")
     def _usable(self) -> Self:
         for name, joint in self.joints.items():
-            if not any(True for side in joint.sides() for _ in side.present()):
+            if not any(side.present() for side in joint.sides()):
                 raise ValueError(f"{name} has no channel")
         coupling_matrix(self.coupling, list(self.joints))
         return self
@@ -211,7 +226,7 @@ class ChannelMap(Strict):
     def topics(self) -> set[str]:
         """Return all topics that are needed."""
         sides = [side for joint in self.joints.values() for side in joint.sides()]
-        return {channel.topic for side in sides for _, channel in side.present()}
+        return {channel.topic for side in sides for channel in side.present().values()}
 
     def currents(self) -> tuple[str, ...]:
         """Return the torque channels, by the names of a recording, that are currents of any joint."""
@@ -227,20 +242,7 @@ def load_channels(path: str | Path) -> ChannelMap:
     RecordingError
         If the file cannot be read, or a field is missing, unknown, of the wrong type or at odds with another.
     """
-    data = load_yaml(path, "channel map")
-    defaults = data.pop("defaults", None) or {}
-    if isinstance(data.get("joints"), dict):
-        joints = {name: _merged(defaults, joint or {}) for name, joint in data["joints"].items()}
-        data["joints"] = {name: _filled(str(name), joint) for name, joint in joints.items()}
-    return validated(ChannelMap, data, path)
-
-
-def load_yaml(path: str | Path, what: str) -> dict[str, Any]:
-    """Read a YAML mapping."""
-    try:
-        return read_fields(path, RecordingError, REMEDY)
-    except RecordingError as error:
-        raise RecordingError(f"{what} {error.problem}", error.remedy) from None
+    return load_model(ChannelMap, path, "channel map")
 
 
 M = TypeVar("M", bound=BaseModel)
@@ -258,10 +260,12 @@ CALLED = {
 }
 
 
-def validated(model: type[M], data: dict[str, Any], path: str | Path) -> M:
-    """Check `data`, read from `path`, against a model."""
+def load_model(model: type[M], path: str | Path, what: str) -> M:
+    """Read a YAML file as a model."""
     try:
-        return model.model_validate(data)
+        return model.model_validate(read_fields(path, RecordingError, REMEDY))
+    except RecordingError as error:
+        raise RecordingError(f"{what} {error.problem}", error.remedy) from None
     except ValidationError as error:
         problem, remedy = explain(error, REFERENCE, CALLED)
         raise RecordingError(f"{path}: {problem}", remedy) from None
@@ -292,3 +296,32 @@ def _filled(joint_name: str, joint: Any) -> Any:
         }
 
     return {key: side(value) if key in SIDE_NAMES else value for key, value in joint.items()}
+
+
+def coupling_matrix(coupling: Mapping[str, Mapping[str, float]], joints: Sequence[str]) -> Array:
+    """Return the matrix C (n, n) of theta = C theta_motors; joints without an entry turn with their own motor alone."""
+    matrix = np.eye(len(joints))
+    for joint, motors in coupling.items():
+        for name in (joint, *motors):
+            if name not in joints:
+                raise ValueError(f"coupling: there is no joint {name}; there are {', '.join(joints)}")
+        matrix[joints.index(joint)] = [motors.get(name, 0.0) for name in joints]
+    if not np.isfinite(matrix).all():
+        raise ValueError("coupling: a factor is not finite")
+    sizes = np.linalg.svd(matrix, compute_uv=False)
+    if sizes[-1] < 1e-9 * sizes[0]:  # relative singular value below which motors cannot move the joints apart
+        raise ValueError(
+            "coupling: the motors cannot move these joints apart; each row names the joint's own motor too"
+        )
+    return matrix
+
+
+def coupled(side: Side | None, matrix: Array) -> Side | None:
+    """Return the motor side of joints: theta = C theta_motors, C' tau = tau_motors, so that power is kept."""
+    if side is None or np.array_equal(matrix, np.eye(len(matrix))):
+        return side
+    inverse = np.linalg.inv(matrix)
+    moved = {
+        name: values @ inverse if name == "effort" else values @ matrix.T for name, values in side.channels().items()
+    }
+    return Side(side.stamp_ns, **moved)

@@ -110,7 +110,9 @@ def guess_mapping(arrays: Mapping[str, np.ndarray], joints: Sequence[str], prism
         chosen["command", "position"] = replace(command, reasons=(*command.reasons, why))
     found = {place: _with_lengths(guess, slides.tolist()) for place, guess in _with_ratio(chosen).items()}
     found = {place: _without_dead(guess, found) for place, guess in found.items()}
-    ignored += [(key, DEAD) for guess in found.values() for key in _left_out(guess)]
+    for guess in found.values():
+        if guess.places is not None and len(guess.table.keys) > 1:  # an array a column
+            ignored += [(key, DEAD) for k, key in enumerate(guess.table.keys) if k not in guess.places]
     ordered = [found[place] for place in product(SIDE_NAMES, CHANNEL_NAMES) if place in found]
     ignored += [(key, f"no numbers: {fault}") for key, fault in faults.items()]
     decimal = getattr(arrays, "decimal", ".")
@@ -120,22 +122,14 @@ def guess_mapping(arrays: Mapping[str, np.ndarray], joints: Sequence[str], prism
 def _without_dead(guess: Guess, chosen: Mapping[tuple[SideName, ChannelName], Guess]) -> Guess:
     """Return a guess without columns that stay as they are although another position shows that their joints move."""
     positions = [other for (_, channel), other in chosen.items() if channel == "position" and other is not guess]
-    moving = [np.ptp(other.table.values, axis=0) > 0.0 for other in positions]
-    dead = (np.ptp(guess.table.values, axis=0) == 0.0) & np.any(
-        [np.zeros(guess.table.values.shape[1]), *moving], axis=0
-    )
+    moving = np.any([np.ptp(other.table.values, axis=0) > 0.0 for other in positions], axis=0)
+    dead = (np.ptp(guess.table.values, axis=0) == 0.0) & moving
     if not dead.any() or dead.all():
         return guess
     columns = ", ".join(str(k) for k in np.flatnonzero(dead))
     why = f"column {columns} is {DEAD}"
     reasons = (*(reason for reason in guess.reasons if not reason.startswith(CONSTANT)), why)
     return replace(guess, places=tuple(np.flatnonzero(~dead).tolist()), reasons=reasons)
-
-
-def _left_out(guess: Guess) -> list[str]:
-    """Return the keys of a guess whose columns, arrays of their own, are left out."""
-    keys, places = guess.table.keys, guess.places
-    return [] if places is None or len(keys) == 1 else [key for k, key in enumerate(keys) if k not in places]
 
 
 def _with_lengths(guess: Guess, slides: Sequence[bool]) -> Guess:

@@ -7,23 +7,29 @@ from collections.abc import Mapping
 import numpy as np
 
 from elastic_arm.errors import RecordingError
-from elastic_arm.recording.foreign.channels import CHANNEL_NAMES, Channel, ChannelMap, ChannelName, SideName
-from elastic_arm.recording.foreign.coupling import coupled, coupling_matrix
-from elastic_arm.recording.inspection.quality import checked
+from elastic_arm.recording.foreign.channels import (
+    CHANNEL_NAMES,
+    Channel,
+    ChannelMap,
+    ChannelName,
+    SideName,
+    coupled,
+    coupling_matrix,
+)
+from elastic_arm.recording.inspection.report import Finding, checked
 from elastic_arm.recording.series import Series
 from elastic_arm.recording.sides import Array, Side
 from elastic_arm.recording.timebase.joining import pair
 
 
 def mapped_side(
-    channels: ChannelMap, side_name: SideName, series: Mapping[str, Series]
-) -> tuple[Side | None, tuple[str, ...]]:
-    """Build one side of all joints; None where the map has no channel of it.
+    channels: ChannelMap, side_name: SideName, series: Mapping[str, Series], found: list[Finding]
+) -> Side | None:
+    """Build one side of all joints; None where the map has no channel of it. `found` gets what was done.
 
     Channels of one topic share its stamps; those of further topics are brought to the stamps of the first.
     """
     built: Side | None = None
-    notes: tuple[str, ...] = ()
     for channel_name in CHANNEL_NAMES:
         sources = {
             joint: source
@@ -32,29 +38,28 @@ def mapped_side(
         }
         if not sources:
             continue
-        side, words = _channel(sources, channel_name, series, channels)
-        notes += words
-        if built is None:
-            built = side
-        else:
-            built, side, words = pair(built, side, f"{side_name} {channel_name}", f"the {side_name} side")
-            notes += words
-            built = built.beside(side)
+        side = _channel(sources, channel_name, series, channels, found)
+        if built is not None:
+            built, side = pair(built, side, f"{side_name} {channel_name}", f"the {side_name} side", found)
+        built = side if built is None else built.beside(side)
     if side_name == "motor":
         built = coupled(built, coupling_matrix(channels.coupling, list(channels.joints)))
-    return built, notes
+    return built
 
 
 def _channel(
-    sources: dict[str, Channel], name: ChannelName, series: Mapping[str, Series], channels: ChannelMap
-) -> tuple[Side, tuple[str, ...]]:
+    sources: dict[str, Channel],
+    name: ChannelName,
+    series: Mapping[str, Series],
+    channels: ChannelMap,
+    found: list[Finding],
+) -> Side:
     """Build one channel, brought to the stamps of the first joint's topic; NaN for joints without a source."""
     by_topic: dict[str, list[str]] = {}
     for joint, source in sources.items():
         by_topic.setdefault(source.topic, []).append(joint)
     built: Side | None = None
     order: list[str] = []
-    notes: tuple[str, ...] = ()
     for topic, joints in by_topic.items():
         messages = series.get(topic)
         if messages is None or not messages.count:
@@ -69,15 +74,14 @@ def _channel(
             if built is None:
                 built = side
             else:
-                built, side, words = pair(built, side, f"{topic} ({', '.join(some)})", next(iter(by_topic)))
-                notes += words
+                built, side = pair(built, side, f"{topic} ({', '.join(some)})", next(iter(by_topic)), found)
                 built = Side(built.stamp_ns, **{name: np.hstack([built.channels()[name], side.channels()[name]])})
             order += some
     if built is None:
         raise RecordingError(f"the channel map names no source for {name}")
     table = np.full((len(built), len(channels.joints)), np.nan)
     table[:, [list(channels.joints).index(joint) for joint in order]] = built.channels()[name]
-    return Side(built.stamp_ns, **{name: table}), notes
+    return Side(built.stamp_ns, **{name: table})
 
 
 def _parts(messages: Series, sources: Mapping[str, Channel]) -> list[tuple[Series, list[str]]]:

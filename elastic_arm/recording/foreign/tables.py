@@ -11,8 +11,7 @@ from types import MappingProxyType
 import numpy as np
 
 from elastic_arm.recording.foreign.channels import stated_unit
-from elastic_arm.recording.joint_names import short_names
-from elastic_arm.recording.sides import Array
+from elastic_arm.recording.sides import Array, short_names
 
 _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 # Sample rates of arms, Hz: the unit of the times is the one with which the rate is among them.

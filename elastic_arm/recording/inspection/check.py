@@ -16,15 +16,13 @@ from elastic_arm.recording.inspection.described_gravity import contradicted_grav
 from elastic_arm.recording.inspection.magnitudes import beyond_limits
 from elastic_arm.recording.inspection.outliers import cleared, without_zeros
 from elastic_arm.recording.inspection.plausibility import implausible
-from elastic_arm.recording.inspection.quality import REPAIR, moment, wrong_rate
-from elastic_arm.recording.inspection.report import Finding, Report
+from elastic_arm.recording.inspection.report import REPAIR, Finding, Report, moment, note, wrong_rate
 from elastic_arm.recording.inspection.stuck_channels import channel_findings, frozen
 from elastic_arm.recording.inspection.two_encoders import disagreeing
-from elastic_arm.recording.joint_names import matched_names
-from elastic_arm.recording.reading import Content, open_contents, recording_of, urdf_joints
+from elastic_arm.recording.reading import Content, contents, recording_of, urdf_joints
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.series import Series
-from elastic_arm.recording.sides import Stamps
+from elastic_arm.recording.sides import Stamps, matched_names
 from elastic_arm.recording.storage.bag import open_bag
 from elastic_arm.recording.topics import JOINT_STATES, JOINT_TORQUES, MOTOR_STATES, REFERENCE
 from elastic_arm.robot import Robot
@@ -55,7 +53,7 @@ def check_bag(
     # What is no bag at all is no finding.
     open_bag(path)
     try:
-        for content in open_contents(path, channels, namespace, strict=False, most=CHECKED):
+        for content in contents(path, channels, namespace, strict=False, most=CHECKED):
             parts.append(_checked(content, channels, robot, Report(str(path))))
             report_share(f"checking {path}", content.share)
         _check_content(content, report)
@@ -70,7 +68,11 @@ def _checked(content: Content, channels: ChannelMap | None, robot: Robot | None,
     recording = _read(content, channels, robot, report)
     if recording is not None:
         report.begin_ns = recording.start_ns if any(map(len, recording.measured().values())) else None
-        _check_times(recording, report, named=channels is None)
+        seen: set[bytes] = set()
+        for name, side in without_zeros(recording, []).sides().items():
+            if (stamps := side.stamp_ns.tobytes()) not in seen:
+                seen.add(stamps)
+                _check_stamps(_SIDES[name] if channels is None else f"the {name} side", side.stamp_ns, report)
         try:
             report.findings += [*looked_through(recording, robot)]
         except RecordingError as error:
@@ -96,7 +98,7 @@ def _together(parts: Sequence[Report]) -> Iterator[Finding]:
 def looked_through(recording: Recording, robot: Robot | None = None) -> list[Finding]:
     """Return what had to be done to use a recording, and what no sensors of a moving arm, or of this one, measure."""
     whole, found = cleared(recording)
-    found += [Finding("note", "reading", note) for note in whole.samples().notes if note not in recording.notes]
+    found += [note(words) for words in whole.samples().notes if words not in recording.notes]
     return found + _seen(whole, recording, robot)
 
 
@@ -144,8 +146,6 @@ def _check_content(content: Content, report: Report) -> None:
     for damage in content.damage:
         missing = damage.endswith("metadata.yaml is missing")
         report.add(*(("warning", "missing_metadata") if missing else ("error", "damaged")), damage)
-    for remark in content.remarks:
-        report.add("note", "unchecked", remark)
     if content.promised is not None and content.promised != content.messages:
         message = f"metadata.yaml promises {content.promised} messages, the files hold {content.messages}"
         report.add("error", "count", message)
@@ -177,18 +177,8 @@ def _check_names(content: Content, report: Report, joints: Sequence[str] | None)
             report.add("note" if instead else "warning", "no_torque", message, topic=topic)
 
 
-def _check_times(recording: Recording, report: Report, *, named: bool) -> None:
-    """Look at the stamps of each side for gaps, and rates that are odd, change or spread."""
-    seen: list[Stamps] = []
-    for name, side in without_zeros(recording, []).sides().items():
-        if any(np.array_equal(side.stamp_ns, stamps) for stamps in seen):
-            continue
-        seen.append(side.stamp_ns)
-        topic = _SIDES[name] if named else f"the {name} side"
-        _check_stamps(topic, side.stamp_ns, report)
-
-
 def _check_stamps(topic: str, stamp_ns: Stamps, report: Report) -> None:
+    """Look at the stamps of a side for gaps, and rates that are odd, change or spread."""
     step = np.diff(stamp_ns)
     if len(step) < 10:
         report.add("warning", "short", f"{topic} has only {len(stamp_ns)} messages", topic=topic)

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from elastic_arm.recording.inspection.report import Finding, warning
+from elastic_arm.recording.inspection.report import Finding, about, warning
 from elastic_arm.recording.inspection.stuck_channels import STILL
 from elastic_arm.recording.made_torque import FEWEST
 from elastic_arm.recording.recording import Recording
@@ -41,25 +41,22 @@ def followed(recording: Recording) -> Iterator[Finding]:
     rates = [1.0 / float(np.median(np.diff(stamps))) for stamps in (given, t)]
     # A reference beside torques may be the motion itself; without them it is all that tells of the drives.
     torques = any(one.effort is not None for one in (recording.link, recording.motor) if one is not None)
-    if copied.any() and not torques:
-        words = f"commands of {listed(recording.joints, copied)} are the positions themselves"
-        yield warning("copied_command", words, "record what the drives were told")
+    joints, told = recording.joints, "record what the drives were told"
+    if not torques:
+        yield from about(joints, copied, "copied_command", "commands", "are the positions themselves", told)
     if apart.any():
-        words = f"{listed(recording.joints, apart)} did not follow the recorded commands"
+        words = f"{listed(joints, apart)} did not follow the recorded commands"
         yield warning("not_followed", words, "look for another joint's command, or one of another controller")
-    if not good.any():
-        return
-    whose = listed(recording.joints, good)
-    late = f"positions of {whose} follow the commands by {span_of(1e3 * lag[good])} ms, delay and drive together"
-    rest = f"{span_of(1e2 * left[good])} % of their spread apart"
+    late = f"follow the commands by {span_of(1e3 * lag[good])} ms, delay and drive together"
+    size = f"at {span_of(gain[good])} of their size, {span_of(1e2 * left[good])} % of their spread apart"
     rate = f"commands come at {rates[0]:.4g} Hz, positions at {rates[1]:.4g} Hz"
-    yield Finding("note", "commands", f"{late}, at {span_of(gain[good])} of their size, {rest}; {rate}")
-    if (early := good & (lag < -0.5 / rates[1])).any():
-        words = f"positions of {listed(recording.joints, early)} are ahead of the commands"
-        yield warning("early", words, "are they stamped by two clocks, or are commands those of the next step?")
-    if (odd := good & ((gain < 1.0 - APART) | (gain > 1.0 + 2.0 * APART))).any():
-        words = f"positions of {listed(recording.joints, odd)} are {span_of(gain[odd])} times the commands"
-        yield warning("command_unit", words, "look at unit and sign of both")
+    yield from about(joints, good, "commands", "positions", f"{late}, {size}; {rate}", severity="note")
+    early = good & (lag < -0.5 / rates[1])
+    clocks = "are they stamped by two clocks, or are commands those of the next step?"
+    yield from about(joints, early, "early", "positions", "are ahead of the commands", clocks)
+    odd = good & ((gain < 1.0 - APART) | (gain > 1.0 + 2.0 * APART))
+    times = f"are {span_of(gain[odd])} times the commands"
+    yield from about(joints, odd, "command_unit", "positions", times, "look at unit and sign of both")
 
 
 def _lag(given: Array, command: Array, t: Array, angle: Array) -> tuple[float, float, float]:

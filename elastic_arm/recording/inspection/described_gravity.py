@@ -6,8 +6,9 @@ torques have the wrong sign, or the arm is mounted otherwise. Where it rises far
 taken for; where it hardly rises at all, gravity has been taken out of the torque before it was recorded.
 
 Joints that turn the other way or have their zero elsewhere, torques of the wrong sign, and channels of two joints that
-were exchanged are tried: masses and inertias are left free, tau = Y(q, dq, ddq) pi, so that the geometry alone decides,
-however wrong the described masses are.
+were exchanged are tried: each is as likely as the torques are, tau = Y(q, dq, ddq) pi, with the masses and inertias pi
+integrated out of a wide prior about the description (D. J. C. MacKay, Neural Computation 4 (1992) 415), so that the
+geometry decides, however wrong the described masses are.
 
 Slow samples resemble each other: N of them are worth as few independent ones as the two series' autocorrelations say
 (M. S. Bartlett, Journal of the Royal Statistical Society 98 (1935) 536).
@@ -20,10 +21,11 @@ from itertools import combinations
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 from scipy.signal import fftconvolve, savgol_filter
 from scipy.stats import t as student
 
-from elastic_arm.dynamics import build_model
+from elastic_arm.dynamics import Model, build_model
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.formatting import rounded
 from elastic_arm.recording.inspection.plausibility import is_motion
@@ -47,14 +49,21 @@ LEFT = 0.3  # of the squares that the described direction leaves
 OVERHEAD = 0.75 * np.pi  # rad: nearer to upside down, which all signs together are, too, than to any side
 RANK = 1e-9  # of the largest singular value; numerical
 SIDES = {"tau_J": "link", "tau_m": "motor"}
-TURN = 0.05  # rad, over which squares are a parabola of a joint's zero; numerical
-# Another arrangement is named where it is e^10 times as likely, and of the torques that it changes leaves a tenth, and
-# a third of what was left as given: poor motions fit many.
-CERTAIN, EXPLAINED, BETTER = 10.0, 0.1, 1.0 / 3.0
+# Another arrangement is named where it is e^10 times as likely, shared among those that are tried; others beside it
+# that are at most a hundred times less likely, as in the contract.
+CERTAIN, BESIDE = 10.0, float(np.log(100.0))
+MASSES = 0.3  # relative: a payload, a tool, another motor; of links as described and of the arm's mean link; convention
+ZERO = 0.1  # rad, of the zeros of exchanged motors and encoders, as `effects.library.joint_zero` draws them
 
 
-_Change = Callable[[Array], Array]
-_Regressor = Callable[[Array, Array, Array], Array]
+class _Change(NamedTuple):
+    """Columns (n,) in another order, with signs."""
+
+    order: Any
+    sign: Array
+
+    def __call__(self, values: Array) -> Array:
+        return np.asarray(values[..., self.order] * self.sign)
 
 
 class _SideMotion(NamedTuple):
@@ -144,7 +153,7 @@ def _motion(samples: Samples, position: Array, channel: str) -> _SideMotion:
         holes[max(row - width // 2, 0) : row + width // 2 + 2] = True
     rows = np.flatnonzero(~holes)[width:-width]
     rows = rows[:: max(1, len(rows) // ENOUGH)]
-    torque: Array = getattr(samples, channel)
+    torque: Array = savgol_filter(getattr(samples, channel), width, 3, axis=0)
     lacking = [(channel, j) in samples.lacking for j in range(position.shape[1])]
     # 1e-9 Nm; what changes less is none
     measured = np.flatnonzero((np.ptp(torque, axis=0) > 1e-9) & ~np.array(lacking)).tolist()
@@ -193,6 +202,14 @@ def _independent(one: Array, other: Array) -> float:
     return len(one) / max(1.0, 1.0 + 2.0 * float(alike[0] @ alike[1]))
 
 
+class _Arm(NamedTuple):
+    """Y(q, dq, ddq) (N, n, P) of a side's torques, and mean and standard deviation of its pi (P,)."""
+
+    regressor: Callable[[Array, Array, Array], Array]
+    mean: Array
+    spread: Array
+
+
 def _geometry(motion: _SideMotion, side: str, robot: Robot) -> list[Finding]:
     """Return what the geometry alone shows: channels that were confused, or the zero of a joint."""
     if len(motion.measured) < 2:
@@ -208,77 +225,77 @@ def _geometry(motion: _SideMotion, side: str, robot: Robot) -> list[Finding]:
         Y = model.regressor(q, dq, ddq)
         return np.asarray(Y[:, :n] + (Y[:, n:] if robot.elastic and side == "motor" else 0.0))
 
-    return _arranged(motion, side, robot, regressor) or _zero(motion, side, robot, regressor)
+    arm = _Arm(regressor, model.Psi, _spread(model))
+    return _arranged(motion, side, robot, arm) or _zero(motion, side, robot, arm)
 
 
-def _zero(motion: _SideMotion, side: str, robot: Robot, regressor: _Regressor) -> list[Finding]:
+def _spread(model: Model) -> Array:
+    """Return by how much masses, first moments and inertias may be off, (P,); stiffness and damping do not act here."""
+    names = [parameter.name.rpartition(".") for parameter in model.parameters]
+    mass, inertia = ({owner: 0.0 for owner, *_ in names} for _ in range(2))
+    for (owner, _, what), value in zip(names, model.Psi.tolist(), strict=True):
+        mass[owner] += value if what == "m" else 0.0
+        inertia[owner] += 0.5 * value if what in {"Ixx", "Iyy", "Izz"} else 0.0
+    of_all = [float(np.mean([each[owner] for owner in mass if mass[owner]])) for each in (mass, inertia)]
+    sizes = []
+    for (owner, *_), parameter in zip(names, model.parameters, strict=True):
+        m, j = mass[owner] + of_all[0], inertia[owner] + of_all[1]
+        sizes.append(MASSES * {"kg": m, "kg m": np.sqrt(m * j), "kg m^2": j}.get(parameter.unit, 0.0))
+    return np.array(sizes)
+
+
+def _zero(motion: _SideMotion, side: str, robot: Robot, arm: _Arm) -> list[Finding]:
     """Return the joint whose zero is not where the description has it; a turned last link is another mass."""
-    left, power, free = _squares(motion, regressor(*motion[:3]))
-    best = (0.0, 0.0, 0.0, 0, left)
+    given, free = _likelihood(motion, motion.torque, arm)
+
+    def gain(j: int, offset: float) -> float:
+        turned = motion._replace(q=motion.q - offset * np.eye(robot.n)[j])
+        return _likelihood(turned, motion.torque, arm, free)[0] - given - 0.5 * (offset / ZERO) ** 2
+
+    tried = []
     for j in np.flatnonzero([not joint.prismatic for joint in robot.joints]).tolist():
-
-        def squares_at(offset: float, j: int = j) -> Array:
-            return _squares(motion, regressor(motion.q - offset * np.eye(robot.n)[j], *motion[1:3]))[0]
-
-        # Squares are a parabola of a small angle.
-        back, ahead = squares_at(-TURN), squares_at(TURN)
-        slope, bend = (ahead - back) / (2.0 * TURN), (ahead - 2.0 * left + back) / TURN**2
-        weight = free / left
-        if (curvature := float(weight @ bend)) <= 0.0:
-            continue
-        offset = float(np.clip(-(weight @ slope) / curvature, -4.0 * TURN, 4.0 * TURN))
-        squares = squares_at(offset)
-        odds = 0.5 * float(free @ np.log(squares / left))
-        best = min(best, (odds, offset, (0.5 * float((free / squares) @ bend)) ** -0.5, j, squares))
-    odds, offset, std, j, squares = best
-    changed = np.abs(np.log(squares / left)) > 0.1
-    if -odds < CERTAIN or not changed.any():
-        return []
-    before, after = (float(np.exp(np.mean(np.log(each / power)[changed]))) for each in (left, squares))
-    if after > BETTER * before or after > EXPLAINED:
-        return []
-    size = " ± ".join(rounded(offset, std))
-    message = f"{side} side: the zero of {robot.joint_names[j]} seems to lie {size} rad from the described one"
-    return [warning("other_zero", f"{message}: {_left_words(after, before)}", "measure it, or state it (joint_zero)")]
+        best = minimize_scalar(lambda offset, j=j: -gain(j, offset), bounds=(-3 * ZERO, 3 * ZERO), method="bounded")
+        offset, step = float(best.x), 0.1 * ZERO
+        bend = (2.0 * gain(j, offset) - gain(j, offset - step) - gain(j, offset + step)) / step**2
+        std = max(bend, ZERO**-2) ** -0.5
+        name = robot.joint_names[j]
+        words = f"the zero of {name} seems to lie {' ± '.join(rounded(offset, std))} rad from the described one"
+        tried.append((float(-best.fun) + np.log(std / ZERO), words, f"{name} ({' ± '.join(rounded(offset, std))} rad)"))
+    return _named(tried, "other_zero", side, "measure it, or state it (joint_zero)")
 
 
-def _left_words(after: float, before: float) -> str:
-    shown, given = (f"{100 * each:.2g} %" for each in (after, before))
-    return f"so {shown} of the torques' squares are left, as given {given}"
-
-
-def _arranged(motion: _SideMotion, side: str, robot: Robot, regressor: _Regressor) -> list[Finding]:
+def _arranged(motion: _SideMotion, side: str, robot: Robot, arm: _Arm) -> list[Finding]:
     """Return which joints turn the other way, or have their channels exchanged."""
-    steps: list[Finding] = []
     found: list[Finding] = []
     n = robot.n
     for _ in range(n):
-        left, power, free = _squares(motion, regressor(*motion[:3]))
-        tried = []
+        given, free = _likelihood(motion, motion.torque, arm)
+        tried, changes = [], []
         for angles, ways in _arrangements(robot.joint_names, motion.measured):
-            q, dq, ddq = (angles(rate) for rate in motion[:3])
-            Y = regressor(q, dq, ddq)
+            moved = motion._replace(q=angles(motion.q), dq=angles(motion.dq), ddq=angles(motion.ddq))
+            Y = arm.regressor(*moved[:3])
             for code, words, torques in ways:
-                squares, *_ = _squares(_SideMotion(q, dq, ddq, torques(motion.torque), motion.measured), Y)
-                # In the order of the torques as they were given.
-                order = np.argsort(np.abs(torques(np.arange(1.0, n + 1.0)))[motion.measured])
-                change = np.log(squares[order] / left)
-                tried.append((0.5 * float(free @ change), change, code, words, angles, torques))
-        odds, change, code, words, angles, torques = min(tried, key=lambda each: each[0])
-        changed = np.abs(change) > 0.1  # logarithm of what is left
-        if -odds < CERTAIN or not changed.any():
-            break
-        share = np.log(left / power)[changed]
-        before, after = float(np.mean(share)), float(np.mean(share + change[changed]))
-        message = f"{side} side: {words}: {_left_words(np.exp(after), np.exp(before))}"
+                # The noise stays with the torques as they were given.
+                likely, _ = _likelihood(moved, torques(motion.torque), arm, np.abs(torques(free)), Y)
+                tried.append((likely - given, words, words))
+                changes.append((code, moved, torques))
+        code, moved, torques = changes[int(np.argmax([gain for gain, *_ in tried]))]
         remedy = "check names, order and signs of the columns in the map, of angle and torque"
-        steps.append(warning(code, message, remedy))
-        if after - before < np.log(BETTER) and after < np.log(EXPLAINED):
-            # What is only better beside another one comes before it.
-            found = [*steps]
-        q, dq, ddq = (angles(rate) for rate in motion[:3])
-        motion = _SideMotion(q, dq, ddq, torques(motion.torque), motion.measured)
+        if not (one := _named(tried, code, side, remedy)):
+            break
+        found += one
+        motion = moved._replace(torque=torques(motion.torque))
     return found
+
+
+def _named(tried: list[tuple[float, str, str]], code: str, side: str, remedy: str) -> list[Finding]:
+    """Return the likeliest of (logarithm of the odds, words, short words) with what is about as likely, if it is."""
+    (odds, words, _), *others = sorted(tried, reverse=True)
+    if odds < CERTAIN + np.log(len(tried)):
+        return []
+    beside = "".join(f", or {short}" for gain, _, short in others if odds - gain < BESIDE)
+    likely = f"so the torques are 10^{int(odds / np.log(10.0))} times as likely as by the description"
+    return [warning(code, f"{side} side: {words}{beside}: {likely}", remedy)]
 
 
 _Way = tuple[str, str, _Change]
@@ -287,30 +304,23 @@ _Way = tuple[str, str, _Change]
 def _arrangements(joints: Sequence[str], measured: Sequence[int]) -> Iterator[tuple[_Change, list[_Way]]]:
     """Yield what may have been confused: how angles (…, n) come right, and how torques do beside it."""
 
-    def same(values: Array) -> Array:
-        return values
-
+    every, plain = np.arange(len(joints)), np.ones(len(joints))
+    same = _Change(every, plain)
     alone: list[_Way] = []
     for j, name in enumerate(joints):
-        sign = np.where(np.arange(len(joints)) == j, -1.0, 1.0)
-
-        def mirrored(values: Array, sign: Array = sign) -> Array:
-            return sign * values
-
+        mirrored = _Change(every, np.where(every == j, -1.0, 1.0))
         both = f"{name} turns the other way than described, its angle and its torque have the other sign"
         angle = f"the angle of {name} has the other sign than described"
         yield mirrored, [("mirrored", both, mirrored), ("mirrored", angle, same)]
         if j in measured:
             alone.append(("gravity_sign", f"the torque of {name} has the other sign than described", mirrored))
-    orders = [(np.array([j, i]), np.array([i, j])) for i, j in combinations(measured, 2)]
-    backwards = np.array(measured)[::-1]
-    for new, old in [*orders, *([(backwards, np.array(measured))] if len(measured) > 3 else [])]:
-        order = np.arange(len(joints))
-        order[old] = new
-
-        def exchanged(values: Array, order: Any = order) -> Array:
-            return values[..., order]
-
+    backwards = _Change(every, -plain)
+    words = "every joint turns the other way than described, angles and torques have the other sign"
+    yield backwards, [("mirrored", words, backwards)]
+    pairs = [[i, j] for i, j in combinations(measured, 2)]
+    for old in [*pairs, *([list(measured)] if len(measured) > 3 else [])]:
+        exchanged = _Change(every.copy(), plain)
+        exchanged.order[old] = old[::-1]
         names = " and ".join(joints[k] for k in old)
         whose = f"of {names} seem to be exchanged" if len(old) == 2 else "are in the reversed order of joints"
         yield exchanged, [("exchanged", f"all channels {whose}", exchanged)]
@@ -318,25 +328,42 @@ def _arrangements(joints: Sequence[str], measured: Sequence[int]) -> Iterator[tu
     yield same, alone
 
 
-def _squares(motion: _SideMotion, Y: Array) -> tuple[Array, Array, Array]:
-    """Return what free masses leave of the torques' squares (m,), what there is, and independent samples of the rest.
+def _likelihood(
+    motion: _SideMotion, torque: Array, arm: _Arm, free: Array | None = None, Y: Array | None = None
+) -> tuple[float, Array]:
+    """Return the logarithm of the torques' likelihood, and how many independent samples the rest of each is worth (n,).
 
-    Each joint has its own friction, zero, motor inertia and noise.
+    Masses are integrated out, each joint's noise is the likeliest; friction, zero, motor inertia are its own. `free`:
+    independent samples (n,), where arrangements are compared.
     """
-    bases = {j: _own(motion, j) for j in motion.measured}
-    columns = [Y[:, j] - basis @ (basis.T @ Y[:, j]) for j, basis in bases.items()]
-    torques = [motion.torque[:, j] - basis @ (basis.T @ motion.torque[:, j]) for j, basis in bases.items()]
-    grams, rights = [c.T @ c for c in columns], [c.T @ t for c, t in zip(columns, torques, strict=True)]
-    power = np.array([float(t @ t) for t in torques])
-    squares, rest = power, torques
-    # Weighted by what is left before; three rounds are enough.
-    for _ in range(3):
-        gram, right = (sum(each / s for each, s in zip(parts, squares, strict=True)) for parts in (grams, rights))
-        scale = 1.0 / np.sqrt(np.diag(gram) + 1e-12 * np.diag(gram).max())
-        inverse = np.linalg.pinv(scale[:, None] * gram * scale, rcond=RANK, hermitian=True)
-        rest = [t - c @ (scale * (inverse @ (scale * right))) for c, t in zip(columns, torques, strict=True)]
-        squares = np.array([float(each @ each) for each in rest]) + 1e-12 * power
-    return squares, power, np.array([_independent(each, each) for each in rest])
+    Y = arm.regressor(*motion[:3]) if Y is None else Y
+    bases = [(j, _own(motion, j)) for j in motion.measured]
+    columns = [(Y[:, j] - basis @ (basis.T @ Y[:, j])) * arm.spread for j, basis in bases]
+    rows = [torque[:, j] - Y[:, j] @ arm.mean for j, _ in bases]
+    rows = [row - basis @ (basis.T @ row) for row, (_, basis) in zip(rows, bases, strict=True)]
+    grams, rights = (
+        np.array([c.T @ c for c in columns]),
+        np.array([c.T @ r for c, r in zip(columns, rows, strict=True)]),
+    )
+    power = np.array([float(row @ row) for row in rows])
+    count, squares = len(Y), power
+    worth = np.full(len(rows), float(count)) if free is None else free[motion.measured]
+    # Expectation and maximisation of the noise.
+    for _ in range(20):
+        weight = worth / np.maximum(squares, 1e-12 * power)
+        spread = np.linalg.inv(np.eye(len(arm.mean)) + np.tensordot(weight, grams, 1))
+        size = spread @ (weight @ rights)
+        before = squares
+        squares = power - 2.0 * rights @ size + (grams @ size) @ size + np.tensordot(grams, spread)
+        if np.allclose(squares, before, rtol=1e-3):
+            break
+    if free is None:
+        free = np.zeros(motion.torque.shape[1])
+        free[motion.measured] = [_independent(r, r) for r in (r - c @ size for r, c in zip(rows, columns, strict=True))]
+        return _likelihood(motion, torque, arm, free, Y)[0], free
+    right = weight @ rights
+    likely = -0.5 * float(worth @ np.log(squares / count) + weight @ power - right @ spread @ right)
+    return likely + 0.5 * float(np.linalg.slogdet(spread)[1]), free
 
 
 def _size(fit: GravityFit, side: str) -> list[Finding]:

@@ -90,10 +90,9 @@ def _counted(path: str | Path) -> BagInfo:
         for block in file.blocks(strict=False):
             for channel, count in block.counts().items():
                 described, log_ns = file.topic(channel), block.log_ns(channel)
-                first, last = int(log_ns.min()), int(log_ns.max())
-                topic = TopicInfo(described.name, described.type_name, 0, first, last)
-                topic = topics.setdefault(described.name, topic)
+                new = TopicInfo(described.name, described.type_name, 0, int(log_ns.min()), int(log_ns.max()))
+                topic = topics.setdefault(described.name, new)
                 topic.count += count
-                topic.first_ns, topic.last_ns = min(topic.first_ns, first), max(topic.last_ns, last)
-    sizes = {file.path.name: file.size for file in bag.files}
+                topic.first_ns, topic.last_ns = min(topic.first_ns, new.first_ns), max(topic.last_ns, new.last_ns)
+    sizes = {file.path.name: file.path.stat().st_size for file in bag.files}
     return BagInfo(str(path), sizes, sorted(kinds), list(topics.values()), damage=bag.all_damage())

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from elastic_arm.recording.inspection.report import FEWEST, Finding, warning
+from elastic_arm.recording.inspection.report import FEWEST, Finding, about
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import Array, joints_with, listed, span_of
 from elastic_arm.robot import Joint, Robot
@@ -47,10 +47,10 @@ def _positions(name: str, position: Array, robot: Robot) -> list[Finding]:
         return []
     j = int(np.argmax(np.where(found, np.ptp(ends, axis=1), -np.inf)))
     limits, (low, high) = robot.joints[j].limits, ends[j]
-    message = (
-        f"{name} position of {listed(robot.joint_names, found)} is beyond the limits of the description: "
-        f"{robot.joint_names[j]} goes from {low:.3g} to {high:.3g} {robot.joints[j].unit('rad')}, its limits are "
-        f"{limits.position_min or 0.0:.3g} to {limits.position_max or 0.0:.3g}"
+    words = (
+        f"is beyond the limits of the description: {robot.joint_names[j]} goes from {low:.3g} to {high:.3g} "
+        f"{robot.joints[j].unit('rad')}, its limits are {limits.position_min or 0.0:.3g} to "
+        f"{limits.position_max or 0.0:.3g}"
     )
     units, what = _other_units(robot, found)
     fit = [_within(joint, *own / unit) for joint, own, unit in zip(robot.joints, ends, units, strict=True)]
@@ -59,7 +59,7 @@ def _positions(name: str, position: Array, robot: Robot) -> list[Finding]:
         remedy = f"divided by {span_of(units[found])} all are within: check the unit ({what})"
     else:
         remedy = "check units, columns and zeros (offset)"
-    return [warning("beyond_limits", message, remedy)]
+    return about(robot.joint_names, found, "beyond_limits", f"{name} position", words, remedy)
 
 
 def _range(joint: Joint) -> tuple[float, float]:
@@ -85,9 +85,9 @@ def _speeds(name: str, velocity: Array, robot: Robot) -> list[Finding]:
     if not found.any():
         return []
     units, what = _other_units(robot, found)
-    times = f"{span_of(share[found])} times the limit of the description (root mean square)"
+    times = f"is {span_of(share[found])} times the limit of the description (root mean square)"
     remedy = f"check the unit ({what})" if share[found].max() < units[found].max() else "check units and columns"
-    return [warning("beyond_limits", f"{name} velocity of {listed(robot.joint_names, found)} is {times}", remedy)]
+    return about(robot.joint_names, found, "beyond_limits", f"{name} velocity", times, remedy)
 
 
 def _other_units(robot: Robot, found: NDArray[np.bool_]) -> tuple[Array, str]:

@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 
 from elastic_arm.codegen.parallel import share_out
 from elastic_arm.errors import RecordingError
-from elastic_arm.recording.inspection.quality import moment
-from elastic_arm.recording.inspection.report import Finding, warning
+from elastic_arm.recording.inspection.report import Finding, moment, note, warning
 from elastic_arm.recording.inspection.stuck_channels import HELD, filled_in
 from elastic_arm.recording.inspection.two_encoders import with_one_zero
 from elastic_arm.recording.recording import Recording
@@ -115,7 +114,7 @@ def _without_far_samples(recording: Recording, found: list[Finding]) -> Recordin
     for outliers in find_outliers(recording):
         side: Side = getattr(recording, outliers.side)
         good.setdefault(outliers.side, np.ones(len(side), np.bool_))[outliers.rows] = False
-        found.append(Finding("warning", "outliers", f"left out as outliers: {outliers.words()}"))
+        found.append(warning("outliers", f"left out as outliers: {outliers.words()}"))
     kept: dict[str, Any] = {name: getattr(recording, name).at(rows) for name, rows in good.items()}
     return replace(recording, **kept) if kept else recording
 
@@ -139,7 +138,7 @@ def _in_one_piece(recording: Recording, found: list[Finding]) -> Recording:
                 position[:, j] = each.q
                 first = f"{len(each.turned)} times, first after {moment(side.stamp_ns, int(each.turned[0]))}"
                 words = f"{what} is given within a turn of {each.turn:.4g} rad, and jumps by it {first}: it was unwound"
-                found.append(Finding("note", "wrapped", words))
+                found.append(note(words, "wrapped"))
             if not len(rows):
                 continue
             k = int(np.argmax(np.abs(each.size)))

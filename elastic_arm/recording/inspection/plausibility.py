@@ -18,10 +18,10 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from elastic_arm.recording.inspection.report import FEWEST, Finding, warning
+from elastic_arm.recording.inspection.report import FEWEST, Finding, about, warning
 from elastic_arm.recording.inspection.torque_spectrum import torque_spectrum
 from elastic_arm.recording.recording import Recording
-from elastic_arm.recording.sides import Array, Samples, Side, joints_with, listed, span_of
+from elastic_arm.recording.sides import Array, Samples, Side, joints_with, span_of
 from elastic_arm.recording.timebase.clocks import evidence, numbered
 
 _ENOUGH = 20_000  # samples of a side that show a wrong unit; bounds the time
@@ -139,23 +139,17 @@ def _velocities(name: str, motion: _Compared, joints: Sequence[str]) -> list[Fin
     strange = moving & ~follows & ~motion.slow
     scaled = moving & follows & (np.abs(motion.gain - 1.0) > _GAIN)
     late = moving & follows & ~motion.slow & (np.abs(motion.lag) > np.maximum(motion.step, 5.0 * motion.doubt))
-    findings = []
-    if strange.any():
-        message = f"{name} velocity of {listed(joints, strange)} is not the derivative of the position"
-        findings.append(warning("velocity", message, "check the columns, units and signs"))
-    if scaled.any():
-        factors = span_of(1.0 / motion.gain[scaled])
-        message = f"{name} velocity of {listed(joints, scaled)} is {factors} times the derivative of the position"
-        remedy = "check units and signs"
-        alike = np.abs(motion.gain[moving] / np.median(motion.gain[moving]) - 1.0) < _GAIN
-        if alike.all() and scaled[moving].all():
-            remedy = f"check units and signs, and the unit of the times: the samples come at {1 / motion.step:.3g} Hz"
-        findings.append(warning("velocity", message, remedy))
+    what, remedy = f"{name} velocity", "check units and signs"
+    gains = motion.gain[moving]
+    if scaled.any() and scaled[moving].all() and (np.abs(gains / np.median(gains) - 1.0) < _GAIN).all():
+        remedy += f", and the unit of the times: the samples come at {1 / motion.step:.3g} Hz"
+    columns, derivative = "check the columns, units and signs", "the derivative of the position"
+    findings = about(joints, strange, "velocity", what, f"is not {derivative}", columns)
+    times = f"is {span_of(1.0 / motion.gain[scaled])} times {derivative}"
+    findings += about(joints, scaled, "velocity", what, times, remedy)
     for words, chosen in (("behind", late & (motion.lag > 0.0)), ("ahead of", late & (motion.lag < 0.0))):
-        if chosen.any():
-            size = f"{span_of(1e3 * np.abs(motion.lag[chosen]))} ms {words} the position"
-            message = f"{name} velocity of {listed(joints, chosen)} is {size}: one of the two was filtered"
-            findings.append(Finding("note", "velocity_lag", message))
+        size = f"is {span_of(1e3 * np.abs(motion.lag[chosen]))} ms {words} the position"
+        findings += about(joints, chosen, "velocity_lag", what, size, "one of the two was filtered", "note")
     return findings
 
 
@@ -201,16 +195,14 @@ def _noiseless(name: str, side: Side, joints: Sequence[str]) -> list[Finding]:
     if side.effort is None or len(side) < FEWEST:
         return []
     found = torque_spectrum(side.effort, 1e9 / float(np.median(np.diff(side.stamp_ns))))
-    findings = []
-    if (computed := found.computed).any():
-        message = f"{name} effort of {listed(joints, computed)} has {span_of(found.level[computed])} dB of noise"
-        remedy = "less than a converter of 16 bits: it is computed, as by a model, not measured"
-        findings.append(Finding("warning", "computed_torque", f"{message}, {remedy}"))
-    if (smooth := found.low_passed).any():
-        message = f"{name} effort of {listed(joints, smooth)} holds nothing above {span_of(found.end[smooth])} Hz, not"
-        falls = f"even noise, and falls steeply from {span_of(found.knee[smooth])} Hz on"
-        findings.append(Finding("note", _SMOOTH, f"{message} {falls}: it was low-passed there, or computed"))
-    return findings
+    what, computed, smooth = f"{name} effort", found.computed, found.low_passed
+    noise = f"has {span_of(found.level[computed])} dB of noise, less than a converter of 16 bits"
+    falls = f"not even noise, and falls steeply from {span_of(found.knee[smooth])} Hz on"
+    nothing = f"holds nothing above {span_of(found.end[smooth])} Hz, {falls}"
+    return [
+        *about(joints, computed, "computed_torque", what, noise, "it is computed, as by a model, not measured"),
+        *about(joints, smooth, _SMOOTH, what, nothing, "it was low-passed there, or computed", "note"),
+    ]
 
 
 def _backwards(recording: Recording) -> list[Finding]:
@@ -231,16 +223,19 @@ def _backwards(recording: Recording) -> list[Finding]:
     if side.position is None or side.effort is None or len(side) < FEWEST or not joints or not _is_motion(side):
         return []
     path, effort = np.diff(side.position, axis=0), 0.5 * (side.effort[1:] + side.effort[:-1])
+    # What follows other joints' speeds is friction and inertia that their motion brings: a coupled axis may brake them.
+    for j in range(effort.shape[1]):
+        others = np.delete(path, j, axis=1)
+        columns = np.hstack([others, np.sign(others), np.gradient(others, axis=0)])
+        effort[:, j] -= columns @ np.linalg.lstsq(columns, effort[:, j], rcond=None)[0]
     work = np.array([part.sum(axis=0) for part in np.array_split(effort * path, _PARTS)])
     # 1.5 of the torque's rms times the range: what gravity may have taken at the end
     # 0.05 of the torque's rms times the path, beyond that
     lent = 1.5 * np.ptp(side.position, axis=0) + 0.05 * np.abs(path).sum(axis=0)
     certain = work.mean(axis=0) < -3.0 * work.std(axis=0, ddof=1) / np.sqrt(_PARTS)  # standard deviations
     found = certain & (work.sum(axis=0) < -np.sqrt(np.mean(effort**2, axis=0)) * lent)
-    if not found.any():
-        return []
-    message = f"motor effort of {listed(joints, found)} takes energy out of the motion, as its friction does"
-    return [warning("backward_torque", message, "check its sign, and that of the angle")]
+    words = "takes energy out of the motion, as its friction does"
+    return about(joints, found, "backward_torque", "motor effort", words, "check its sign, and that of the angle")
 
 
 def _same_arrays(recording: Recording) -> list[Finding]:
@@ -253,7 +248,6 @@ def _same_arrays(recording: Recording) -> list[Finding]:
         if one is not None and other is not None:
             # 1e-12 is the span of a difference of two channels that are the same numbers, but for an offset
             same = (np.ptp(one - other, axis=0) <= 1e-12) & (np.ptp(one, axis=0) > 0.0)
-            if same.any():
-                message = f"link and motor {channel} of {listed(recording.joints, same)} are the same numbers"
-                findings.append(warning(f"same_{channel}", message, words))
+            what = f"link and motor {channel}"
+            findings += about(recording.joints, same, f"same_{channel}", what, "are the same numbers", words)
     return findings

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.errors import RecordingError
-from elastic_arm.recording.reading import read_content
+from elastic_arm.recording.reading import contents
 from elastic_arm.recording.series import Series
-from elastic_arm.recording.storage.bag import bag_stem, open_bag
+from elastic_arm.recording.storage.bag import bag_stem
 from elastic_arm.recording.storage.messages import read_messages, read_topics
 from elastic_arm.recording.stream_writer import StreamWriter
 from elastic_arm.recording.topics import JOINT_STATES, JOINT_TORQUES, MOTOR_STATES, TYPES
@@ -37,7 +37,7 @@ def repair_bag(path: str | Path, out: str | Path | None = None) -> Repair:
     """
     path = Path(path)
     repair = Repair(Path(out) if out is not None else path.with_name(f"{bag_stem(path)}_repaired"))
-    content = read_content([open_bag(path)], _MENDED, strict=False)
+    (content,) = contents(path, wanted=_MENDED, strict=False)
     if not content.messages:
         raise RecordingError(f"{path}: nothing in it can be saved", "Record again.")
     repair.dropped += content.damage

@@ -7,9 +7,9 @@ from collections import defaultdict
 import numpy as np
 from numpy.typing import NDArray
 
-from elastic_arm.recording.inspection.report import FEWEST, Finding, warning
+from elastic_arm.recording.inspection.report import FEWEST, Finding, about, warning
 from elastic_arm.recording.recording import Recording
-from elastic_arm.recording.sides import Array, Side, joints_with, listed, span_of
+from elastic_arm.recording.sides import Array, Side, joints_with, span_of
 
 # An arm whose joints all travel less than this, rad, stands still.
 STILL = 1e-3
@@ -103,17 +103,15 @@ def _of_channel(
         if said[kind]
     ]
     held = shares > HELD
-    if held.any():
-        names, rate = listed(recording.joints, held), 1e9 / float(np.median(np.diff(side.stamp_ns)))
-        every = periods[held]
-        message = f"{what} of {names} repeats the value before in {span_of(100 * shares[held])} % of the samples"
+    every, rate = periods[held], 1e9 / float(np.median(np.diff(side.stamp_ns)))
+    if not held.any() or every.max() <= 1.0:
+        words = f"repeats the value before in {span_of(100 * shares[held])} % of the samples"
         remedy = "the joint moves: cycles were missed"
-        if every.max() > 1.0:
-            rates = f"{span_of(rate / every)} Hz in a recording of {rate:.4g} Hz"
-            message = f"{what} of {names} is held: a new value comes every {span_of(every)} samples, {rates}"
-            remedy = "the channel is updated more slowly than it is stamped; up to so much of it is late"
-        found.append(warning("held", message, remedy))
-    return found
+    else:
+        rates = f"{span_of(rate / every)} Hz in a recording of {rate:.4g} Hz"
+        words = f"is held: a new value comes every {span_of(every)} samples, {rates}"
+        remedy = "the channel is updated more slowly than it is stamped; up to so much of it is late"
+    return found + about(recording.joints, held, "held", what, words, remedy)
 
 
 def _held(column: Array, moving: NDArray[np.bool_]) -> tuple[float, float]:

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.signal import fftconvolve
 
 from elastic_arm.errors import RecordingError
-from elastic_arm.recording.inspection.report import FEWEST, Finding, warning
+from elastic_arm.recording.inspection.report import FEWEST, Finding, about
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import Array, Samples, joints_with, listed, span_of
 from elastic_arm.robot import Robot
@@ -30,23 +30,20 @@ def with_one_zero(recording: Recording, found: list[Finding]) -> Recording:
     motor = recording.motor
     if motor is None or motor.position is None or not off.any():
         return recording
-    message = (
-        f"motor and link position of {listed(recording.joints, off)} are {span_of(zero[off])} rad apart throughout"
-    )
+    words = f"are {span_of(zero[off])} rad apart throughout"
     remedy = "more than a drive winds up: an encoder that was not referenced? The motor's is taken for off by that"
-    found.append(warning("encoder_zeros", message, remedy))
+    found += about(recording.joints, off, "encoder_zeros", "motor and link position", words, remedy)
     return replace(recording, motor=replace(motor, position=motor.position - np.where(off, zero, 0.0)))
 
 
 def disagreeing(recording: Recording) -> list[Finding]:
     """Return at which joints the two encoders disagree by a ratio."""
     _, ratio = _apart(recording)
-    if not (off := np.abs(ratio) > 5e-4).any():  # a ratio that is given with four digits is off by less
-        return []
+    off = np.abs(ratio) > 5e-4  # a ratio that is given with four digits is off by less
     times = ", ".join(f"{1.0 + each:.4f}" for each in ratio[off])
-    message = f"motor positions of {listed(recording.joints, off)} are {times} times those of the link"
+    words = f"are {times} times those of the link, besides what torques wind up"
     remedy = "check the gear ratios and signs of the map, and the encoders' resolutions"
-    return [warning("encoder_ratio", f"{message}, besides what torques wind up", remedy)]
+    return about(recording.joints, off, "encoder_ratio", "motor positions", words, remedy)
 
 
 def _apart(recording: Recording) -> tuple[Array, Array]:

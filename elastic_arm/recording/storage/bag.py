@@ -6,19 +6,16 @@ import os
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from elastic_arm.errors import RecordingError
 from elastic_arm.input_files import read_fields
 from elastic_arm.recording import limits
 from elastic_arm.recording.storage.mcap import McapFile, open_mcap
-from elastic_arm.recording.storage.mcap_blocks import McapBlock
 from elastic_arm.recording.storage.metadata import METADATA_KEY, stated_currents
 from elastic_arm.recording.storage.sqlite import SqliteFile, open_sqlite
 
-# A storage format is a module with such a class, all of which have the same members, and a function that opens a file.
+# A storage format is a module with a kind of stored file and a function that opens one.
 BagFile = McapFile | SqliteFile
-Block = McapBlock
 METADATA = "metadata.yaml"
 _OPENERS: dict[str, Callable[[Path], BagFile]] = {".mcap": open_mcap, ".db3": open_sqlite}
 _PACKED = ("", ".zstd", ".zst")
@@ -53,10 +50,6 @@ class Bag:
         if self.metadata is not None:
             return list(self.metadata.currents)
         return list(dict.fromkeys(name for file in self.files for name in file.currents()))
-
-    def remarks(self) -> list[str]:
-        """Return what cannot be known of the bag, and is no damage."""
-        return [words for file in self.files for words in file.remarks()]
 
     def all_damage(self) -> list[str]:
         """Return what is wrong with the bag and its files, as far as it is known so far."""
@@ -104,6 +97,7 @@ def _opened(path: Path) -> Bag:
 
 
 def _read_metadata(folder: Path) -> tuple[BagMetadata | None, list[str]]:
+    """Return what is needed of metadata.yaml, None where it cannot be had, and what of it makes no sense."""
     file = folder / METADATA
     if not file.exists():
         return None, [f"{file} is missing"]
@@ -113,28 +107,23 @@ def _read_metadata(folder: Path) -> tuple[BagMetadata | None, list[str]]:
         return None, [f"{file} cannot be read ({error.problem.removeprefix(f'{file}: ')})"]
     if not isinstance(content, dict):
         return None, [f"{file} cannot be read (no fields under {METADATA_KEY})"]
-    return _metadata(file, content)
-
-
-def _metadata(file: Path, content: dict[str, Any]) -> tuple[BagMetadata, list[str]]:
-    """Return what is needed of metadata.yaml, and what of it makes no sense."""
     damage = []
-    count, mode, listed = (content.get(k) for k in ("message_count", "compression_mode", "relative_file_paths"))
+    count, names = content.get("message_count"), content.get("relative_file_paths")
     if count is not None and type(count) is not int:
         damage.append(f"{file}: message_count is no whole number")
         count = None
-    if listed is not None and not (isinstance(listed, list) and all(isinstance(name, str) for name in listed)):
+    if names is not None and not (isinstance(names, list) and all(isinstance(name, str) for name in names)):
         damage.append(f"{file}: relative_file_paths is no list of names")
-        listed = None
-    if listed is not None and len(listed) > limits.FILES:
-        damage.append(f"{file} names {len(listed)} files, {limits.FILES} are the limit")
-        listed = None
-    names = tuple(listed or ())
+        names = None
+    if names is not None and len(names) > limits.FILES:
+        damage.append(f"{file} names {len(names)} files, {limits.FILES} are the limit")
+        names = None
     # A bag is its folder: names that lead out of it are not followed.
-    outside = {name for name in names if "\0" in name or Path(name).is_absolute() or ".." in Path(name).parts}
-    damage += [f"{file} names {name[:60]!r}, which is not in the bag's folder" for name in names if name in outside]
-    files = tuple(name for name in names if name not in outside)
-    return BagMetadata(count, str(mode or "").lower(), files, stated_currents(content)), damage
+    outside = {n for n in names or () if "\0" in n or Path(n).is_absolute() or ".." in Path(n).parts}
+    damage += [f"{file} names {name[:60]!r}, which is not in the bag's folder" for name in sorted(outside)]
+    files = tuple(name for name in names or () if name not in outside)
+    mode = str(content.get("compression_mode") or "").lower()
+    return BagMetadata(count, mode, files, stated_currents(content)), damage
 
 
 def _number(file: Path) -> tuple[str, int]:

@@ -22,18 +22,25 @@ from elastic_arm.codegen.parallel import ahead
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording import limits
 from elastic_arm.recording.spans import Bytes, Offsets, by_value, column
-from elastic_arm.recording.storage.mcap_blocks import LATEST_NS, McapBlock, indexed, repeated
-from elastic_arm.recording.storage.mcap_scan import Record, Scan, give_back, scan
-from elastic_arm.recording.storage.metadata import INSIDE, Topic, plain_data, stated_currents
+from elastic_arm.recording.storage.mcap_scan import (
+    LATEST_NS,
+    McapBlock,
+    Record,
+    Scan,
+    give_back,
+    indexed,
+    repeated,
+    scan,
+)
+from elastic_arm.recording.storage.metadata import INSIDE, StoredFile, Topic, plain_data, stated_currents
 from elastic_arm.recording.storage.unpacking import PACKED_FILES, unpack_chunk, unpack_file
 
 MAGIC = b"\x89MCAP0\r\n"
+_CHUNK_HEAD = struct.Struct("<QQQII")  # first and last time, plain size, checksum, length of the compression's name
 _PARSED: dict[int, Any] = {
-    Opcode.HEADER: records.Header,
     Opcode.SCHEMA: records.Schema,
     Opcode.CHANNEL: records.Channel,
     Opcode.STATISTICS: records.Statistics,
-    Opcode.FOOTER: records.Footer,
 }
 # What reading a record raises whose bytes are not what its kind promises.
 _BAD_RECORD = (McapError, ValueError, KeyError, IndexError, OverflowError, struct.error)
@@ -65,42 +72,23 @@ class Chunk(NamedTuple):
 
 
 @dataclass
-class McapFile:
+class McapFile(StoredFile):
     """An MCAP file: what is in it, and its messages block by block."""
 
-    path: Path  # the file
-    buffer: Bytes
-    profile: str = ""  # profile, library: from its header
-    library: str = ""
-    # schemas, channels: by id; those that stand only inside chunks appear once :meth:`blocks` has been run through
-    schemas: dict[int, records.Schema] = field(default_factory=dict)
-    channels: dict[int, records.Channel] = field(default_factory=dict)
+    buffer: Bytes = field(default_factory=lambda: np.empty(0, np.uint8))
     chunks: list[Chunk] = field(default_factory=list)  # in file order
     statistics: records.Statistics | None = None  # from the summary; None where there is none
-    damage: list[str] = field(default_factory=list)  # what is wrong with the file, in words; empty for a whole one
     notes: list[Record] = field(default_factory=list)  # where metadata records lie
-    loose: Offsets = field(default_factory=lambda: np.empty(0, np.int64))
+    loose: Offsets = field(default_factory=lambda: np.empty(0, np.int64))  # messages outside of chunks
+    schemas: dict[int, tuple[str, str, str]] = field(default_factory=dict)  # name, definition and its language
     _before: McapBlock | None = None  # the chunk before, if all its bytes are messages
-
-    @property
-    def size(self) -> int:
-        """Bytes on disk."""
-        return self.path.stat().st_size
 
     def packing(self) -> set[str]:
         """Return how its chunks are packed."""
         kinds = {chunk.compression or "none" for chunk in self.chunks}
         return kinds | ({"unchunked"} if len(self.loose) else set())
 
-    def remarks(self) -> list[str]:
-        """Return what cannot be known of the file: damage in chunks without a checksum, which the format allows."""
-        open_chunks = sum(not chunk.crc for chunk in self.chunks)
-        if not open_chunks:
-            return []
-        return [f"{self.path}: {open_chunks} of {len(self.chunks)} chunks have no checksum: damage may go unseen"]
-
     def check_lengths(self) -> None:
-        """Raise if all chunks together, which are to be kept, claim to unpack to more than the limit."""
         claimed = (chunk.size for chunk in self.chunks if chunk.compression)
         total, limit = sum(size for size in claimed if size <= limits.chunk_bytes()), limits.unpacked_bytes()
         if total > limit:
@@ -110,7 +98,7 @@ class McapFile:
             )
 
     def currents(self) -> tuple[str, ...]:
-        """Return the torque channels that rosbag2's metadata in the file states to be currents times a constant."""
+        """Return what rosbag2's metadata in the file states."""
         for _, begin, end in self.notes:
             try:
                 record = records.Metadata.read(_RecordStream(BytesIO(self.buffer[begin:end].tobytes())))
@@ -120,28 +108,8 @@ class McapFile:
                 return stated_currents(plain_data(record.metadata.get(INSIDE[1], "")))
         return ()
 
-    def topics(self) -> list[Topic]:
-        """Return the topics described so far."""
-        return [self.topic(channel) for channel in self.channels]
-
-    def topic(self, channel: int) -> Topic:
-        """Return the topic of a channel; with an empty type where the file gives no schema."""
-        if channel not in self.channels:
-            problem = f"{self.path}: messages of channel {channel}, which the file does not describe"
-            raise RecordingError(problem, "Record again.")
-        described = self.channels[channel]
-        schema = self.schemas.get(described.schema_id, records.Schema(0, b"", "", ""))
-        return Topic(
-            described.topic,
-            schema.name,
-            schema.data.decode(errors="replace"),
-            described.metadata.get("topic_type_hash", ""),
-            described.metadata.get("offered_qos_profiles", ""),
-            schema.encoding,
-        )
-
     def expected(self, channel: int) -> int:
-        """Return how many messages the summary promises on a channel; 0 where nothing is known."""
+        """Return what the summary promises."""
         return self.statistics.channel_message_counts.get(channel, 0) if self.statistics is not None else 0
 
     def blocks(self, strict: bool = True) -> Iterator[McapBlock]:
@@ -215,27 +183,20 @@ class McapFile:
             elif opcode == Opcode.METADATA:
                 self.notes.append(found)
             elif opcode in _PARSED:
-                record = _PARSED[opcode].read(_RecordStream(BytesIO(buffer[begin:end].tobytes())))
-                self._keep(record)
+                self._keep(_PARSED[opcode].read(_RecordStream(BytesIO(buffer[begin:end].tobytes()))))
 
     def _keep(self, record: records.McapRecord) -> None:
         match record:
-            case records.Header():
-                self.profile, self.library = record.profile, record.library
             case records.Schema():
-                self.schemas[record.id] = record
+                self.schemas[record.id] = record.name, record.data.decode(errors="replace"), record.encoding
             case records.Channel():
-                self.channels[record.id] = record
+                stated, (name, text, encoding) = record.metadata, self.schemas.get(record.schema_id, ("", "", ""))
+                hashed, qos = stated.get("topic_type_hash", ""), stated.get("offered_qos_profiles", "")
+                self.channels[record.id] = Topic(record.topic, name, text, hashed, qos, encoding)
                 if len(self.channels) > limits.CHANNELS:
                     raise ValueError(f"more than {limits.CHANNELS} channels")
             case records.Statistics():
                 self.statistics = record
-
-
-def _mapped(path: Path) -> Bytes:
-    """Return the bytes of a file, of which only those stand in memory that are looked at."""
-    with path.open("rb") as file:
-        return np.frombuffer(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ), np.uint8)
 
 
 def open_mcap(path: Path) -> McapFile:
@@ -244,14 +205,17 @@ def open_mcap(path: Path) -> McapFile:
         if path.suffix in PACKED_FILES:  # rosbag2's file compression
             buffer = np.frombuffer(unpack_file(path, limits.unpacked_bytes()), np.uint8)
         else:
-            buffer = _mapped(path) if path.stat().st_size else np.empty(0, np.uint8)
+            with path.open("rb") as opened:  # of the file only those bytes stand in memory that are looked at
+                size = path.stat().st_size
+                content = mmap.mmap(opened.fileno(), 0, access=mmap.ACCESS_READ) if size else b""
+            buffer = np.frombuffer(content, np.uint8)
     except OSError as error:
         raise RecordingError(f"{path} cannot be read: {error}", "Check the path and its permissions.") from None
     if not len(buffer):
         raise RecordingError(f"{path} is empty", "Record again: nothing was written.")
     if buffer[:8].tobytes() != MAGIC:
         raise RecordingError(f"{path} is no MCAP file", "Give a rosbag2 folder, an .mcap or a .db3 file.")
-    file = McapFile(path, buffer)
+    file = McapFile(path, buffer=buffer)
     whole = len(buffer) >= 16 and buffer[-8:].tobytes() == MAGIC
     try:
         most = limits.RECORDS + len(buffer) // limits.RECORD_BYTES
@@ -270,14 +234,12 @@ def open_mcap(path: Path) -> McapFile:
 
 
 def _chunk(buffer: Bytes, begin: int, end: int) -> Chunk:
-    head = buffer[begin : begin + 32].tobytes()
-    start_ns, end_ns, size = np.frombuffer(head[:24], "<u8").tolist()
-    crc, name_size = np.frombuffer(head[24:32], "<u4").tolist()
-    compression = buffer[begin + 32 : begin + 32 + name_size].tobytes().decode()
-    at = begin + 32 + name_size
-    packed = int(np.frombuffer(buffer[at : at + 8].tobytes(), "<u8")[0])
-    if at + 8 + packed > end:
+    start_ns, end_ns, size, crc, name_size = _CHUNK_HEAD.unpack(buffer[begin:end][: _CHUNK_HEAD.size].tobytes())
+    at = begin + _CHUNK_HEAD.size + name_size + 8
+    compression = buffer[begin + _CHUNK_HEAD.size : at - 8].tobytes().decode()
+    packed = int.from_bytes(buffer[at - 8 : at], "little")
+    if at + packed > end:
         raise ValueError(f"a chunk at byte {begin} that is longer than its record")
     if max(start_ns, end_ns) > LATEST_NS:
         raise ValueError(f"a chunk at byte {begin} with times after the year 2262")
-    return Chunk(at + 8, at + 8 + packed, size, crc, compression, start_ns, end_ns, [])
+    return Chunk(at, at + packed, size, crc, compression, start_ns, end_ns, [])

@@ -5,9 +5,10 @@ from __future__ import annotations
 import os
 import struct
 import zlib
-from collections import defaultdict
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import accumulate
 from pathlib import Path
 from typing import Literal
 
@@ -38,6 +39,11 @@ from elastic_arm.version import __version__
 
 Compression = Literal["none", "lz4", "zstd"]
 COMPRESSIONS: tuple[Compression, ...] = ("none", "lz4", "zstd")
+_COMPRESSED: dict[Compression, Callable[[bytes | memoryview], bytes | memoryview]] = {
+    "none": lambda plain: plain,
+    "lz4": lz4.frame.compress,
+    "zstd": lambda plain: zstandard.ZstdCompressor(level=-1).compress(plain),
+}
 
 
 @dataclass(frozen=True)
@@ -52,16 +58,7 @@ class Packed:
 
 def pack(plain: bytes | memoryview, index: dict[int, tuple[Offsets, Offsets]], compression: Compression) -> Packed:
     """Compress the records of a chunk; leaves the interpreter's lock, so threads may share the work."""
-    size = len(plain)
-    crc = zlib.crc32(plain)
-    match compression:
-        case "zstd":
-            plain = zstandard.ZstdCompressor(level=-1).compress(plain)
-        case "lz4":
-            plain = lz4.frame.compress(plain)
-        case "none":
-            pass
-    return Packed(plain, size, crc, index)
+    return Packed(_COMPRESSED[compression](plain), len(plain), zlib.crc32(plain), index)
 
 
 class McapSink:
@@ -77,7 +74,7 @@ class McapSink:
         self._channels: list[Channel] = []
         self._chunks: list[ChunkIndex] = []
         self._metadata: list[MetadataIndex] = []
-        self._counts: defaultdict[int, int] = defaultdict(int)
+        self._counts: Counter[int] = Counter()
         self._end = 0
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -106,20 +103,16 @@ class McapSink:
         """Write a chunk and its message indexes, whole or not at all."""
         if not chunk.index:
             return
-        start = min(int(times.min()) for times, _ in chunk.index.values())
-        end = max(int(times.max()) for times, _ in chunk.index.values())
+        times = np.concatenate([own for own, _ in chunk.index.values()])
+        start, end = int(times.min()), int(times.max())
         name = b"" if self.compression == "none" else self.compression.encode()
         head = struct.pack(f"<QQQII{len(name)}sQ", start, end, chunk.size, chunk.crc, len(name), name, len(chunk.data))
         begin = self._end
         length = 9 + len(head) + len(chunk.data)
-        indexes: list[bytes] = []
-        places: dict[int, int] = {}
-        for channel, (times, offsets) in chunk.index.items():
-            places[channel] = begin + length + sum(map(len, indexes))
-            indexes.append(_message_index(channel, times, offsets))
+        indexes = [_message_index(channel, *entries) for channel, entries in chunk.index.items()]
+        *places, behind = accumulate(map(len, indexes), initial=begin + length)
         self._write(struct.pack("<BQ", Opcode.CHUNK, length - 9) + head, chunk.data, *indexes)
-        for channel, (times, _) in chunk.index.items():
-            self._counts[channel] += len(times)
+        self._counts.update({channel: len(own) for channel, (own, _) in chunk.index.items()})
         self._chunks.append(
             ChunkIndex(
                 chunk_length=length,
@@ -127,8 +120,8 @@ class McapSink:
                 compression=name.decode(),
                 compressed_size=len(chunk.data),
                 message_end_time=end,
-                message_index_length=sum(map(len, indexes)),
-                message_index_offsets=places,
+                message_index_length=behind - begin - length,
+                message_index_offsets=dict(zip(chunk.index, places, strict=True)),
                 message_start_time=start,
                 uncompressed_size=chunk.size,
             )
@@ -175,14 +168,13 @@ class McapSink:
         self._file.close()
 
     def _summary_section(self) -> bytes:
-        counts = {channel.id: self._counts[channel.id] for channel in self._channels if self._counts[channel.id]}
         written = self.summary()
         statistics = Statistics(
             attachment_count=0,
             channel_count=len(self._channels),
-            channel_message_counts=counts,
+            channel_message_counts=dict(self._counts),
             chunk_count=len(self._chunks),
-            message_count=sum(counts.values()),
+            message_count=self._counts.total(),
             message_end_time=written.end_ns,
             message_start_time=written.start_ns,
             metadata_count=len(self._metadata),
@@ -222,10 +214,9 @@ class McapSink:
             raise self._failed(error) from None
 
     def _failed(self, error: OSError) -> RecordingError:
-        kept = sum(self._counts.values())
         return RecordingError(
             f"{self.path} cannot be written further: {error.strerror}",
-            f"The {kept} messages written before are kept; free space or choose another disk.",
+            f"The {self._counts.total()} messages written before are kept; free space or choose another disk.",
         )
 
 

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from elastic_arm.recording.spans import offsets_of
-from elastic_arm.recording.storage.bag import BagFile, Block, open_bag
+from elastic_arm.recording.storage.bag import BagFile, open_bag
+from elastic_arm.recording.storage.mcap_scan import McapBlock
 from elastic_arm.recording.storage.metadata import Topic
 
 
@@ -44,10 +45,10 @@ def topics_of(files: Sequence[BagFile]) -> list[Topic]:
     """Return the topics of opened files; where a file does not list them all, from a look through its messages."""
     found: dict[str, Topic] = {}
     for file in files:
-        if not all(topic.type_name for topic in file.topics()) or not file.topics():
+        if not all(topic.type_name for topic in file.channels.values()) or not file.channels:
             for _ in file.blocks(strict=False):
                 pass
-        for topic in file.topics():
+        for topic in file.channels.values():
             found.setdefault(topic.name, topic)
     return list(found.values())
 
@@ -63,7 +64,7 @@ def _of_file(file: BagFile, topics: Collection[str] | None, strict: bool) -> Ite
         yield heapq.heappop(waiting)[-1]
 
 
-def _of_block(file: BagFile, block: Block, topics: Collection[str] | None) -> Iterator[tuple[int, Message]]:
+def _of_block(file: BagFile, block: McapBlock, topics: Collection[str] | None) -> Iterator[tuple[int, Message]]:
     for channel in block.counts():
         topic = file.topic(channel)
         if topics is not None and topic.name not in topics:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import yaml
 
+from elastic_arm.errors import RecordingError
 from elastic_arm.input_files import parse_yaml
 from elastic_arm.recording.topics import LATCHED, STREAM_DEPTH
 
@@ -31,6 +33,37 @@ class Topic:
     type_hash: str  # RIHS01 hash of the type; may be empty
     qos: str  # quality of service offered, as YAML
     encoding: str = ""
+
+
+@dataclass
+class StoredFile:
+    """A file of a bag of any storage format, which has its messages in `blocks(strict)`, block by block.
+
+    What a format knows nothing of is as here.
+    """
+
+    path: Path
+    # its topics by their numbers; those that stand only inside chunks appear once its blocks have been run through
+    channels: dict[int, Topic] = field(default_factory=dict)
+    damage: list[str] = field(default_factory=list)  # what is wrong with the file, in words; empty for a whole one
+
+    def topic(self, channel: int) -> Topic:
+        """Return the topic of a channel; with an empty type where the file gives no schema."""
+        if channel not in self.channels:
+            problem = f"{self.path}: messages of channel {channel}, which the file does not describe"
+            raise RecordingError(problem, "Record again.")
+        return self.channels[channel]
+
+    def currents(self) -> tuple[str, ...]:
+        """Return the torque channels that the file states to be motor currents times a torque constant."""
+        return ()
+
+    def check_lengths(self) -> None:
+        """Raise if all of its messages, which are to be kept, claim to unpack to more than the limit."""
+
+    def expected(self, _: int) -> int:
+        """Return how many messages the file promises on a channel; 0 where nothing is known."""
+        return 0
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sqlite3
 from collections.abc import Iterator, Sequence
 from contextlib import closing
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -13,9 +13,8 @@ import numpy as np
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording import limits
 from elastic_arm.recording.spans import by_value, place
-from elastic_arm.recording.storage.mcap_blocks import McapBlock
-from elastic_arm.recording.storage.mcap_scan import MESSAGE_HEAD, RECORD_HEAD
-from elastic_arm.recording.storage.metadata import Topic
+from elastic_arm.recording.storage.mcap_scan import MESSAGE_HEAD, RECORD_HEAD, McapBlock
+from elastic_arm.recording.storage.metadata import StoredFile, Topic
 from elastic_arm.recording.storage.unpacking import PACKED_FILES, unpack_file
 
 _MAGIC = b"SQLite format 3\0"
@@ -33,49 +32,15 @@ _MESSAGES = (
 
 
 @dataclass
-class SqliteFile:
-    """A .db3 file: its topics, and its messages block by block."""
+class SqliteFile(StoredFile):
+    """A .db3 file. To count its messages takes as long as to read them."""
 
-    path: Path  # the file
     # its plain content where the file is compressed; None where SQLite reads the file itself
     image: bytearray | None = None
-    channels: dict[int, Topic] = field(default_factory=dict)  # its topics by their numbers in the file
-    damage: list[str] = field(default_factory=list)  # what is wrong with the file, in words; empty for a whole one
-
-    @property
-    def size(self) -> int:
-        """Bytes on disk."""
-        return self.path.stat().st_size
 
     def packing(self) -> set[str]:
         """Return how the file is packed."""
         return {"none" if self.image is None else "zstd"}
-
-    def remarks(self) -> list[str]:
-        """Return nothing: SQLite notices damage by its own structure, as far as it does."""
-        return []
-
-    def currents(self) -> tuple[str, ...]:
-        """Return none: these files state nothing of the kind."""
-        return ()
-
-    def check_lengths(self) -> None:
-        """Raise nothing: each message is unpacked for itself."""
-
-    def topics(self) -> list[Topic]:
-        """Return its topics."""
-        return list(self.channels.values())
-
-    def topic(self, channel: int) -> Topic:
-        """Return the topic of a channel."""
-        if channel not in self.channels:
-            problem = f"{self.path}: messages of topic number {channel}, which the file does not describe"
-            raise RecordingError(problem, "Record again.")
-        return self.channels[channel]
-
-    def expected(self, _: int) -> int:
-        """Return 0: to count the messages takes as long as to read them."""
-        return 0
 
     def blocks(self, strict: bool = True) -> Iterator[McapBlock]:
         """Yield the messages in the order of their timestamps."""
@@ -115,21 +80,19 @@ class SqliteFile:
             options = "mode=ro" if log.exists() and log.stat().st_size else "mode=ro&immutable=1"
             uri = f"{self.path.resolve().as_uri()}?{options}"
             database = sqlite3.connect(uri, uri=True, check_same_thread=False)
-        database.text_factory = _text
+        database.text_factory = lambda content: content.decode(errors="replace")  # which need not be a text
         return database
-
-
-def _text(content: bytes) -> str:
-    """Return a text of the database, which need not be one."""
-    return content.decode(errors="replace")
 
 
 def open_sqlite(path: Path) -> SqliteFile:
     """Open a .db3 file."""
-    # SQLite takes a copy.
-    packed = path.suffix in PACKED_FILES
-    file = SqliteFile(path, unpack_file(path, limits.unpacked_bytes() // 2) if packed else None)
-    head = _head(path) if file.image is None else file.image[: len(_MAGIC)]
+    file = SqliteFile(path)
+    if path.suffix in PACKED_FILES:
+        file.image = unpack_file(path, limits.unpacked_bytes() // 2)  # of which SQLite takes a copy
+        head = bytes(file.image[: len(_MAGIC)])
+    else:
+        with open(path, "rb") as opened:
+            head = opened.read(len(_MAGIC))
     if not head:
         raise RecordingError(f"{path} is empty", "Record again: nothing was written.")
     if head != _MAGIC:
@@ -140,11 +103,6 @@ def open_sqlite(path: Path) -> SqliteFile:
     except _DAMAGED as error:
         raise RecordingError(f"{path} is damaged ({error})", "Record again.") from None
     return file
-
-
-def _head(path: Path) -> bytes:
-    with open(path, "rb") as file:
-        return file.read(len(_MAGIC))
 
 
 def _channels(database: sqlite3.Connection, path: Path) -> dict[int, Topic]:

@@ -7,6 +7,7 @@ import scipy
 from numpy.typing import NDArray
 
 from elastic_arm.errors import RecordingError
+from elastic_arm.recording.inspection.report import Finding, note
 from elastic_arm.recording.sides import Array, ClockMode, Lacking, Samples, Side, Stamps, joints_with
 from elastic_arm.recording.timebase.clocks import ENOUGH, Evidence, evidence, is_even, numbered
 
@@ -22,8 +23,9 @@ SHORTEST = 12
 def join(link: Side | None, motor: Side | None, clock: ClockMode | None = None) -> Samples:
     """Bring both sides to one time base, see :func:`pair`."""
     if link is not None and motor is not None and (len(link) or len(motor)):
-        link, motor, notes = pair(link, motor, "the motor side", "the link side", clock)
-        return _samples(link.stamp_ns, link, motor, notes)
+        found: list[Finding] = []
+        link, motor = pair(link, motor, "the motor side", "the link side", found, clock)
+        return _samples(link.stamp_ns, link, motor, tuple(finding.message for finding in found))
     only = motor if link is None else link
     if only is None or not len(only):
         raise RecordingError("no samples of the arm", "Record /joint_states or /motor_states, or both.")
@@ -31,9 +33,9 @@ def join(link: Side | None, motor: Side | None, clock: ClockMode | None = None) 
 
 
 def pair(
-    base: Side, other: Side, other_name: str, base_name: str, clock: ClockMode | None = None
-) -> tuple[Side, Side, tuple[str, ...]]:
-    """Bring `other` to the stamps of `base`.
+    base: Side, other: Side, other_name: str, base_name: str, found: list[Finding], clock: ClockMode | None = None
+) -> tuple[Side, Side]:
+    """Bring `other` to the stamps of `base`; `found` gets what was done.
 
     Samples with equal stamps are joined exactly; where the two are stamped apart, `other` is interpolated by a cubic
     spline (never beyond its ends or across its gaps), between the times at which samples were taken: where they were
@@ -41,20 +43,20 @@ def pair(
     sample rate and damps what lies close to it.
     """
     if np.array_equal(base.stamp_ns, other.stamp_ns):
-        return base, other, ()
+        return base, other
     common, of_base, of_other = np.intersect1d(base.stamp_ns, other.stamp_ns, assume_unique=True, return_indices=True)
     if len(common) and len(common) >= COMMON_SHARE * min(len(base), len(other)):
         lost = len(base) + len(other) - 2 * len(common)
-        notes = (f"{lost} samples that only one of {base_name} and {other_name} has were left out",)
-        return base.at(of_base), other.at(of_other), notes
+        found.append(note(f"{lost} samples that only one of {base_name} and {other_name} has were left out"))
+        return base.at(of_base), other.at(of_other)
     inside = _covered(base.stamp_ns, other.stamp_ns)
     if not inside.any():
         raise RecordingError(f"{base_name} and {other_name} do not overlap in time", "Stamp all topics by one clock.")
     origin = int(base.stamp_ns[0])
     wanted, given = _times((base, other), origin, clock)
     at = base.at(inside)
-    notes = (f"{other_name} was interpolated to the stamps of {base_name} by a cubic spline",)
-    return at, _interpolate(other, given, at.stamp_ns, wanted[inside]), notes
+    found.append(note(f"{other_name} was interpolated to the stamps of {base_name} by a cubic spline"))
+    return at, _interpolate(other, given, at.stamp_ns, wanted[inside])
 
 
 def _times(sides: tuple[Side, Side], origin: int, clock: ClockMode | None) -> tuple[Array, Array]:

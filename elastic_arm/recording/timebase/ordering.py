@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from elastic_arm.recording.inspection.quality import check_stamped, moment
-from elastic_arm.recording.inspection.report import Finding
+from elastic_arm.recording.inspection.report import Finding, check_stamped, moment
 from elastic_arm.recording.sides import Stamps
 
 _AROUND = 50  # messages on either side of a step back that show whether the clock stays behind

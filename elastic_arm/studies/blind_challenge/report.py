@@ -9,7 +9,7 @@ from typing import Any
 from matplotlib.figure import Figure as MplFigure
 
 from elastic_arm.report.html import Figure, Section, Table, write_report
-from elastic_arm.report.style import BLUE, GREEN, GREY, VERMILION, new_figure, style
+from elastic_arm.report.style import BLUE, GREEN, GREY, VERMILION, drawing
 from elastic_arm.studies.blind_challenge.score import (
     AT_MOST,
     EFFECT_HEADINGS,
@@ -40,8 +40,7 @@ def write_challenge_report(path: str | Path, found: Mapping[str, Any]) -> Path:
 def shares(level: str, table: Mapping[str, Any]) -> MplFigure:
     """Draw every share with its interval, and what is to be reached."""
     named = [(name, s) for name, s in table["shares"].items() if s["trials"]]
-    with style():
-        figure, axes = new_figure(size=(8.6, 0.8 + 0.3 * len(named)))
+    with drawing(size=(8.6, 0.8 + 0.3 * len(named))) as (figure, axes):
         ax = axes[0, 0]
         for row, (name, s) in enumerate(named):
             wanted = target(name, level)
@@ -59,8 +58,7 @@ def shares(level: str, table: Mapping[str, Any]) -> MplFigure:
 
 def reliability(table: Mapping[str, Any]) -> MplFigure:
     """Draw the share of causes that were right over the confidence that they were given."""
-    with style():
-        figure, axes = new_figure(size=(4.6, 3.9))
+    with drawing(size=(4.6, 3.9)) as (figure, axes):
         ax = axes[0, 0]
         ax.plot([0, 1], [0, 1], color=GREY, linewidth=1.0, linestyle="--")
         for row in table["calibration"]:

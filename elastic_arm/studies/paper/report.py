@@ -15,7 +15,7 @@ from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from elastic_arm.dynamics import build_model
 from elastic_arm.report.html import Block, Figure, Section, Table, Text, write_report
-from elastic_arm.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, new_figure, style
+from elastic_arm.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, drawing, style
 from elastic_arm.robot.description import DH, Robot
 from elastic_arm.robot.kinematics import link_placements
 from elastic_arm.studies.paper.claims import FAILS, HOLDS, IN_PART, UNDECIDED, Claim
@@ -193,8 +193,7 @@ def figure_4a(result: StudyResult) -> Section:
 def _torques(comparison: ModelComparison, models: tuple[str, ...]) -> MplFigure:
     """Draw tau^m and tau^l of models over time; of several models the differences of tau^m from that of mod3, too."""
     n, several = comparison.run.q.shape[1], PROTOTYPE not in models
-    with style():
-        figure, axes = new_figure(2 + several, n, size=(11.0, 4.6 + 2.0 * several), sharex=True)
+    with drawing(2 + several, n, size=(11.0, 4.6 + 2.0 * several), sharex=True) as (figure, axes):
         for joint in range(n):
             for row, side in enumerate((*SIDES, "motor")[: 2 + several]):
                 for model in models if row < 2 else ("mod1", "mod2"):
@@ -297,8 +296,7 @@ def _stacked_metrics(metrics: list[Metric], models: tuple[str, ...], ratios: tup
     """Draw e_max (bottom) and e_rmse (top) as stacked bars over r_tot, per side and joint (Figs. 4b and 4c)."""
     table = {(m.side, m.joint, m.r_tot, m.model): m for m in metrics}
     width = 0.8 / len(models)
-    with style():
-        figure, axes = new_figure(2, n, size=(11.0, 5.0), sharex=True)
+    with drawing(2, n, size=(11.0, 5.0), sharex=True) as (figure, axes):
         for row, side in enumerate(SIDES):
             for joint in range(1, n + 1):
                 ax = axes[row, joint - 1]
@@ -371,8 +369,7 @@ def _text(expression: sympy.Expr) -> str:
 
 def _shares_of(estimates: list[Any]) -> MplFigure:
     """Draw Fig. 5: shares of the coefficients per error category, a group a category, a bar a model."""
-    with style():
-        figure, axes = new_figure(1, 1, size=(6.4, 3.2))
+    with drawing(1, 1, size=(6.4, 3.2)) as (figure, axes):
         ax = axes[0, 0]
         for k, estimate in enumerate(estimates):
             values = [getattr(estimate.shares, name) for name, _, _ in CATEGORIES]
@@ -388,8 +385,7 @@ def _shares_of(estimates: list[Any]) -> MplFigure:
 
 def _error_sources(estimates: list[Any]) -> MplFigure:
     """Draw, per coefficient, the model's own error, what the bushing adds, and the spread under noise."""
-    with style():
-        figure, axes = new_figure(1, len(estimates), size=(11.0, 4.2), sharey=True)
+    with drawing(1, len(estimates), size=(11.0, 4.2), sharey=True) as (figure, axes):
         for ax, estimate in zip(axes[0], estimates, strict=True):
             order = np.argsort(estimate.torque)[::-1]
             place = np.arange(len(order))
@@ -458,8 +454,7 @@ def noise(result: StudyResult) -> Section:
 def tracking(result: StudyResult) -> Section:
     """What a better model buys: the tool's error under feed-forward; no model at all is left to the table."""
     ratios = sorted({t.r_tot for t in result.tracking})
-    with style():
-        figure, axes = new_figure(1, len(ratios), size=(5.2 * len(ratios), 3.2))
+    with drawing(1, len(ratios), size=(5.2 * len(ratios), 3.2)) as (figure, axes):
         for ax, r_tot in zip(axes[0], ratios, strict=True):
             picked = [t for t in result.tracking if t.r_tot == r_tot and t.feedforward != "none"]
             colours = [COLOURS.get(t.feedforward.removeprefix("identified "), GREY) for t in picked]

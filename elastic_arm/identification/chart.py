@@ -7,6 +7,7 @@ revolution are positive moments; K, D and armatures are positive or not negative
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -25,20 +26,30 @@ PAIRS = ((0, 0), (0, 1), (0, 2), (0, 3), (1, 1), (1, 2), (1, 3), (2, 2), (2, 3),
 _UNIT = [float(i == j) for i, j in PAIRS]  # coordinates of the unit matrix: of the nominal body
 
 
-@dataclass(frozen=True)
+@dataclass
 class Chart:
     """Parameters near the nominal: Psi = Psi0 + G (x - x0), x dimensionless and x = x0 at the nominal."""
 
-    G: Array
-    x0: Array
     Psi0: Array
-    pseudo: tuple[slice, ...]  # Slices of x that hold the ten entries of a normalised pseudo-inertia
+    columns: list[Array] = field(default_factory=list)  # of G
+    start: list[float] = field(default_factory=list)  # x0
+    pseudo: list[slice] = field(default_factory=list)  # of x: the ten entries of a normalised pseudo-inertia
     # indices of x that must be positive, each with its weight in the divergence
-    positive: tuple[tuple[int, float], ...]
-    free: tuple[int, ...]  # Indices of x that may have either sign
-    bounds: tuple[tuple[int, float], ...] = ()  # Of `free`, indices with the least value that each may have
+    positive: list[tuple[int, float]] = field(default_factory=list)
+    free: list[int] = field(default_factory=list)  # indices of x that may have either sign
+    bounds: list[tuple[int, float]] = field(default_factory=list)  # of `free`, with the least value of each
     # indices of x that are parameters of laws over what is ordinary of them; errors of sensors are free
-    held: tuple[int, ...] = ()
+    held: list[int] = field(default_factory=list)
+
+    @functools.cached_property
+    def G(self) -> Array:
+        """(P, k) the parameters by the coordinates."""
+        return np.array(self.columns).T
+
+    @functools.cached_property
+    def x0(self) -> Array:
+        """(k,) the nominal arm."""
+        return np.array(self.start)
 
     def variances(self) -> Array:
         """Return the variances of x that belong to the divergence at a trust of one."""
@@ -50,45 +61,9 @@ class Chart:
             variance[k] = 1.0 / weight
         return variance
 
-
-def chart_of(equations: BaseRegression) -> Chart:
-    """Put parameters into coordinates in which the nominal is x0 and every step of size one is as bold."""
-    names, nominal, robot = equations.names, equations.nominal, equations.model.robot
-    links, seen = {joint.link_name for joint in robot.joints}, set[int]()
-    found = _Coordinates(nominal.copy())
-    for body in equations.model.bodies.bodies:
-        index = list(body.parameters)
-        if seen & set(index):
-            continue
-        seen |= set(index)
-        if body.name in links:
-            found.add_link(index, nominal[index] - folded(robot, equations, body))
-        else:
-            found.add_solid(index, nominal[index])
-    laws = {column.name: column for column in equations.columns}
-    for k, name in enumerate(names):
-        if k not in seen:
-            physical = name.rpartition(".")[2] in ("K", "D", ARMATURE)
-            found.add_number(k, float(nominal[k]), laws.get(name), physical=physical)
-    return found.chart()
-
-
-@dataclass
-class _Coordinates:
-    """The coordinates of a chart, one body or number after another."""
-
-    Psi0: Array
-    columns: list[Array] = field(default_factory=list)
-    x0: list[float] = field(default_factory=list)
-    pseudo: list[slice] = field(default_factory=list)
-    positive: list[tuple[int, float]] = field(default_factory=list)
-    free: list[int] = field(default_factory=list)
-    held: list[int] = field(default_factory=list)
-    bounds: list[tuple[int, float]] = field(default_factory=list)
-
     def add_link(self, index: list[int], nominal: Array) -> None:
         """Add a link, whose ten parameters are `nominal` without what is folded into it."""
-        self.pseudo.append(slice(len(self.x0), len(self.x0) + 10))
+        self.pseudo.append(slice(len(self.start), len(self.start) + 10))
         own, moments = _link_chart(nominal), np.linalg.eigvalsh(pseudo_inertia(nominal))
         if moments[0] < THINNEST * moments[-1]:  # A point counts as thick as its chart, to become thinner.
             self.Psi0[index] += own @ _UNIT - nominal
@@ -96,13 +71,13 @@ class _Coordinates:
 
     def add_solid(self, index: list[int], nominal: Array) -> None:
         """Add a solid of revolution: its mass, and its radial and axial moments."""
-        first = len(self.x0)
+        first = len(self.start)
         self._add(_solid_chart(nominal), index, (1.0, 1.0, 1.0))
         self.positive += [(first, 1.0), (first + 1, 2.0), (first + 2, 1.0)]
 
     def add_number(self, k: int, nominal: float, law: Column | None, *, physical: bool) -> None:
         """Add parameter k: relative to its nominal value or to what is ordinary of it, if either is stated."""
-        place, relative = len(self.x0), physical and nominal > 0
+        place, relative = len(self.start), physical and nominal > 0
         # Where masses have to be positive, the zeros of sensors have more to take up than is ordinary.
         ordinary = None if law is None or law.sensor else law.ordinary
         self._add(np.array([[nominal if relative else ordinary or 1.0]]), [k], (1.0 if relative else 0.0,))
@@ -122,19 +97,33 @@ class _Coordinates:
         wide = np.zeros((columns.shape[1], len(self.Psi0)))
         wide[:, index] = columns.T
         self.columns += list(wide)
-        self.x0 += start
+        self.start += start
 
-    def chart(self) -> Chart:
-        """Return them as a chart."""
-        groups = (tuple(self.pseudo), tuple(self.positive), tuple(self.free), tuple(self.bounds), tuple(self.held))
-        return Chart(np.array(self.columns).T, np.array(self.x0), self.Psi0, *groups)
+
+def chart_of(equations: BaseRegression) -> Chart:
+    """Put parameters into coordinates in which the nominal is x0 and every step of size one is as bold."""
+    names, nominal, robot = equations.names, equations.nominal, equations.model.robot
+    links, seen = {joint.link_name for joint in robot.joints}, set[int]()
+    found = Chart(nominal.copy())
+    for body in equations.model.bodies.bodies:
+        index = list(body.parameters)
+        if seen & set(index):
+            continue
+        seen |= set(index)
+        if body.name in links:
+            found.add_link(index, nominal[index] - folded(robot, equations, body))
+        else:
+            found.add_solid(index, nominal[index])
+    laws = {column.name: column for column in equations.columns}
+    for k, name in enumerate(names):
+        if k not in seen:
+            physical = name.rpartition(".")[2] in ("K", "D", ARMATURE)
+            found.add_number(k, float(nominal[k]), laws.get(name), physical=physical)
+    return found
 
 
 def folded(robot: Robot, equations: BaseRegression, body: Body) -> Array:
-    """Return what the nominal body has beyond the link itself: the folded spline of mod1, else nothing.
-
-    Returns Array (10,) mass (kg), first moments (kg m) and inertias (kg m²) about the frame's origin.
-    """
+    """Return what the nominal body's ten parameters have beyond the link: the folded spline of mod1, else nothing."""
     link = next(j.link for j in robot.joints if j.link_name == body.name)
     own = inertial_parameters(link.mass, link.com, link.inertia)
     return equations.nominal[list(body.parameters)] - own

@@ -1,1 +1,0 @@
-"""All parameters, physically consistent: coordinates near the description, the fit in them, and the arm found."""
