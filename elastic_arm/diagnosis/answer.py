@@ -74,11 +74,12 @@ def diagnose(recordings: Sequence[Recording], question: Question, validate: Sequ
     """
     recordings, validate = recordings_of(recordings), recordings_of(validate, "validate")
     require_kind(question, Question, "question", DiagnosisError, "Give Question(robot).")
-    answer = Answer.of(prepare(recordings, validate, question), question).without_events()
-    if not answer.prepared.events and answer.laws() and (events := answer.lawless.events()):
-        # A law without a form bends to what acts for a while only; events after which none is left are simpler.
-        other = Answer.of(answer.prepared.without(events), question).without_events()
-        answer = other if other.prepared.events and not other.laws() else answer
+    answer = Answer.of(prepare(recordings, validate, question), question)
+    for _ in range(AGAIN):
+        events = answer.events()
+        if events == answer.prepared.events:
+            break
+        answer = Answer.of(answer.prepared.without(events), question)
     return answer.result()
 
 
@@ -90,7 +91,6 @@ class Answer:
     explanation: Explanation  # sets and their posteriors
     question: Question  # what was asked
     which: int = 1  # 1 where the recordings that judge are looked at, 0 where those that were fitted are
-    chosen: Fit | None = None  # a set that is looked at in place of the most probable one
 
     @staticmethod
     def of(prepared: Prepared, question: Question) -> Answer:
@@ -100,22 +100,7 @@ class Answer:
     @property
     def best(self) -> Fit:
         """The most probable set."""
-        return self.chosen or self.explanation.best
-
-    @property
-    def lawless(self) -> Answer:
-        """Return it with the most probable set that has no law without a form in place of the most probable one."""
-        return replace(self, chosen=next((fit for _, fit in self.sets if all(k[0] != LAW for k in fit.keys)), None))
-
-    def without_events(self) -> Answer:
-        """Explain what is left when the events that are found are left out, until no others are."""
-        answer = self
-        for _ in range(AGAIN):
-            events = answer.events()
-            if events == answer.prepared.events:
-                break
-            answer = Answer.of(answer.prepared.without(events), self.question)
-        return answer
+        return self.explanation.best
 
     @cached_property
     def sets(self) -> list[tuple[float, Fit]]:
