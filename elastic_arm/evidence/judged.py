@@ -19,7 +19,7 @@ from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.model import Fit, LinearModel
 from elastic_arm.evidence.nonlinear import tangent_term
 from elastic_arm.evidence.pool import relaxed_columns
-from elastic_arm.evidence.priors import NEAR, SCORED
+from elastic_arm.evidence.priors import NEAR
 from elastic_arm.evidence.search import Search, without
 from elastic_arm.evidence.term import Ident, Term
 
@@ -31,7 +31,6 @@ class Judge:
         """Join both parts; always: known terms of the recordings that judge."""
         self.search, self.judging = search, judging
         own, first = search.model, search.linear
-        self.fitted = own
         self._terms: dict[Ident, Term] = {}
         self.model: LinearModel = replace(
             own,
@@ -48,37 +47,30 @@ class Judge:
         Return the most probable set. Sets that are not scored keep what they are behind the best one.
         """
         met = self.search.met
-        self._inflate(best)
-        near = NEAR * float(np.max(self.fitted.inflation))
-        here = (fit for fit in met.values() if fit.score > best.score - near and fit.model.grams is best.model.grams)
-        likely = sorted(here, key=lambda fit: -fit.score)
-        scored = {fit.keys: self._scored(fit.optional, best) for fit in (best, *likely[:SCORED])}
-        shift = scored[best.keys].score - best.score
-        met.update({keys: replace(fit, correction=fit.correction + shift) for keys, fit in met.items()})
-        now = max(scored.values(), key=lambda fit: fit.score)
+        here = (fit for fit in met.values() if fit.score > best.score - NEAR and fit.model.grams is best.model.grams)
+        scored = {fit.keys: self._scored(fit) for fit in here}
+        first = scored.setdefault(best.keys, self._scored(best))
+        self.search.met.update(
+            {keys: replace(fit, correction=fit.correction + first.score - best.score) for keys, fit in met.items()}
+        )
+        now = first
         while now.optional:
-            less = max((self._scored(without(now, t), now) for t in now.optional), key=lambda fit: fit.score)
+            less = max(
+                (self._scored(self.search.model.fit(without(now, t), now)) for t in now.optional),
+                key=lambda fit: fit.score,
+            )
             if less.score <= now.score:
                 break
             now = scored[less.keys] = less
         met.update(scored)
-        return max(scored.values(), key=lambda fit: fit.score)
-
-    def _inflate(self, best: Fit) -> None:
-        """Have rows of places count as what terms gain there by chance beside the best set states."""
-        found = self.search.screens[0].inflation(best)
-        of_joints = np.array([found.get(name, 1.0) for name in self.search.linear.problem.robot.joint_names])
-        self.fitted, self.model = (
-            model.inflated(of_joints[model.bands.place % len(of_joints)]) for model in (self.fitted, self.model)
-        )
+        return max(met.values(), key=lambda fit: fit.score)
 
     def whole(self, fit: Fit) -> Fit:
         """Return the fit of the same set to all recordings."""
         return self.model.fit([self._of_all(t, fit) for t in fit.optional])
 
-    def _scored(self, terms: Sequence[Term], near: Fit) -> Fit:
-        fit = self.fitted.fit(terms, near)
-        return replace(fit, correction=self.whole(fit).found.evidence - fit.found.evidence)
+    def _scored(self, fit: Fit) -> Fit:
+        return replace(fit, correction=fit.correction + self.whole(fit).found.evidence - fit.found.evidence)
 
     def _of_all(self, term: Term, fit: Fit) -> Term:
         """Return a term with its rows in the recordings that judge as well."""

@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
-from scipy.stats import chi2
 
 from elastic_arm.arrays import Array
-from elastic_arm.evidence.grams import Bands, Grams, Products, kept
+from elastic_arm.evidence.grams import Bands, Grams, kept
 from elastic_arm.evidence.pool import sized
 from elastic_arm.evidence.posterior import Posterior, Prior, mass, posterior
 from elastic_arm.evidence.priors import CHANGED, FORMLESS, ODDS, RELATED, SCALES, SIZES, TRUST
@@ -25,7 +23,6 @@ EXACT = 0.1  # factor of the trust below which the numbers of a description lie 
 LOOKED_AT = 30  # terms of which first-order gains are made well; numerical
 # Of sensors, only a simulation's description says how they are; details of how a law is met are in no description.
 KINDS = "arm", "sensor", "detail"
-MEDIAN = float(chi2.median(1))
 UNTOLD = 1e-3  # of a prior's precision: what data tell no more of, they tell nothing of; numerical
 
 
@@ -50,7 +47,7 @@ class Fit:
         Linearisations predict different noise, so that the same recorded values have different densities. Where the
         other fit leaves less than its noise, these differ by as much less.
         """
-        share = float(np.sum(other.found.left / other.found.v) / np.sum(self.model.n))
+        share = float(np.sum(other.found.left / other.found.v) / np.sum(self.model.bands.n))
         return replace(self, correction=other.correction + share * (self.model.density - other.model.density))
 
     @cached_property
@@ -287,23 +284,6 @@ class Screen:
         # Beyond what the same noise makes of it, which is counted already.
         return np.sum(0.5 * (n * np.log(v / quiet) + left / v - now / quiet - (left - now) / v), axis=0)
 
-    def inflation(self, fit: Fit) -> dict[str | None, float]:
-        """Return by how much more than noise would the terms at each joint gain by chance beside a fit.
-
-        What no law states follows the motion, too, and correlates with any law: the median of z² over all of them is
-        then more than chi²'s of one degree of freedom (genomic control; Devlin and Roeder 1999).
-        """
-        if not self.terms:
-            return {}
-        w, (pieces, left) = 1.0 / fit.found.v, self._beside(fit, slice(None))
-        C, squares = np.vstack([np.tensordot(w, one, 1) for one in pieces]), w @ self.squares
-        G = squares - np.einsum("ij,ij->j", C, fit.found.S @ C)
-        told = UNTOLD * squares < G
-        z2 = (w @ left) ** 2 / np.where(told, G, 1.0)
-        joints = np.repeat(np.array([t.key[1] for t in self.terms], dtype=object), self.sizes)
-        found = {joint: z2[told & (joints == joint)] for joint in set(joints.tolist())}
-        return {joint: max(1.0, float(np.median(own)) / MEDIAN) for joint, own in found.items() if len(own)}
-
     def term(self, t: int) -> Term:
         """Return a term as :meth:`gains` found it best."""
         term = self.terms[t]
@@ -327,7 +307,6 @@ class LinearModel:
     shares: tuple[Term, ...] = ()  # what other terms add to columns of the numbers (:attr:`.Linearisation.shares`)
     name: str = ""  # the trust in the description
     density: float = 0.0  # ln of the density of what was recorded over that of the rows (:attr:`.WhitenedData.density`)
-    inflation: Array | float = 1.0  # (B,) as how many rows of noise one counts (:meth:`Screen.inflation`)
     spreads: dict[object, tuple[Array, Array]] = field(default_factory=dict, init=False)  # of the last fit
     _fits: dict[object, Fit] = field(default_factory=dict, init=False)
 
@@ -359,11 +338,6 @@ class LinearModel:
         return Grams(self.y - self.N @ untold, self.N, self.bands, self.basis[0])
 
     @property
-    def n(self) -> Array:
-        """Independent rows of each band (B,)."""
-        return np.asarray(self.bands.n / self.inflation)
-
-    @property
     def trust(self) -> float:
         """Factor on the standard deviations of the numbers."""
         return TRUST[self.name].factor
@@ -381,19 +355,13 @@ class LinearModel:
 
     def _posterior(self, terms: Sequence[Term], prior: Prior, start: Array | None) -> Posterior:
         coloured = float(np.log(TRUST[self.name].coloured))
-        products = Products(*((one.T / self.inflation).T for one in self.grams.of(terms, self.lacking(terms))))
-        return posterior(products, self.n, prior, self.bands.place, coloured, start)
+        return posterior(
+            self.grams.of(terms, self.lacking(terms)), self.bands.n, prior, self.bands.place, coloured, start
+        )
 
     def trusting(self, name: str) -> LinearModel:
         """Return the same data with another trust in the description."""
-        return self._alike(name=name)
-
-    def inflated(self, inflation: Array) -> LinearModel:
-        """Return the same data, of each band as many rows counting as one."""
-        return self._alike(inflation=inflation)
-
-    def _alike(self, **changes: Any) -> LinearModel:
-        other = replace(self, **changes)
+        other = replace(self, name=name)
         other.basis, other.grams = self.basis, self.grams
         return other
 

@@ -65,7 +65,7 @@ def posterior(
     half, b, yy = products
     P, (row, column) = prior.std**-2.0, np.tril_indices(b.shape[1])
     twice = np.where(row == column, 1.0, 2.0)  # in sums over both halves
-    v, size = np.ones(len(n)) if start is None else start, np.log(np.maximum(n, 1.0))
+    v = np.ones(len(n)) if start is None else start
     for _ in range(STEPS):
         w = 1.0 / v
         A = np.zeros((len(P), len(P)))
@@ -75,7 +75,7 @@ def posterior(
         left = np.maximum(yy - 2.0 * (b @ x) + squares, 0.0)
         new = np.maximum(left / np.maximum(n - w * used, 1.0), 1.0)
         # Where a spectrum of its own is worth its prior, a place has one.
-        worth = 0.5 * (left - n * np.log(new) - left / new - np.where(new > 1.0, size, 0.0))
+        worth = 0.5 * (left - n * np.log(new) - left / new - np.where(new > 1.0, np.log(n), 0.0))
         own = np.bincount(place, worth)[place] + coloured > 0.0
         new = np.where(own, new, 1.0)
         change = float(np.max(np.abs(np.log(new / v))))
@@ -84,7 +84,7 @@ def posterior(
         v = new
     deviation = x - prior.mean
     evidence = -0.5 * float(np.sum(n * np.log(v) + left / v) + np.sum(P * deviation**2) + logdet - np.sum(np.log(P)))
-    evidence += coloured * len(np.unique(place[v > 1.0])) - 0.5 * float(np.sum(size[v > 1.0]))
+    evidence += coloured * len(np.unique(place[v > 1.0])) - 0.5 * float(np.sum(np.log(n[v > 1.0])))
     std = np.sqrt(np.diag(S))
     bounded = np.isfinite(prior.low) | np.isfinite(prior.high)
     if bounded.any():

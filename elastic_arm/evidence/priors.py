@@ -58,7 +58,6 @@ COMPARED = 100.0  # nats up to which scores at different linearisations compare,
 RELATED = 0.1  # correlation of two terms from which one may stand for both
 MOST = 24  # terms of a set
 ROUNDS = 5  # of search and linearisation
-SCORED = 60  # sets that all recordings judge
 ELSEWHERE, NEAR = 1, 15.0  # other sets that are linearised for themselves, and nats up to which they may be behind
 
 

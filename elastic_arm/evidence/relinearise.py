@@ -87,7 +87,8 @@ def explain(problem: Problem, *, refit: bool) -> Explanation:
     if best.keys != found.best.keys and _apart(found.linear, best):
         # Where effects acted that are not there, sizes of the others are those beside them.
         there = _settled(found.linear, best, best.model.name)
-        own = _explained(there, _again(best, there), best.model.name, refit, thetas, moves=SIMPLE, most=1)
+        own = _explained(there, _again(best, there), best.model.name, refit, thetas, moves=ALL, most=0)
+        own.search.take(fit.compared_with(own.best) for fit in found.search.met.values() if fit.keys != best.keys)
         found = replace(own, log=(*found.log, *own.log))
         judge = Judge(found.search, found.judging, known_terms(found.judging)[0])
         best = judge.settled(found.best)

@@ -199,33 +199,6 @@ def test_a_nonlinear_number_is_looked_for_again() -> None:
     assert found.score > data.fit([there]).score + 10.0
 
 
-def at_joint(name: str, k: int, X: Array) -> Term:
-    """Return a term at a joint."""
-    return replace(term(f"{name} {k}", X), key=(f"{name} {k}", name, ()), ident=(name, k))
-
-
-def test_laws_gain_by_chance_where_what_no_law_states_follows_the_motion() -> None:
-    """Of white noise they gain as chi² states; of what is a little of all of them, many times that, at its joint."""
-    rng = np.random.default_rng(3)
-    X, Y = rng.standard_normal((ROWS, 40)), rng.standard_normal((ROWS, 40))
-    terms = [at_joint(name, k, x) for name, own in (("one", X), ("two", Y)) for k, x in enumerate(own.T)]
-    data = model(rng.standard_normal(ROWS) + X @ rng.standard_normal(40) * 0.5, N)
-    found = Screen(data.grams, terms).inflation(data.fit([]))
-    assert found["one"] > 5.0
-    assert found["two"] < 2.0
-
-
-def test_rows_that_count_less_tell_less() -> None:
-    """Where four rows count as one, variances are four times as large, and a term gains a quarter."""
-    rng = np.random.default_rng(4)
-    data, X = model(rng.standard_normal(ROWS) + COLUMNS[:, 0], N), term("one", COLUMNS[:, 0], 100.0)
-    less = data.inflated(np.full(len(data.bands.n), 4.0))
-    whole, part = data.fit([X]), less.fit([X])
-    assert part.covariance(X) == pytest.approx(4.0 * whole.covariance(X), rel=0.1)
-    gains = [fit.found.evidence - fit.model.fit([]).found.evidence for fit in (whole, part)]
-    assert gains[1] == pytest.approx(gains[0] / 4.0, rel=0.15)
-
-
 def test_a_set_that_is_less_probable_at_its_own_linearisation_is_not_taken() -> None:
     """The search ends with the next best set, and probabilities count the first by its score elsewhere."""
     data = model(quiet(RNG) + 0.5 * COLUMNS[:, 0], N)
