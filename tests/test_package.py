@@ -33,7 +33,8 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> zipfile.ZipFile:
         shutil.copy(ROOT / name, source / name)
     setup = [sys.executable, "setup.py", "--quiet"]
     subprocess.run([*setup, "sdist", "--dist-dir", str(folder)], cwd=source, check=True, capture_output=True)
-    shutil.unpack_archive(next(folder.glob("*.tar.gz")), folder / "unpacked", filter="data")
+    (folder / "unpacked").mkdir()
+    subprocess.run(["tar", "-xzf", next(folder.glob("*.tar.gz")), "-C", folder / "unpacked"], check=True)
     (unpacked,) = (folder / "unpacked").iterdir()
     command = [*setup, "bdist_wheel", "--dist-dir", str(folder)]
     subprocess.run(command, cwd=unpacked, check=True, capture_output=True)
