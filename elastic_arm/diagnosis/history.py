@@ -9,9 +9,9 @@ follows from these sizes x with their covariance C: for a step after recording k
 each k as likely beforehand.
 
 Of more recordings than one diagnosis holds, each is diagnosed alone. Sizes x of variances S then differ as far as they
-are likelier with a spread of their own, of a share w of the size, than without:
+are likelier with a spread of their own, of a share w of the largest, than without:
 
-    p(x | w) = N(x; a, S + w² a²)        a anything, odds of a change and shares w by `evidence.priors`
+    p(x | w) = N(x; a, S + w² max |x|²)        a anything, odds of a change and shares w by `evidence.priors`
 """
 
 from __future__ import annotations
