@@ -118,17 +118,14 @@ class Answer:
     @cached_property
     def judging(self) -> Linearisation:
         """The last linearisation, of the recordings that judge."""
-        last, problem = self.explanation.linear, self.prepared.problem
-        return (
-            last
-            if not self.which and problem is last.problem
-            else replace(last, problem=problem, which=self.which, near=None)
-        )
+        last, problem = self.explanation.judging if self.which else self.explanation.linear, self.prepared.problem
+        return last if problem is last.problem else replace(last, problem=problem, near=None)
 
     def events(self) -> tuple[Event, ...]:
         """Return the stretches of recordings that the rest of each contradicts, in what effects and numbers leave."""
-        # What was made of the recordings that judge serves here, too.
-        whole = replace(self, prepared=self.prepared.without(())) if self.prepared.events else self
+        # What the recordings that judge tell of sizes is no event.
+        explanation = replace(self.explanation, best=self.explanation.of_all)
+        whole = replace(self, explanation=explanation, prepared=self.prepared.without(()))
         looks = replace(whole, which=0), whole
         problem, found = whole.prepared.problem, []
         for number, source in problem.sources.items():
@@ -196,12 +193,21 @@ class Answer:
     def _columns(self, term: Term) -> list[Array]:
         """Return the columns (N', R, k) of a term of each stretch that judges, Nm."""
         if term.kind == "number":
-            return [N @ term.what for N in self._plain_numbers]
+            return [N @ (self._shares[:, None] * term.what) for N in self.judging.plain_numbers]
         return self.judging.data.plain(term.feature, theta_of(term, self.best))
 
     @cached_property
-    def _plain_numbers(self) -> list[Array]:
-        return self.judging.plain_numbers
+    def _described(self) -> Array:
+        """How far the description is from where the residuals are made (K,), in columns: they are linear in ratios."""
+        numbers = zip(self.prepared.problem.numbers, self.explanation.linear.values, strict=True)
+        return np.array([(p.neutral - p.value(x)) / p.slope(x) for p, x in numbers])
+
+    @cached_property
+    def _shares(self) -> Array:
+        """What a standard deviation changes (K,), in columns, between the description and where the numbers are."""
+        total = self._numbers[0]
+        way = total - self.explanation.linear.values - self._described
+        return np.where(total == 0.0, 1.0, way / np.where(total == 0.0, 1.0, total))
 
     @cached_property
     def added(self) -> dict[Any, list[Array]]:
@@ -213,8 +219,8 @@ class Answer:
         """Residuals (N', R) of each stretch of the description, known effects in it; refitted where that was asked."""
         ordinary = self._numbers[1]
         at = ordinary if self.question.refit else np.where(self._of_one, ordinary, 0.0)
-        step = at - self.explanation.linear.values
-        left = [y - N @ step for y, N in zip(self.judging.data.y, self._plain_numbers, strict=True)]
+        step = self._described + self._shares * at
+        left = [y - N @ step for y, N in zip(self.judging.data.y, self.judging.plain_numbers, strict=True)]
         return _less(left, [self._added(t, stated=True) for t in self._always])
 
     @property
@@ -232,7 +238,7 @@ class Answer:
         if self.question.refit:
             return [np.zeros_like(y) for y in self.before]
         ordinary = np.where(self._of_one, 0.0, self._numbers[1])
-        return [N @ ordinary for N in self._plain_numbers]
+        return [N @ (self._shares * ordinary) for N in self.judging.plain_numbers]
 
     @cached_property
     def after(self) -> list[Array]:
@@ -401,8 +407,8 @@ class Answer:
                 p.what,
                 p.joint,
                 p.unit,
-                float(p.neutral + value * p.prior_std),
-                float(std * p.prior_std),
+                p.value(value),
+                float(std * p.slope(value)),
                 p.prior_std,
                 not far,
                 None if p.recording is None else sources[p.recording],

@@ -55,8 +55,8 @@ def sizes_of(explanation: Explanation, problem: Problem, fit: Fit, term: Term) -
     scale, at = 1.0, 0.0
     if common.kind == "number":
         k = int(np.flatnonzero(common.what[:, 0])[0])
-        scale = problem.numbers[k].prior_std
-        at = problem.numbers[k].neutral + scale * float(explanation.linear.values[k] + (fit.numbers - fit.far_off)[k])
+        ordinary = float(explanation.linear.values[k] + (fit.numbers - fit.far_off)[k])
+        at, scale = problem.numbers[k].value(ordinary), problem.numbers[k].slope(ordinary)
     elif bends(common):
         at = common.theta[0]
     else:

@@ -67,7 +67,7 @@ def _number_values(term: Term, parameters: Sequence[Number], x: Array) -> dict[s
     """Return the effect's parameters for numbers at x (m,) standard deviations."""
     effect, first = term.feature.effect, parameters[0]
     found: dict[str, Any] = {p.name: p.default for p in effect.parameters if p.default is not None}
-    found[effect.parameters[0].name] = first.neutral + float(x[0]) * first.prior_std
+    found[effect.parameters[0].name] = first.value(x[0])
     by_name = {p.what: float(v) * p.prior_std for p, v in zip(parameters, x, strict=True)}
     if "com" in found and "link_com_x" in by_name:
         found["com"] = tuple(by_name[f"link_com_{axis}"] for axis in "xyz")

@@ -51,14 +51,14 @@ class Blocks(NamedTuple):
 
     begin: Array  # (M,) s
     end: Array
-    values: Array  # (M,) how many are independent
-    white: Array  # (M, R) sums of their squares over the noise, at least that of noise: torques may have been removed
+    values: Array  # (M, R) how many are independent, less those that went with torques that no law states
+    white: Array  # (M, R) sums of their squares over the noise
     square: Array  # (M, R) mean squares, Nm²
 
 
 def blocks_of(data: WhitenedData, left: Sequence[Array], recording: int, offset: float) -> Iterator[Blocks]:
     """Yield what is left (N', R) of each stretch of a recording in blocks, by times that begin at `offset` s."""
-    for part, own in zip(data.parts, left, strict=True):
+    for part, own, share in zip(data.parts, left, data.shares(), strict=True):
         if part.recording != recording:
             continue
         f, inner = np.fft.rfftfreq(len(own), 1 / data.band.kept_rate), slice(EDGE, len(own) - EDGE)
@@ -67,11 +67,9 @@ def blocks_of(data: WhitenedData, left: Sequence[Array], recording: int, offset:
         white = irfft(rfft(own, axis=0) * gain * (f <= data.band.cutoff)[:, None], len(own), axis=0)[inner]
         t, own = part.stretch.t[inner] + offset, own[inner]
         edges = np.linspace(0, len(t), max(1, round((t[-1] - t[0]) / BLOCK)) + 1).astype(int)
-        n = np.diff(edges)
-        sums = [np.add.reduceat(one**2, edges[:-1], axis=0) for one in (white, own)]
-        count = n * 2.0 * data.band.cutoff / data.band.kept_rate
-        squares = np.maximum(sums[0], count[:, None]), sums[1] / n[:, None]
-        yield Blocks(t[edges[:-1]], t[edges[1:] - 1], count, *squares)
+        sums = [np.add.reduceat(one, edges[:-1], axis=0) for one in (share[inner], white**2, own**2)]
+        independent = sums[0] * 2.0 * data.band.cutoff / data.band.kept_rate
+        yield Blocks(t[edges[:-1]], t[edges[1:] - 1], independent, sums[1], sums[2] / np.diff(edges)[:, None])
 
 
 def events_of(
@@ -82,9 +80,12 @@ def events_of(
         return []
     blocks, found = Blocks(*map(np.concatenate, zip(*stretches, strict=True))), []
     for row in np.flatnonzero(live).tolist():
-        for i, j in runs_of(blocks.values, blocks.white[:, row], len(places)):
-            rmse = float(np.sqrt(np.mean(blocks.square[i:j, row])))
-            found.append(Event(recording, *places[row], float(blocks.begin[i]), float(blocks.end[j - 1]), rmse))
+        told = blocks.values[:, row] > 1.0
+        begin, end = blocks.begin[told], blocks.end[told]
+        n, white, square = (one[told, row] for one in (blocks.values, blocks.white, blocks.square))
+        for i, j in runs_of(n, white, len(places)) if told.any() else ():
+            rmse = float(np.sqrt(np.mean(square[i:j])))
+            found.append(Event(recording, *places[row], float(begin[i]), float(end[j - 1]), rmse))
     return found
 
 

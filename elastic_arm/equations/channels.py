@@ -34,5 +34,5 @@ def _by_channel(
     for one, parameter, value in zip(chosen, parameters, values, strict=True):
         if one and (channel := parameter.channel) is not None:
             of_joints = found.setdefault(channel, np.full(len(joints), parameter.neutral))
-            of_joints[joints.index(parameter.joint)] = parameter.neutral + value * parameter.prior_std
+            of_joints[joints.index(parameter.joint)] = parameter.value(value)
     return found

@@ -218,7 +218,7 @@ def _drive_entries(
 ) -> Entries:
     """Columns (N, 3 n, k): stiffness by predicted torque, damping by that of the spring, presliding by speed."""
     n, elastic, motion, signals = model.n, model.robot.elastic, part.stretch.quiet, part.signals
-    K = drive_constants(model)[0] if elastic else np.ones(n)
+    K, D = drive_constants(model) if elastic else (np.ones(n), np.zeros(n))
     load = rates = _wound(model, part, acting) if elastic else np.zeros((len(motion), n))
     clear = load - _load_noise(part) if sensed else load
     if elastic and not sensed and any(p.what == "damping" for p in parameters):
@@ -239,9 +239,9 @@ def _drive_entries(
             w = (motion.dtheta if of_motor else motion.dq)[:, j]
             found.append((2 * n + j if of_motor else j, k, _turnover(w, motion.t, parameter.speeds)))
         elif parameter.what == "stiffness" and gear is not None:
-            found.append((n + j, k, clear[:, j] * (gear.stiffness / K[j])))
+            found.append((n + j, k, clear[:, j]))
         elif parameter.what == "damping" and gear is not None:
-            found.append((n + j, k, gear.damping / K[j] * rates[:, j]))
+            found.append((n + j, k, D[j] / K[j] * rates[:, j]))
         elif parameter.what in GAINS:
             found.append((2 * n + j, k, _of_gain(model, nominal, parameter, motion, signals)))
     values = np.empty((len(motion), len(found)))

@@ -34,6 +34,21 @@ class Number:
     recording: int | None = None
 
     @property
+    def is_logarithmic(self) -> bool:
+        """Whether its logarithm has the prior: a drive is half as stiff as it is stated as easily as twice."""
+        return self.what in ("stiffness", "damping")
+
+    def value(self, x: float) -> float:
+        """Return the number at x standard deviations of its prior."""
+        if self.is_logarithmic:
+            return self.neutral * float(np.exp(x * self.prior_std))
+        return self.neutral + float(x) * self.prior_std
+
+    def slope(self, x: float) -> float:
+        """Return by how much it changes there with one standard deviation."""
+        return self.prior_std * (self.value(x) if self.is_logarithmic else 1.0)
+
+    @property
     def cause(self) -> Feature | None:
         """The effect as which it is reported where it is far off; None of what is another one in each recording."""
         return None if self.recording is not None else self.feature or self.error

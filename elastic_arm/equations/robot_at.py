@@ -27,7 +27,7 @@ def calibrated_robot(robot: Robot, parameters: Sequence[Number], values: Array) 
     deviations: dict[str, dict[str, float]] = {}
     for parameter, value in zip(parameters, values, strict=True):
         if parameter.feature is None:
-            deviations.setdefault(parameter.joint, {})[parameter.what] = float(value) * parameter.prior_std
+            deviations.setdefault(parameter.joint, {})[parameter.what] = parameter.value(value) - parameter.neutral
     return robot.with_(joints=tuple(_changed(joint, deviations[joint.name]) for joint in robot.joints))
 
 

@@ -174,6 +174,14 @@ class FreeTorques:
                 part -= part if free.basis is None else free.basis @ (free.basis.T @ part)
         return out
 
+    def shares(self, count: int, rows: int) -> Array:
+        """Return the share (N', R) of the power of white noise that is left of so many rows."""
+        left = np.ones((count, rows))
+        for free in self.found:
+            taken = 1.0 if free.basis is None else np.sum(free.basis**2, axis=1)
+            left[free.instants, free.row] *= 1.0 - taken
+        return left
+
     @cached_property
     def _of_row(self) -> dict[int, list[FreeTorque]]:
         by_row: dict[int, list[FreeTorque]] = {}

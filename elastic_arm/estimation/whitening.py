@@ -139,7 +139,7 @@ def noise_models(
     gains = [1.0 / observation.gains.get(c, np.ones(n)) for c in ("tau_J", "tau_m")]
     shown = np.concatenate([gains[0], gains[1] * ~follows, follows, follows | made[:, 2 * n : 3 * n].any(axis=0)])
     recorded = (way + speed2 * inertial.mean(axis=0)) * shown
-    measure = np.linalg.slogdet(recorded @ recorded.conj().transpose(0, 2, 1))[1]
+    measure = 2.0 * np.log(np.linalg.svd(recorded, compute_uv=False)).sum(axis=1)
     found = []
     for floor in floors:
         own = covariance * (1.0 + floor**2 * np.eye(equations.rows))
@@ -257,6 +257,10 @@ class WhitenedData:
     def weighted(self, columns: Sequence[Array], *, in_place: bool = False) -> list[Array]:
         """Return columns (N', R, …) of all stretches without torques that no law states, perhaps in the same."""
         return [free.remove(values, in_place=in_place) for values, free in zip(columns, self._free, strict=True)]
+
+    def shares(self) -> list[Array]:
+        """Return which share of the noise's power is left (N', R) of each stretch without those torques."""
+        return [free.shares(*y.shape) for free, y in zip(self._free, self.y, strict=True)]
 
     @property
     def seconds(self) -> float:

@@ -40,13 +40,15 @@ class Products(NamedTuple):
 
 
 class Bands:
-    """Place and octave of each whitened row."""
+    """Place and octave of each whitened row, of several data one after the other."""
 
-    def __init__(self, data: WhitenedData) -> None:
-        f = np.concatenate([np.repeat(frequencies(h, data.band.kept_rate), 2) for h in data.harmonics])
-        octaves, self.places = len(OCTAVES) + 1, data.layout.rows
-        own = np.searchsorted(OCTAVES, f, side="right")
-        self.of_rows = np.concatenate([place * octaves + own for place in range(self.places)])
+    def __init__(self, *each: WhitenedData) -> None:
+        octaves, self.places, found = len(OCTAVES) + 1, each[0].layout.rows, []
+        for data in each:
+            f = np.concatenate([np.repeat(frequencies(h, data.band.kept_rate), 2) for h in data.harmonics])
+            own = np.searchsorted(OCTAVES, f, side="right")
+            found += [place * octaves + own for place in range(self.places)]
+        self.of_rows = np.concatenate(found)
         self.counts = np.bincount(self.of_rows, minlength=self.places * octaves)
         self.order = np.argsort(self.of_rows, kind="stable")
         ends = np.searchsorted(self.of_rows[self.order], np.arange(len(self.counts) + 1))

@@ -14,7 +14,7 @@ from elastic_arm.arrays import Array
 from elastic_arm.evidence.grams import Bands, Grams, kept
 from elastic_arm.evidence.pool import sized
 from elastic_arm.evidence.posterior import Posterior, Prior, mass, posterior
-from elastic_arm.evidence.priors import CHANGED, FORMLESS, RELATED, SCALES, SIZES, TRUST
+from elastic_arm.evidence.priors import CHANGED, FORMLESS, ODDS, RELATED, SCALES, SIZES, TRUST
 from elastic_arm.evidence.term import Ident, Key, Term
 
 WIDEST = max(one.factor for one in TRUST.values())
@@ -346,7 +346,7 @@ class LinearModel:
         """Return -ln of the prior odds that one of the terms of a kind is there, nats."""
         if term.kind == "change":
             return -float(np.log(CHANGED))
-        return -float(np.log(TRUST[self.name].effect * (FORMLESS if term.kind == "law" else 1.0)))
+        return -float(np.log(ODDS * (FORMLESS if term.kind == "law" else 1.0)))
 
     def lacking(self, terms: Sequence[Term]) -> tuple[Term, ...]:
         """Return the shares of the numbers' columns that are not there where some terms are."""

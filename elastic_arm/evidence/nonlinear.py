@@ -125,13 +125,16 @@ def start_of(term: Term, fit: Fit) -> tuple[Feature, tuple[float, ...], float]:
 
 
 def refined(
-    linear: Linearisation, model: LinearModel, term: Term, others: Sequence[Term], near: Fit
+    linear: Linearisation, model: LinearModel, term: Term, others: Sequence[Term], near: Fit, *, scan: bool
 ) -> tuple[Term, Fit]:
-    """Return a term with its nonlinear numbers where they are most probable beside others, and the fit of all."""
+    """Return a term with its nonlinear numbers where they are most probable beside others, and the fit of all.
+
+    scan: whether one number is looked for over all its range first.
+    """
     first = model.fit([*others, term], near)
     feature, theta, size = start_of(term, first)
     start = replace(term, feature=feature)
-    if feature is term.feature and len(theta) == 1 and term.grid > 0.0:
+    if feature is term.feature and len(theta) == 1 and scan:
         theta, size = _scanned(linear, model, term, others, first)
     if np.isnan(term.theta).any():
         start = start.scaled(1.0)  # the scale of a relaxed law is that of its first order

@@ -17,8 +17,9 @@ from elastic_arm.evidence.priors import OFFSET_SHARE, PRESLIDING_SHARE, ZERO_AS_
 from elastic_arm.robot import Joint, Robot
 
 LEAST_SCALE = 1e-9  # numerical; of roots of sums of squares of torques and accelerations
-# Largest relative error of a stiffness, and of a torque channel's gain, about which the model is made; numerical.
-LARGEST_SCALE, LARGEST_RATIO = 0.9, 0.75
+# Largest logarithm of the ratio of a stiffness or damping, and largest relative error of a torque channel's gain, about
+# which the model is made; numerical.
+LARGEST_SCALE, LARGEST_RATIO = 3.0, 0.75
 # rad/s: the width of the sign function about which dry friction turns over. Of it, the pairs of widths between which it
 # does, and a width within which it does so early or late; they span what gradual sign functions have in common.
 TURNING = 2e-3
@@ -61,7 +62,7 @@ def numbers_of(
         elif joint.armature is not None and inertias is not None:
             stds |= {"rotor_inertia": ("kg" if joint.prismatic else "kg m^2", float(inertias[j]), 0.0)}
         for what, (unit, std, neutral) in stds.items():
-            limit = LARGEST_SCALE / std if what == "stiffness" else np.inf
+            limit = LARGEST_SCALE / std if what in ("stiffness", "damping") else np.inf
             error = errors.get((what, joint.name)) if neutral == 1.0 else None
             found.append(Number(what, joint.name, unit, std, neutral, error=error, limit=limit))
         presliding = min(priors.presliding, PRESLIDING_SHARE * float(largest[j]))

@@ -93,9 +93,6 @@ def _relaxed(columns: Columns, feature: Feature, largest: float) -> Term:
 
     It holds what the law can do and more: what it gains is proposed, and the law at its best numbers decides.
     """
-    count = sum(p.size for p in feature.searched)
-    points = quadratic_points(count)
-    values = np.hstack([columns(feature, tuple(point)) for point in points]) @ np.linalg.inv(monomials(points).T)
     (std,), (low,), (high,) = linear_prior(feature, largest)
     reach = np.array([max(abs(p.low), abs(p.high)) for p in feature.searched for _ in range(p.size)])
     reaches = monomials(reach[None])[0]
@@ -103,13 +100,19 @@ def _relaxed(columns: Columns, feature: Feature, largest: float) -> Term:
     return Term(
         feature.key,
         "effect",
-        values,
+        relaxed_columns(columns, feature),
         std * reaches,
         low=np.append(low, -free),
         high=np.append(high, free),
         feature=feature,
-        theta=(np.nan,) * count,
+        theta=(np.nan,) * len(reach),
     )
+
+
+def relaxed_columns(columns: Columns, feature: Feature) -> Array:
+    """Return what an effect does in all monomials of its nonlinear numbers."""
+    points = quadratic_points(sum(p.size for p in feature.searched))
+    return np.hstack([columns(feature, tuple(point)) for point in points]) @ np.linalg.inv(monomials(points).T)
 
 
 def starting_points(feature: Feature, linear: Linearisation) -> list[tuple[float, ...]]:
@@ -175,7 +178,8 @@ def _number(parameter: Number, N: Array, key: Key, moves: Array) -> Term:
     count = moves.shape[1]
     low = np.full(count, -np.inf)
     least = parameter.cause.linear[0].above if parameter.cause is not None else -np.inf
-    low[0] = 0.98 * (least - parameter.neutral) / parameter.prior_std  # ratios are positive, channels late
+    if not parameter.is_logarithmic:
+        low[0] = 0.98 * (least - parameter.neutral) / parameter.prior_std  # ratios are positive, channels late
     std = np.full(count, WIDE)
     return Term(key, "number", N @ moves, std, low=low, feature=parameter.cause, what=moves)
 

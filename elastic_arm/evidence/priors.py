@@ -22,20 +22,17 @@ class Trust(NamedTuple):
 
     factor: float  # on the standard deviations of the numbers
     prior: float  # probability of the kind
-    # prior odds that one of the effects that could be there is, and that one of the numbers is far off: where
-    # numbers, sensors and noise are exact, all that is left is an effect; elsewhere, most of what is left is what no
-    # model has
-    effect: float
     coloured: float  # prior odds that the noise of a place has a spectrum of its own
 
 
 # A simulation is as measured, an identified arm as calibrated, drawings and catalogues are as built; convention.
 TRUST = {
-    "as measured": Trust(1e-5, 0.3, 1e-2, 1e-3),
-    "as calibrated": Trust(0.2, 0.3, 1e-4, 0.1),
-    "as built": Trust(1.0, 0.3, 1e-4, 0.1),
-    "rough": Trust(4.0, 0.1, 1e-4, 0.1),
+    "as measured": Trust(1e-5, 0.3, 1e-3),
+    "as calibrated": Trust(0.2, 0.3, 0.1),
+    "as built": Trust(1.0, 0.3, 0.1),
+    "rough": Trust(4.0, 0.1, 0.1),
 }
+ODDS = 1e-2  # that an effect is there or a number is far off: of a hundred sound arms, one has a false cause
 FORMLESS = 1e-3  # odds of a law without a form over those of an effect: the catalogue has what arms mostly have
 SCALES = np.array([1.0, 0.1, 0.01, 1e-3, 1e-4])  # of a size's range: effects are of all sizes
 WIDE = 30.0  # standard deviation of a number that is far off, in ordinary ones: hardly any prior; convention

@@ -17,6 +17,7 @@ from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.known_torques import ActingEffect
 from elastic_arm.evidence.changes import CHANGE, change_of
 from elastic_arm.evidence.grams import Bands
+from elastic_arm.evidence.judged import Judge
 from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.model import EXACT, KINDS, Fit, LinearModel, Screen
 from elastic_arm.evidence.nonlinear import components, moved, placed_anew, tangent_term
@@ -37,8 +38,15 @@ class Explanation:
     linear: Linearisation  # where
     search: Search  # all sets met
     best: Fit  # the most probable one
+    of_all: Fit  # the same, fitted to the recordings that judge as well once it is found
     trust: Mapping[str, float]  # probability of each trust in the description
     log: tuple[str, ...] = ()  # what was done, a line a step
+
+    @property
+    def judging(self) -> Linearisation:
+        """The recordings that judge, at the same linearisation; made once."""
+        found: Linearisation = self.linear.cache.setdefault("judging", replace(self.linear, which=1, near=None))
+        return found
 
     @cached_property
     def settled(self) -> Linearisation:
@@ -74,7 +82,18 @@ def explain(problem: Problem, *, refit: bool) -> Explanation:
             break
         tried.add(other.keys)
         found = _better(found, _descended(found.linear, other, refit, thetas, best=found.best))
-    return replace(found, log=(*(line for one in starts for line in one.log), *found.log))
+    judge = Judge(found.search, found.judging, known_terms(found.judging)[0])
+    best = judge.settled(found.best)
+    if best.keys != found.best.keys and _apart(found.linear, best):
+        # Where effects acted that are not there, sizes of the others are those beside them.
+        there = _settled(found.linear, best, best.model.name)
+        own = _explained(there, _again(best, there), best.model.name, refit, thetas, moves=ALL, most=0)
+        own.search.take(fit.compared_with(own.best) for fit in found.search.met.values() if fit.keys != best.keys)
+        found = replace(own, log=(*found.log, *own.log))
+        judge = Judge(found.search, found.judging, known_terms(found.judging)[0])
+        best = judge.settled(found.best)
+    log = *(line for one in starts for line in one.log), *found.log, f"by all recordings: {words_of(best, found.best)}"
+    return replace(found, best=best, of_all=judge.whole(best), log=log)
 
 
 def _stated(problem: Problem) -> tuple[ActingEffect, ...]:
@@ -276,7 +295,7 @@ def _explained(
     total = np.logaddexp.reduce(list(scores.values()))
     log.append(f"{trust}, {best.score:.1f}: {', '.join(f'{k[0]} {k[1]}' for k in best.keys) or 'nothing'}")
     shares = {k: float(np.exp(v - total)) for k, v in scores.items()}
-    return Explanation(linear, search, best, shares, tuple(log))
+    return Explanation(linear, search, best, best, shares, tuple(log))
 
 
 def pool_of(linear: Linearisation) -> list[Term]:

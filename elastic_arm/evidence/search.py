@@ -19,10 +19,10 @@ from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.model import Fit, LinearModel, Screen
 from elastic_arm.evidence.nonlinear import is_open, refined
 from elastic_arm.evidence.priors import MOST, RELATED, SCALES, SHORT, TRIED, WORTH
-from elastic_arm.evidence.term import Key, Term
+from elastic_arm.evidence.term import Ident, Key, Term
 
 Thetas = dict[Key, tuple[float, ...]]
-ADDED, SIMPLE, ALL = 2, 4, 6  # kinds of moves: more of them take longer
+ADDED, SIMPLE, ALL = 2, 4, 7  # kinds of moves: more of them take longer
 
 
 class Instead(NamedTuple):
@@ -44,7 +44,8 @@ class Search:
     thetas: Thetas = field(default_factory=dict)
     refused: Mapping[frozenset[Key], float] = field(default_factory=dict)  # scores of sets at their own linearisation
     met: dict[frozenset[Key], Fit] = field(default_factory=dict)
-    _refined: dict[tuple[Key, frozenset[Key]], Term] = field(default_factory=dict)
+    _refined: dict[tuple[Key, frozenset[Ident]], Term] = field(default_factory=dict)
+    _looked: set[tuple[Key, frozenset[Ident]]] = field(default_factory=set)  # beside which sets a range was scanned
     log: list[str] = field(default_factory=list)
 
     def run(self, start: Sequence[Term] = (), *, moves: int = ALL, most: int = MOST) -> Fit:
@@ -60,8 +61,8 @@ class Search:
 
     def _better(self, fit: Fit, count: int) -> Fit | None:
         """Return a better set one move away: more terms first, as they are cheap to find."""
-        each = self._added, self._rescaled, self._dropped, self._exchanged, self._two_for_one, self._one_for_two
-        for moves in each[:count]:
+        simple = self._added, self._rescaled, self._dropped, self._exchanged
+        for moves in (*simple, self._scanned, self._two_for_one, self._one_for_two)[:count]:
             best = fit
             for one in moves(fit):
                 if one.score > best.score:
@@ -129,8 +130,7 @@ class Search:
                 columns = self.linear.columns(more.feature, theta)
                 there = replace(more, columns=columns, theta=theta, grid=0.0, ident=(*more.ident, theta))
                 start = max(more, there, key=lambda t: self.model.fit([*terms, t], near).score)
-                start = replace(start, grid=0.0)
-            self._refined[key], fit = refined(self.linear, self.model, start, terms, near)
+            self._refined[key], fit = refined(self.linear, self.model, start, terms, near, scan=theta is None)
             if len(more.theta) == 1:
                 self.thetas[more.key] = self._refined[key].theta
             return self._keep(fit)
@@ -162,11 +162,20 @@ class Search:
             for u in self.proposals(less, instead=self._instead(fit, t), needed=fit.score - less.score):
                 yield self._with(less.optional, u, less)
 
+    def _scanned(self, fit: Fit) -> Iterator[Fit]:
+        """Yield fits with one nonlinear number looked for over all its range: it was found beside other terms."""
+        for t, less in self._left_out(fit):
+            key = (t.key, frozenset(u.ident for u in less.optional))
+            if is_open(t) and len(t.theta) == 1 and key not in self._looked:
+                self._looked.add(key)
+                self._refined[key], found = refined(self.linear, self.model, t, less.optional, less, scan=True)
+                yield self._keep(found)
+
     def _two_for_one(self, fit: Fit) -> Iterator[Fit]:
         for pair in combinations(fit.optional, 2):
             if fit.correlation(*pair) < RELATED:
                 continue
-            less = self._keep(self.model.fit(_without(fit, *pair), fit))
+            less = self._keep(self.model.fit(without(fit, *pair), fit))
             for t in self.proposals(less, 2, self._instead(fit, *pair), fit.score - less.score):
                 yield self._with(less.optional, t, less)
 
@@ -180,7 +189,7 @@ class Search:
 
     def _left_out(self, fit: Fit) -> list[tuple[Term, Fit]]:
         """Return each term of a fit, and the fit without it."""
-        return [(t, self._keep(self.model.fit(_without(fit, t), fit))) for t in fit.optional]
+        return [(t, self._keep(self.model.fit(without(fit, t), fit))) for t in fit.optional]
 
     def probabilities(self) -> dict[frozenset[Key], float]:
         """Return the probability of each set met."""
@@ -193,7 +202,7 @@ class Search:
         return sum(p for keys, p in self.probabilities().items() if any(held(key) for key in keys))
 
 
-def _without(fit: Fit, *terms: Term) -> list[Term]:
+def without(fit: Fit, *terms: Term) -> list[Term]:
     """Return the terms of a fit without some and their changes between recordings."""
     keys = {t.key for t in terms}
     return [u for u in fit.optional if u not in terms and not (u.kind == CHANGE and u.what in keys)]

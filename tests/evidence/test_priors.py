@@ -62,7 +62,10 @@ def test_numbers_have_the_stated_deviations() -> None:
     assert found["link_mass", "joint_2"].prior_std == 0.2
     assert found["joint_torque_gain", "joint_2"].prior_std == 0.05
     assert found["motor_torque_gain", "joint_2"].prior_std == 0.015
-    assert found["stiffness", "joint_1"].limit == pytest.approx(LARGEST_SCALE / 0.3)
+    stiffness = found["stiffness", "joint_1"]
+    assert stiffness.limit == pytest.approx(LARGEST_SCALE / 0.3)
+    assert stiffness.value(-2.0) * stiffness.value(2.0) == pytest.approx(1.0)  # half is as far off as twice
+    assert stiffness.slope(1.0) == pytest.approx(0.3 * stiffness.value(1.0))
 
 
 def test_how_gradually_friction_turns_over_is_uncertain_about_where_it_was_found_to() -> None:

@@ -13,7 +13,7 @@ import pytest
 from elastic_arm.arrays import Array
 from elastic_arm.effects.parameters import Parameter, Role
 from elastic_arm.evidence.model import LinearModel, Screen
-from elastic_arm.evidence.nonlinear import moved, refined
+from elastic_arm.evidence.nonlinear import moved, refined, tangent_term
 from elastic_arm.evidence.pool import sized
 from elastic_arm.evidence.priors import SIZES
 from elastic_arm.evidence.search import Search
@@ -162,22 +162,41 @@ class Bump:
     bends = False
 
 
-@pytest.mark.parametrize("true", [0.05, 0.3])
-def test_a_nonlinear_number_comes_out_within_its_deviation(true: float) -> None:
-    """From the middle of its range the width of a bump is found, and is as uncertain as it comes out."""
+def bumps(true: float, seed: int, start: float) -> tuple[Any, LinearModel, Term]:
+    """Return a linearisation, data that hold a bump of a width, and the term of one at another width."""
     w = np.linspace(-0.5, 0.5, ROWS)
     columns = lambda feature, theta: np.exp(-((w / theta[0]) ** 2))[:, None]  # noqa: E731
     bump: Any = Bump()
-    problem = SimpleNamespace(largest_at=lambda joint: 10.0)
-    linear: Any = SimpleNamespace(columns=columns, problem=problem, allowed=lambda feature: list(feature.searched))
+    problem = SimpleNamespace(largest_at=lambda joint: 10.0, observed=((None,), ()))
+    allowed = lambda feature: list(feature.searched)  # noqa: E731
+    linear: Any = SimpleNamespace(columns=columns, problem=problem, allowed=allowed, which=0)
+    data = model(3.0 * columns(bump, [true])[:, 0] + np.random.default_rng(seed).standard_normal(ROWS), N)
+    return (
+        linear,
+        data,
+        Term(bump.key, "effect", columns(bump, [start]), np.array([10.0]), feature=bump, theta=(start,)),
+    )
+
+
+@pytest.mark.parametrize("true", [0.05, 0.3])
+def test_a_nonlinear_number_comes_out_within_its_deviation(true: float) -> None:
+    """From the middle of its range the width of a bump is found, and is as uncertain as it comes out."""
     errors = []
     for seed in range(20):
-        data = model(3.0 * columns(bump, [true])[:, 0] + np.random.default_rng(seed).standard_normal(ROWS), N)
-        start = Term(bump.key, "effect", columns(bump, [0.1]), np.array([10.0]), feature=bump, theta=(0.1,))
-        found, fit = refined(linear, data, start, [], data.fit([]))
-        width = moved(bump.searched[0], found.theta[0], float(fit.beta(found)[1]))
+        linear, data, start = bumps(true, seed, 0.1)
+        found, fit = refined(linear, data, start, [], data.fit([]), scan=True)
+        width = moved(Bump.searched[0], found.theta[0], float(fit.beta(found)[1]))
         errors.append(np.log(width / true) / np.sqrt(fit.covariance(found)[1, 1]))
     assert np.abs(errors).max() < 4.0 and 0.5 < np.sqrt(np.mean(np.square(errors))) < 1.6
+
+
+def test_a_nonlinear_number_is_looked_for_again() -> None:
+    """A width that was found beside other terms, far off, is looked for over all its range once they are gone."""
+    linear, data, start = bumps(0.04, 1, 0.2)
+    there = tangent_term(linear, start, (0.2,), 1.0)
+    found = Search(linear, data, [Screen(data.grams, [])]).run([there])
+    assert found.optional[0].theta[0] == pytest.approx(0.04, rel=0.3)
+    assert found.score > data.fit([there]).score + 10.0
 
 
 def test_a_set_that_is_less_probable_at_its_own_linearisation_is_not_taken() -> None:
