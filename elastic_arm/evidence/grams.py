@@ -18,6 +18,8 @@ from elastic_arm.evidence.term import Ident, Term
 
 OCTAVES = np.array([0.5, 1, 2, 4, 8, 16, 32])  # Hz; edges of the octaves in which noise has a power of its own
 
+MADE, STACKS = 16, 4  # sets whose products, and whose columns side by side, are kept; memory
+
 K = TypeVar("K")
 V = TypeVar("V")
 
@@ -83,6 +85,8 @@ class Grams:
         self._pairs: dict[tuple[Ident, Ident], Array] = {}
         self._lacking: dict[tuple[Ident, ...], tuple[Array, Array]] = {}
         self._less: dict[tuple[Ident, ...], Term] = {}
+        self._stacks: dict[tuple[Ident, ...], Array] = {}
+        self._made: dict[tuple[Ident, ...], Array] = {}  # of sets, as :meth:`of` made them
 
     def columns(self, term: Term) -> Array:
         """Return the columns (rows, [1 +] k) of a term in the order of the bands, its offset first where it has one."""
@@ -117,6 +121,19 @@ class Grams:
             self._pairs[key[::-1]] = found.transpose(0, 2, 1)
         return self._pairs[key]
 
+    def _pair_all(self, others: Sequence[Term], term: Term) -> None:
+        """Make the products of a term with others at once, where it is new."""
+        if len(others) < 2 or (others[0].ident, term.ident) in self._pairs:
+            return
+        idents = tuple(o.ident for o in others)
+        side_by_side = kept(self._stacks, idents, lambda: np.hstack([self.columns(o) for o in others]), STACKS)
+        found, at = self.bands.products(side_by_side, self.columns(term)), 0
+        for o in others:
+            own = found[:, at : at + self.columns(o).shape[1]]
+            at += own.shape[1]
+            self._pairs[o.ident, term.ident] = own
+            self._pairs[term.ident, o.ident] = own.transpose(0, 2, 1)
+
     def with_numbers(self, term: Term, lacking: Sequence[Term]) -> Array:
         """Return the products (B, k, m) of the numbers' columns, less some shares of theirs, with a term's columns."""
         found = self.with_base(term)[:, 1:]
@@ -149,18 +166,31 @@ class Grams:
         """
         (half, base), yy = self._numbers(lacking), self.G0[:, 0, 0]
         terms = [self.less(t, lacking) for t in terms]
-        rows, b = [half], []
         offsets = [t for t in terms if t.offset is not None]
         for t in offsets:  # of known size: off the residual
             base = base - self.with_numbers(t, lacking)[:, :, 0]
             yy = yy - 2.0 * self.with_base(t)[:, 0, 0] + sum(self.pair(t, o)[:, 0, 0] for o in offsets)
-        b.append(base)
-        for i, one in enumerate(terms):
+        b = [base]
+        for t in terms:
+            first = int(t.offset is not None)
+            b.append(self.with_base(t)[:, 0, first:] - sum(self.pair(o, t)[:, 0, first:] for o in offsets))
+        # Sets differ by a term or two: the rows of those before are what they were in a set made lately.
+        idents = (tuple(share.ident for share in lacking), *(t.ident for t in terms))
+        near = max(self._made, key=lambda known: _shared(known, idents), default=())
+        begin = max(_shared(near, idents) - 1, 0)
+        p = base.shape[1] + sum(t.count for t in terms[:begin])
+        rows = [self._made[near][:, : p * (p + 1) // 2] if begin else half]
+        for i, one in enumerate(terms[begin:], begin):
             first = int(one.offset is not None)
-            own = self.with_base(one)[:, 0, first:]
-            b.append(own - sum(self.pair(o, one)[:, 0, first:] for o in offsets))
+            self._pair_all(terms[:i], one)
             beside = [self.pair(o, one)[:, int(o.offset is not None) :, first:] for o in terms[: i + 1]]
             block = np.concatenate([self.with_numbers(one, lacking)[:, :, first:], *beside], axis=1)
             above = block.shape[1] - one.count
             rows += [block[:, : above + k + 1, k] for k in range(one.count)]
-        return Products(np.concatenate(rows, axis=1), np.concatenate(b, axis=1), yy)
+        whole = kept(self._made, idents, lambda: np.concatenate(rows, axis=1), MADE)
+        return Products(whole, np.concatenate(b, axis=1), yy)
+
+
+def _shared(one: tuple[Ident, ...], other: tuple[Ident, ...]) -> int:
+    """Return how many terms two sets begin with alike."""
+    return next((i for i, (a, b) in enumerate(zip(one, other, strict=False)) if a != b), min(len(one), len(other)))
