@@ -82,17 +82,22 @@ def explain(problem: Problem, *, refit: bool) -> Explanation:
             break
         tried.add(other.keys)
         found = _better(found, _descended(found.linear, other, refit, thetas, best=found.best))
-    judge = Judge(found.search, found.judging, known_terms(found.judging)[0])
-    best = judge.settled(found.best)
+    judged = _judged(found)
+    best = judged.best
     if best.keys != found.best.keys and _apart(found.linear, best):
         # Where effects acted that are not there, sizes of the others are those beside them.
         there = _settled(found.linear, best, best.model.name)
         own = _explained(there, _again(best, there), best.model.name, refit, thetas, moves=ALL, most=0)
         own.search.take(fit.compared_with(own.best) for fit in found.search.met.values() if fit.keys != best.keys)
-        found = replace(own, log=(*found.log, *own.log))
-        judge = Judge(found.search, found.judging, known_terms(found.judging)[0])
-        best = judge.settled(found.best)
-    log = *(line for one in starts for line in one.log), *found.log, f"by all recordings: {words_of(best, found.best)}"
+        judged = _judged(replace(own, log=(*found.log, *own.log)))
+    return replace(judged, log=(*(line for one in starts for line in one.log), *judged.log))
+
+
+def _judged(found: Explanation) -> Explanation:
+    """Return an explanation whose sets are scored by all recordings."""
+    judge = Judge(found.search, found.judging, known_terms(found.judging)[0])
+    best = judge.settled(found.best)
+    log = *found.log, f"by all recordings: {words_of(best, found.best)}"
     return replace(found, best=best, of_all=judge.whole(best), log=log)
 
 
