@@ -32,7 +32,7 @@ TRUST = {
     "as built": Trust(1.0, 0.3, 0.1),
     "rough": Trust(4.0, 0.1, 0.1),
 }
-ODDS = 1e-3  # that an effect is there or a number is far off: of a thousand sound arms, one has a false cause
+ODDS = 1e-2  # that an effect is there or a number is far off: of a hundred sound arms, one has a false cause
 FORMLESS = 1e-3  # odds of a law without a form over those of an effect: the catalogue has what arms mostly have
 SCALES = np.array([1.0, 0.1, 0.01, 1e-3, 1e-4])  # of a size's range: effects are of all sizes
 WIDE = 30.0  # standard deviation of a number that is far off, in ordinary ones: hardly any prior; convention
