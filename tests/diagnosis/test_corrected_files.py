@@ -106,23 +106,6 @@ def test_what_was_written_has_no_cause_left(tmp_path: Path, name: str, effects: 
     assert causes(again) <= {left.what for left in written.left}
 
 
-def test_payload_dry_friction_and_delay_leave_nothing_together(tmp_path: Path) -> None:
-    """Their sizes are right beside each other, within 4 deviations, and robot.yaml has no cause left."""
-    base = tmp_path / "two.urdf"
-    base.write_text(FILES["two.urdf"])
-    sizes = {"payload": ("mass", 0.5), "coulomb_friction": ("torque", 0.6), "time_delay": ("delay", 0.012)}
-    texts = ("payload:mass=0.5,position=0.02/0.05/0.2", "coulomb_friction:j1:torque=0.6")
-    first, judge = recorded(base, [*texts, "time_delay:delay=0.012,channels=motor_torque"])
-    found = diagnose([first], Question(load_robot(base)), [judge])
-    assert causes(found) == set(sizes)
-    for cause in found.causes:
-        name, true = sizes[cause.effect]
-        estimate = cause.parameters[name]
-        assert abs(estimate.value - true) < 4.0 * estimate.std < 0.1 * true
-    save_robot(repaired_robot(load_robot(base), found), tmp_path / "robot.yaml")
-    assert not causes(diagnose([first], Question(load_robot(tmp_path / "robot.yaml")), [judge]))
-
-
 def test_the_corrected_arm_has_the_numbers_of_the_answer(tmp_path: Path) -> None:
     """Answered by a set that was met where a link is 6 deviations heavier, the arm has the mass that the set finds."""
     base = tmp_path / "two.urdf"
