@@ -45,18 +45,22 @@ class Bands:
     """Place and octave of each whitened row, of several data one after the other."""
 
     def __init__(self, *each: WhitenedData) -> None:
-        octaves, self.places, found = len(OCTAVES) + 1, each[0].layout.rows, []
+        octaves, self.places, found, told = len(OCTAVES) + 1, each[0].layout.rows, [], []
         for data in each:
             f = np.concatenate([np.repeat(frequencies(h, data.band.kept_rate), 2) for h in data.harmonics])
-            own = np.searchsorted(OCTAVES, f, side="right")
-            found += [place * octaves + own for place in range(self.places)]
+            own, sizes = np.searchsorted(OCTAVES, f, side="right"), [h.size for h in data.harmonics]
+            shares = np.array([left.mean(axis=0) for left in data.shares()])
+            for place in range(self.places):
+                found.append(place * octaves + own)
+                told.append(np.repeat(shares[:, place], sizes))
         self.of_rows = np.concatenate(found)
         self.counts = np.bincount(self.of_rows, minlength=self.places * octaves)
         self.order = np.argsort(self.of_rows, kind="stable")
         ends = np.searchsorted(self.of_rows[self.order], np.arange(len(self.counts) + 1))
         self.used = np.flatnonzero(self.counts)
         self.slices = [slice(int(ends[b]), int(ends[b + 1])) for b in self.used]
-        self.n = self.counts[self.used].astype(float)
+        # Of rows in which torques of no law were, what is left tells less.
+        self.n = np.maximum(np.bincount(self.of_rows, np.concatenate(told), len(self.counts))[self.used], 1.0)
         self.place, self.octave = np.divmod(self.used, octaves)
 
     def products(self, A: Array, B: Array) -> Array:

@@ -47,7 +47,7 @@ class Fit:
         Linearisations predict different noise, so that the same recorded values have different densities. Where the
         other fit leaves less than its noise, these differ by as much less.
         """
-        share = float(np.sum(other.found.left / other.found.v) / np.sum(self.model.bands.n))
+        share = float(np.sum(other.found.left / other.found.v) / len(self.model.y))
         return replace(self, correction=other.correction + share * (self.model.density - other.model.density))
 
     @cached_property

@@ -21,7 +21,10 @@ def bands(places: int = 2) -> Bands:
     """Return the bands of a whitened record of some places."""
     record = SimpleNamespace(size=2 * HARMONICS, samples=2 * HARMONICS)
     data: Any = SimpleNamespace(
-        harmonics=[record], band=SimpleNamespace(kept_rate=RATE), layout=SimpleNamespace(rows=places)
+        harmonics=[record],
+        band=SimpleNamespace(kept_rate=RATE),
+        layout=SimpleNamespace(rows=places),
+        shares=lambda: [np.ones((1, places))],
     )
     return Bands(data)
 
