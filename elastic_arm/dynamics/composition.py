@@ -28,11 +28,10 @@ from elastic_arm.dynamics.bodies import (
     Spring,
     inertial_parameters,
     moved,
-    tensor_of,
 )
 from elastic_arm.errors import RobotError
 from elastic_arm.robot.description import Bearing, Component, Inertia, Joint, Robot
-from elastic_arm.robot.parts import snap
+from elastic_arm.robot.parts import placed, snap, tensor_of
 
 X, Y, Z = range(3)
 # Last part of the name of the parameter that holds a rigid joint's armature.
@@ -90,7 +89,7 @@ class _Assembly:
         joint = self.robot.joints[i]
         if component.carrier == joint.link_name:
             return self.link_frames[i], on_link(joint, component)
-        return (self.link_frames[i - 1] if i else GROUND), joint.before @ _shift(component.position)
+        return (self.link_frames[i - 1] if i else GROUND), joint.before @ placed(position=component.position)
 
     def add_springs(self, bearings: bool) -> None:
         n = self.robot.n
@@ -181,12 +180,6 @@ def _mod1(arm: _Assembly) -> None:
 COMPOSITIONS: dict[str, Callable[[_Assembly], None]] = {"mod1": _mod1, "mod2": _mod2, "mod3": _mod3}
 
 
-def _shift(position: np.ndarray) -> np.ndarray:
-    placement = np.eye(4)
-    placement[:3, 3] = position
-    return placement
-
-
 def _components(robot: Robot) -> Iterator[tuple[int, str, Component, float]]:
     for i, joint in enumerate(robot.joints):
         if joint.transmission is not None:
@@ -202,7 +195,7 @@ def _bearing(joint: Joint) -> Bearing:
 
 def on_link(joint: Joint, component: Component) -> np.ndarray:
     """Placement, in the frame of the link a joint moves, of a component that turns with it at ``O_{i-1}``."""
-    return snap(np.linalg.inv(joint.after) @ _shift(component.position))
+    return snap(np.linalg.inv(joint.after) @ placed(position=component.position))
 
 
 def with_spline(joint: Joint) -> Inertia:

@@ -32,7 +32,7 @@ from elastic_arm.robot.kinematics import moved
 from elastic_arm.robot.mjcf import MjcfArm, engine, open_mjcf, read_mjcf
 from elastic_arm.robot.mjcf.drives import drives_of, motor_friction, motor_inertia_and_damping
 from elastic_arm.robot.mjcf.engine import saved
-from elastic_arm.robot.parts import located
+from elastic_arm.robot.parts import located, placed
 from elastic_arm.robot.urdf_tree import Chain
 
 # What is read back from a written file is what was meant, to this share: nine digits are written.
@@ -307,10 +307,8 @@ def _own_inertia(model: Any, body: int) -> Inertia:
     """Return a body's inertia in its own frame."""
     rotation = np.empty(9)
     engine().mju_quat2Mat(rotation, model.body_iquat[body])
-    placement = np.eye(4)
-    placement[:3, :3], placement[:3, 3] = rotation.reshape(3, 3), model.body_ipos[body]
     principal = np.diag(np.array(model.body_inertia[body], dtype=float))
-    return moved(Inertia(float(model.body_mass[body]), np.zeros(3), principal), placement)
+    return moved(Inertia(float(model.body_mass[body]), inertia=principal), placed(rotation, model.body_ipos[body]))
 
 
 def _check(out: Path, chain: Chain | None, at: str | None, wanted: StatedArm) -> None:

@@ -145,7 +145,7 @@ def _payload(arm: StatedArm, robot: Robot, i: int, instance: EffectInstance) -> 
     mass = number(instance, "mass")
     if mass < 0.0:
         return arm.without(instance, f"its mass is {mass:g} kg: no body has less than none")
-    point = Inertia(mass, np.array(instance.parameters["position"]), np.zeros((3, 3)))
+    point = Inertia(mass, np.array(instance.parameters["position"]))
     return arm.with_link(i, lumped([arm.links[i], point]))
 
 

@@ -16,6 +16,7 @@ import numpy as np
 from elastic_arm.arrays import Array
 from elastic_arm.robot.description import Component, Inertia, Joint, Robot
 from elastic_arm.robot.kinematics import link_radius, lumped, moved
+from elastic_arm.robot.parts import placed
 
 _COLOURS = {"base_grey": "0.35 0.38 0.42 1", "link_blue": "0.20 0.45 0.70 1", "joint_orange": "0.90 0.60 0.10 1"}
 # A URDF must state effort and velocity beside a range; readers take 0 as "not stated".
@@ -54,9 +55,7 @@ def to_urdf(robot: Robot) -> str:
 
 def _urdf_frame(joint: Joint) -> Array:
     """Return the URDF's link frame in the turned joint frame: the axes of ``O_i`` at the joint's origin."""
-    frame = np.eye(4)
-    frame[:3, :3] = joint.after[:3, :3]
-    return frame
+    return placed(joint.after[:3, :3])
 
 
 def bodies_with_components(robot: Robot) -> list[Inertia]:
