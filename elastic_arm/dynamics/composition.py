@@ -71,7 +71,7 @@ class _Assembly:
 
     def add_link_body(self, i: int, inertia: Inertia) -> None:
         joint = self.robot.joints[i]
-        values = inertial_parameters(inertia.mass, inertia.com, inertia.inertia)
+        values = inertial_parameters(inertia)
         indices = self.add_parameters(joint.link_name, LINK_PARAMETERS, LINK_UNITS, values)
         self.bodies.append(Body(joint.link_name, self.link_frames[i], np.eye(4), tuple(indices)))
 
@@ -202,10 +202,15 @@ def with_spline(joint: Joint) -> Inertia:
     """Inertia of a joint's link with the spline that drives it as a part of it."""
     if joint.transmission is None:
         return joint.link
-    link, spline = joint.link, joint.transmission.spline
-    solid = inertial_parameters(spline.mass, np.zeros(3), np.diag([spline.ixx, spline.ixx, spline.izz]))
-    total = inertial_parameters(link.mass, link.com, link.inertia) + moved(solid, on_link(joint, spline))
-    return inertia_from(total)
+    spline = joint.transmission.spline
+    solid = np.array([spline.mass, 0.0, 0.0, 0.0, spline.ixx, 0.0, 0.0, spline.ixx, 0.0, spline.izz])
+    return inertia_from(inertial_parameters(joint.link) + moved(solid, on_link(joint, spline)))
+
+
+def exchanged(whole: Inertia, old: Inertia, new: Inertia) -> Inertia:
+    """Return a body in which a part is exchanged for another; RobotError if no body is left."""
+    ten = [inertial_parameters(body) for body in (whole, new, old)]
+    return inertia_from(ten[0] + ten[1] - ten[2])
 
 
 def inertia_from(ten: np.ndarray) -> Inertia:

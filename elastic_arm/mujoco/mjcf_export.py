@@ -222,8 +222,7 @@ class _Document:
                 old_limit = () if before.torque is None else (before.torque / after.torque * most,)
                 yield Change(old.name, "forcerange", old.unit("Nm"), old_limit, (most,))
             if after.delay and after.delay != before.delay:
-                samples = int(np.ceil(after.delay / self.arm.model.opt.timestep)) + 2
-                self.file.set(elements[0], nsample=str(samples))
+                self.file.set(elements[0], **delayed(after.delay, float(self.arm.model.opt.timestep)))
 
     def _sharp(self, element: Any, name: str) -> list[Change]:
         """Let new friction loss turn over with the velocity: by MuJoCo's default it does some 10 ms earlier."""

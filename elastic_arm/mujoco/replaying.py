@@ -24,6 +24,7 @@ from elastic_arm.recording.made_torque import with_made_torque
 from elastic_arm.robot import JointController
 from elastic_arm.robot.mjcf import MjcfArm, engine
 from elastic_arm.robot.mjcf.drives import drives_of, torque_delays
+from elastic_arm.robot.mjcf.engine import without
 
 WINDOW = 0.2  # s
 
@@ -166,8 +167,7 @@ def _open_loop(arm: MjcfArm, piece: Motion, steps: int, period: float) -> tuple[
     """Return positions and velocities (N, n) replayed; NaN at the starts of windows and after the last."""
     mj, model = engine(), arm.model
     q, dq, ddq, torque = (_present(values) for values in (piece.q, piece.dq, piece.ddq, piece.tau_m))
-    data, own = mj.MjData(model), float(model.opt.timestep)
-    substeps = max(1, int(np.ceil(period / own - 1e-9)))
+    data, substeps = mj.MjData(model), max(1, int(np.ceil(period / model.opt.timestep - 1e-9)))
     behind = lead(model, period / substeps)
     # Acts between two samples, as much earlier as velocities are.
     between = 0.5 - behind / period
@@ -175,10 +175,7 @@ def _open_loop(arm: MjcfArm, piece: Motion, steps: int, period: float) -> tuple[
     found = np.full((2, *q.shape), np.nan)
     positions, dofs = arm.positions, arm.dofs
     held = _held(arm)
-    flags = int(model.opt.disableflags)
-    model.opt.timestep = period / substeps
-    model.opt.disableflags = flags | int(mj.mjtDisableBit.mjDSBL_ACTUATION)
-    try:
+    with without(model, "ACTUATION", timestep=period / substeps):
         for start in range(0, len(q) - steps, steps):
             mj.mj_resetData(model, data)
             data.qpos[:] = arm.qpos
@@ -190,8 +187,6 @@ def _open_loop(arm: MjcfArm, piece: Motion, steps: int, period: float) -> tuple[
                     held(data)
                 found[0, k + 1] = data.qpos[positions]
                 found[1, k + 1] = data.qvel[dofs] + behind * data.qacc[dofs]
-    finally:
-        model.opt.timestep, model.opt.disableflags = own, flags
     return found[0], found[1]
 
 
@@ -219,18 +214,13 @@ def _inverse(arm: MjcfArm, piece: Motion) -> Array:
     data = mj.MjData(model)
     q, dq, ddq = (_present(values) for values in (piece.q, piece.dq, piece.ddq))
     found = np.empty_like(q)
-    flags = int(model.opt.disableflags)
     # What is held is held by forces that are none of the motors'; limits are for the drives to keep.
-    off = mj.mjtDisableBit
-    model.opt.disableflags = flags | int(off.mjDSBL_EQUALITY) | int(off.mjDSBL_LIMIT) | int(off.mjDSBL_CONTACT)
-    try:
+    with without(model, "EQUALITY", "LIMIT", "CONTACT"):
         for k in range(len(q)):
             data.qpos[:], data.qvel[:], data.qacc[:] = arm.qpos, 0.0, 0.0
             data.qpos[arm.positions], data.qvel[arm.dofs], data.qacc[arm.dofs] = q[k], dq[k], ddq[k]
             mj.mj_inverse(model, data)
             found[k] = data.qfrc_inverse[arm.dofs]
-    finally:
-        model.opt.disableflags = flags
     return found
 
 
