@@ -6,12 +6,11 @@ import numpy as np
 
 from elastic_arm.arrays import Array
 from elastic_arm.errors import SimulationError
-from elastic_arm.mujoco.replaying import has_servos, lead, servo_motion
+from elastic_arm.mujoco.replaying import has_servos, lead, servo_motion, without
 from elastic_arm.recording import Recording, Side
 from elastic_arm.robot import Robot, to_urdf
 from elastic_arm.robot.mjcf import MjcfArm, engine
 from elastic_arm.robot.mjcf.drives import torque_delays
-from elastic_arm.robot.mjcf.engine import without
 from elastic_arm.simulation.controller import Controller, tuned
 from elastic_arm.simulation.rollout import Trajectory
 

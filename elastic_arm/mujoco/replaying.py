@@ -7,7 +7,8 @@ actuators with feedback and the reference was recorded: the reference is their i
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -24,7 +25,6 @@ from elastic_arm.recording.made_torque import with_made_torque
 from elastic_arm.robot import JointController
 from elastic_arm.robot.mjcf import MjcfArm, engine
 from elastic_arm.robot.mjcf.drives import drives_of, torque_delays
-from elastic_arm.robot.mjcf.engine import without
 
 WINDOW = 0.2  # s
 
@@ -188,6 +188,20 @@ def _open_loop(arm: MjcfArm, piece: Motion, steps: int, period: float) -> tuple[
                 found[0, k + 1] = data.qpos[positions]
                 found[1, k + 1] = data.qvel[dofs] + behind * data.qacc[dofs]
     return found[0], found[1]
+
+
+@contextmanager
+def without(model: Any, *parts: str, timestep: float | None = None) -> Iterator[None]:
+    """Take parts of a model out for a while, by the names of their `mjtDisableBit`, and set its time step, s."""
+    option, bits = model.opt, engine().mjtDisableBit
+    own = float(option.timestep), int(option.disableflags)
+    option.timestep = own[0] if timestep is None else timestep
+    for part in parts:
+        option.disableflags |= int(getattr(bits, f"mjDSBL_{part}"))
+    try:
+        yield
+    finally:
+        option.timestep, option.disableflags = own
 
 
 def lead(model: Any, step: float) -> float:

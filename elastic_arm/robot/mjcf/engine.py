@@ -10,7 +10,6 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -44,20 +43,6 @@ def engine(what: str = "MJCF files need") -> ModuleType:
     # Its own habit is to append warnings to a file MUJOCO_LOG.TXT wherever the user works.
     mujoco.set_mju_user_warning(lambda words: None)
     return mujoco
-
-
-@contextmanager
-def without(model: Any, *parts: str, timestep: float | None = None) -> Iterator[None]:
-    """Take parts of a model out for a while, by the names of their `mjtDisableBit`, and set its time step, s."""
-    option, bits = model.opt, engine().mjtDisableBit
-    own = float(option.timestep), int(option.disableflags)
-    option.timestep = own[0] if timestep is None else timestep
-    for part in parts:
-        option.disableflags |= int(getattr(bits, f"mjDSBL_{part}"))
-    try:
-        yield
-    finally:
-        option.timestep, option.disableflags = own
 
 
 def compiled(path: Path) -> tuple[Any, list[str], bool]:
