@@ -109,6 +109,6 @@ def six(body: Inertia) -> tuple[float, ...]:
     return tuple(float(body.inertia[index]) for index in order)
 
 
-def text_of(value: float) -> str:
-    """Return a number as files hold it: ten digits, none needless."""
-    return f"{value:.10g}"
+def text_of(*values: float) -> str:
+    """Return numbers as files hold them: ten digits, none needless."""
+    return " ".join(f"{value:.10g}" for value in values)

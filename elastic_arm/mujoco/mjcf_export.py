@@ -218,7 +218,7 @@ class _Document:
                     yield Change(old.name, number, old.unit(unit), (own / gear,), (wanted / gear,))
             if after.torque is not None and after.torque != before.torque:
                 most = after.torque / abs(float(self.arm.model.actuator_gear[drive, 0]))
-                self.file.set(elements[0], forcerange=f"{text_of(-most)} {text_of(most)}")
+                self.file.set(elements[0], forcerange=text_of(-most, most))
                 old_limit = () if before.torque is None else (before.torque / after.torque * most,)
                 yield Change(old.name, "forcerange", old.unit("Nm"), old_limit, (most,))
             if after.delay and after.delay != before.delay:
@@ -288,18 +288,17 @@ class _Document:
         element = self._elements[i]
         inertials = self.file.children(element, "inertial")
         inertial = inertials[0] if inertials else self.file.insert_first(element, "inertial")
-        xx, yy, zz, xy, xz, yz = six(new)
         values: dict[str, str | None] = dict.fromkeys(("diaginertia", *_ORIENTATIONS))
-        values["pos"] = " ".join(map(text_of, new.com))
+        values["pos"] = text_of(*new.com)
         values["mass"] = text_of(new.mass)
-        values["fullinertia"] = " ".join(map(text_of, (xx, yy, zz, xy, xz, yz)))
+        values["fullinertia"] = text_of(*six(new))
         self.file.set(inertial, **values)
         return inertial_change(name, own, new)
 
     def _gravity(self) -> None:
         options = [element for element in self.file.elements("option") if element.getparent().tag != "default"]
         option = options[0] if options else self.file.insert_first(self.file.root, "option")
-        self.file.set(option, gravity=" ".join(map(text_of, self.after.gravity)))
+        self.file.set(option, gravity=text_of(*self.after.gravity))
 
 
 def _own_inertia(model: Any, body: int) -> Inertia:

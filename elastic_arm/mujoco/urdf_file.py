@@ -164,7 +164,7 @@ def _turned(joint: Any, by: float) -> Change:
     else:
         number, unit, before = "origin rpy", "rad", rpy
         after = rpy = np.array(rpy_of(stands @ Rotation.from_rotvec(by * direction).as_matrix()))
-    _child(joint, "origin", xyz=" ".join(map(text_of, xyz)), rpy=" ".join(map(text_of, rpy)))
+    _child(joint, "origin", xyz=text_of(*xyz), rpy=text_of(*rpy))
     return Change(str(joint.get("name")), number, unit, tuple(map(float, before)), tuple(map(float, after)))
 
 
@@ -180,7 +180,7 @@ def _links(root: Any, arm: Robot, before: StatedArm, after: StatedArm) -> list[C
         if inertial is None:
             inertial = append_last(link, "inertial")
         xx, yy, zz, xy, xz, yz = map(text_of, six(new))
-        _child(inertial, "origin", xyz=" ".join(map(text_of, new.com)), rpy="0 0 0")
+        _child(inertial, "origin", xyz=text_of(*new.com), rpy="0 0 0")
         _child(inertial, "mass", value=text_of(new.mass))
         _child(inertial, "inertia", ixx=xx, ixy=xy, ixz=xz, iyy=yy, iyz=yz, izz=zz)
         changes += inertial_change(joint.link_name, own, new)
