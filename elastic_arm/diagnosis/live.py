@@ -32,12 +32,11 @@ from elastic_arm.estimation.residuals import residuals
 from elastic_arm.estimation.whitening import noise_models
 from elastic_arm.evidence.priors import CHANGED
 from elastic_arm.recording import Recording, Samples, Side
+from elastic_arm.recording.sides import SAMPLED
 from elastic_arm.robot import load_robot
 
 # Samples kept at most, whatever their stamps; bounds the memory.
 CAPACITY = 200_000
-CHANNELS = {"link": ("q", "dq", "tau_J"), "motor": ("theta", "dtheta", "tau_m")}
-FIELDS = ("position", "velocity", "effort")
 
 
 class Window:
@@ -58,7 +57,8 @@ class Window:
         if not len(samples):
             return
         if self._batches and (
-            samples.stamp_ns[0] <= self._batches[-1].stamp_ns[-1] or _recorded(samples) != _recorded(self._batches[0])
+            samples.stamp_ns[0] <= self._batches[-1].stamp_ns[-1]
+            or samples.recorded().keys() != self._batches[0].recorded().keys()
         ):
             self.clear()
         self._batches.append(samples)
@@ -91,20 +91,13 @@ class Window:
             raise DiagnosisError("no samples yet", "Start the arm, or look for it on /joint_states and /motor_states")
         stamps = np.concatenate([batch.stamp_ns for batch in self._batches])
         first = 0 if last is None else int(np.searchsorted(stamps, stamps[-1] - round(last * 1e9)))
-        sides: dict[str, Any] = {}
-        for side, names in CHANNELS.items():
-            channels = {
-                field: np.concatenate([getattr(batch, name) for batch in self._batches])[first:]
-                for field, name in zip(FIELDS, names, strict=True)
-                if getattr(self._batches[0], name) is not None
-            }
-            if channels:
-                sides[side] = Side(stamps[first:], **channels)
+        channels: dict[str, dict[str, Array]] = {}
+        for name in self._batches[0].recorded():
+            side, channel = SAMPLED[name]
+            values = np.concatenate([getattr(batch, name) for batch in self._batches])[first:]
+            channels.setdefault(side, {})[channel] = values
+        sides: dict[str, Any] = {side: Side(stamps[first:], **own) for side, own in channels.items()}
         return Recording(self.joints, **sides, source=self.source, currents=self.currents)
-
-
-def _recorded(samples: Samples) -> list[str]:
-    return [name for names in CHANNELS.values() for name in names if getattr(samples, name) is not None]
 
 
 @dataclass(frozen=True)

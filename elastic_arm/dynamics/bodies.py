@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from elastic_arm.robot.parts import snap
+from elastic_arm.robot.parts import Inertia, placed, snap, tensor_of
 
 GROUND = -1
 # Inertial parameters of a link, about its frame's origin; those of a solid of revolution lie on its axis z.
@@ -143,18 +143,7 @@ def moved(parameters: np.ndarray, placement: np.ndarray) -> np.ndarray:
     return snap(result).reshape(parameters.shape) if parameters.ndim == 2 else result.reshape(parameters.shape)
 
 
-def tensor_of(six: np.ndarray) -> np.ndarray:
-    """(6,) in the order xx xy xz yy yz zz -> symmetric (3, 3)."""
-    xx, xy, xz, yy, yz, zz = six
-    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-
-
-def inertial_parameters(mass: float, com: np.ndarray, inertia: np.ndarray) -> np.ndarray:
-    """(10,) about the frame's origin, from mass, centre of mass and the tensor (3, 3) about it.
-
-    com: (3,) centre of mass in the frame, m; inertia: (3, 3) about the centre of mass, kg m².
-    """
-    about_com = np.array([mass, 0.0, 0.0, 0.0, *(inertia[index] for index in TENSOR)])
-    placement = np.eye(4)
-    placement[:3, 3] = com
-    return moved(about_com, placement)
+def inertial_parameters(body: Inertia) -> np.ndarray:
+    """(10,) about the frame's origin."""
+    about_com = np.array([body.mass, 0.0, 0.0, 0.0, *(body.inertia[index] for index in TENSOR)])
+    return moved(about_com, placed(position=body.com))

@@ -28,11 +28,10 @@ from elastic_arm.dynamics.bodies import (
     Spring,
     inertial_parameters,
     moved,
-    tensor_of,
 )
 from elastic_arm.errors import RobotError
 from elastic_arm.robot.description import Bearing, Component, Inertia, Joint, Robot
-from elastic_arm.robot.parts import snap
+from elastic_arm.robot.parts import placed, snap, tensor_of
 
 X, Y, Z = range(3)
 # Last part of the name of the parameter that holds a rigid joint's armature.
@@ -72,7 +71,7 @@ class _Assembly:
 
     def add_link_body(self, i: int, inertia: Inertia) -> None:
         joint = self.robot.joints[i]
-        values = inertial_parameters(inertia.mass, inertia.com, inertia.inertia)
+        values = inertial_parameters(inertia)
         indices = self.add_parameters(joint.link_name, LINK_PARAMETERS, LINK_UNITS, values)
         self.bodies.append(Body(joint.link_name, self.link_frames[i], np.eye(4), tuple(indices)))
 
@@ -90,7 +89,7 @@ class _Assembly:
         joint = self.robot.joints[i]
         if component.carrier == joint.link_name:
             return self.link_frames[i], on_link(joint, component)
-        return (self.link_frames[i - 1] if i else GROUND), joint.before @ _shift(component.position)
+        return (self.link_frames[i - 1] if i else GROUND), joint.before @ placed(position=component.position)
 
     def add_springs(self, bearings: bool) -> None:
         n = self.robot.n
@@ -181,12 +180,6 @@ def _mod1(arm: _Assembly) -> None:
 COMPOSITIONS: dict[str, Callable[[_Assembly], None]] = {"mod1": _mod1, "mod2": _mod2, "mod3": _mod3}
 
 
-def _shift(position: np.ndarray) -> np.ndarray:
-    placement = np.eye(4)
-    placement[:3, 3] = position
-    return placement
-
-
 def _components(robot: Robot) -> Iterator[tuple[int, str, Component, float]]:
     for i, joint in enumerate(robot.joints):
         if joint.transmission is not None:
@@ -202,17 +195,22 @@ def _bearing(joint: Joint) -> Bearing:
 
 def on_link(joint: Joint, component: Component) -> np.ndarray:
     """Placement, in the frame of the link a joint moves, of a component that turns with it at ``O_{i-1}``."""
-    return snap(np.linalg.inv(joint.after) @ _shift(component.position))
+    return snap(np.linalg.inv(joint.after) @ placed(position=component.position))
 
 
 def with_spline(joint: Joint) -> Inertia:
     """Inertia of a joint's link with the spline that drives it as a part of it."""
     if joint.transmission is None:
         return joint.link
-    link, spline = joint.link, joint.transmission.spline
-    solid = inertial_parameters(spline.mass, np.zeros(3), np.diag([spline.ixx, spline.ixx, spline.izz]))
-    total = inertial_parameters(link.mass, link.com, link.inertia) + moved(solid, on_link(joint, spline))
-    return inertia_from(total)
+    spline = joint.transmission.spline
+    solid = np.array([spline.mass, 0.0, 0.0, 0.0, spline.ixx, 0.0, 0.0, spline.ixx, 0.0, spline.izz])
+    return inertia_from(inertial_parameters(joint.link) + moved(solid, on_link(joint, spline)))
+
+
+def exchanged(whole: Inertia, old: Inertia, new: Inertia) -> Inertia:
+    """Return a body in which a part is exchanged for another; RobotError if no body is left."""
+    ten = [inertial_parameters(body) for body in (whole, new, old)]
+    return inertia_from(ten[0] + ten[1] - ten[2])
 
 
 def inertia_from(ten: np.ndarray) -> Inertia:

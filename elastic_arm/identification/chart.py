@@ -125,7 +125,7 @@ def chart_of(equations: BaseRegression) -> Chart:
 def folded(robot: Robot, equations: BaseRegression, body: Body) -> Array:
     """Return what the nominal body's ten parameters have beyond the link: the folded spline of mod1, else nothing."""
     link = next(j.link for j in robot.joints if j.link_name == body.name)
-    own = inertial_parameters(link.mass, link.com, link.inertia)
+    own = inertial_parameters(link)
     return equations.nominal[list(body.parameters)] - own
 
 

@@ -8,34 +8,25 @@ from dataclasses import dataclass
 import numpy as np
 
 from elastic_arm.dynamics.bodies import inertial_parameters
-from elastic_arm.dynamics.composition import inertia_from
+from elastic_arm.dynamics.composition import exchanged
 from elastic_arm.errors import RobotError
 from elastic_arm.mujoco.stated_arm import StatedArm
 from elastic_arm.robot import Inertia, Robot
 
 # Numbers closer than this, relative to their size, are the same: what is written has nine digits.
 SAME = 1e-9
-# What each number of a joint is called in a file, and its unit.
+# What each number of a joint is called in a file, its unit, and the effect and parameter by which it changes.
 JOINT_NUMBERS = {
-    "armature": ("armature", "kg m²"),
-    "damping": ("damping", "Nm s/rad"),
-    "friction_loss": ("frictionloss", "Nm"),
-    "stiffness": ("stiffness", "Nm/rad"),
-    "rest": ("springref", "rad"),
-    "zero": ("ref", "rad"),
-    "delay": ("delay of its torque sensor", "s"),
+    "armature": ("armature", "kg m²", "rotor_inertia_mismatch", "inertia"),
+    "damping": ("damping", "Nm s/rad", "viscous_friction", "coefficient"),
+    "friction_loss": ("frictionloss", "Nm", "coulomb_friction", "torque"),
+    "stiffness": ("stiffness", "Nm/rad", "joint_spring", "stiffness"),
+    "rest": ("springref", "rad", "joint_spring", "rest"),
+    "zero": ("ref", "rad", "joint_zero", "offset"),
+    "delay": ("delay of its torque sensor", "s", "time_delay", "delay"),
 }
 # Deviations of estimates, by effect, joint and parameter.
 Deviations = Mapping[tuple[str, str | None, str], float]
-_FROM = {
-    "armature": ("rotor_inertia_mismatch", "inertia"),
-    "damping": ("viscous_friction", "coefficient"),
-    "friction_loss": ("coulomb_friction", "torque"),
-    "stiffness": ("joint_spring", "stiffness"),
-    "rest": ("joint_spring", "rest"),
-    "zero": ("joint_zero", "offset"),
-    "delay": ("time_delay", "delay"),
-}
 
 
 @dataclass(frozen=True)
@@ -51,17 +42,6 @@ class Change:
     after: tuple[float, ...]
     std: float | None = None  # standard deviation of the new value, where it was estimated
 
-    def to_dict(self) -> dict[str, object]:
-        """Return it as plain data."""
-        return {
-            "element": self.element,
-            "number": self.number,
-            "unit": self.unit,
-            "before": list(self.before),
-            "after": list(self.after),
-            "std": self.std,
-        }
-
 
 def joint_changes(
     robot: Robot, before: StatedArm, after: StatedArm, deviations: Deviations | None = None
@@ -69,11 +49,10 @@ def joint_changes(
     """Return the numbers of joints that change, by joint index and field of :class:`.StatedJoint`."""
     found = {}
     for i, (joint, old, new) in enumerate(zip(robot.joints, before.joints, after.joints, strict=True)):
-        for field, (number, unit) in JOINT_NUMBERS.items():
+        for field, (number, unit, effect, parameter) in JOINT_NUMBERS.items():
             unit = joint.unit(unit).replace("kg m²", "kg") if joint.prismatic else unit
             values = getattr(old, field), getattr(new, field)
             if abs(values[1] - values[0]) > SAME * max(abs(values[0]), abs(values[1])):
-                effect, parameter = _FROM[field]
                 std = (deviations or {}).get((effect, joint.name, parameter))
                 if std is not None and field == "armature":
                     std *= values[0]
@@ -88,15 +67,14 @@ def joint_changes(
 
 def differs(old: Inertia, new: Inertia) -> bool:
     """Return whether two inertias are different numbers."""
-    a, b = (inertial_parameters(body.mass, body.com, body.inertia) for body in (old, new))
+    a, b = (inertial_parameters(body) for body in (old, new))
     return bool(np.abs(a - b).max() > SAME * max(np.abs(a).max(), np.abs(b).max()))
 
 
 def body_after(own: Inertia, old_link: Inertia, new_link: Inertia, name: str) -> Inertia:
     """Return the body that makes a link of several bodies the new one, the others unchanged."""
-    ten = [inertial_parameters(body.mass, body.com, body.inertia) for body in (own, new_link, old_link)]
     try:
-        return inertia_from(ten[0] + ten[1] - ten[2])
+        return exchanged(own, old_link, new_link)
     except RobotError as error:
         raise RobotError(
             f"what is found leaves body {name!r} no physical inertia ({error.problem})",
@@ -131,6 +109,6 @@ def six(body: Inertia) -> tuple[float, ...]:
     return tuple(float(body.inertia[index]) for index in order)
 
 
-def text_of(value: float) -> str:
-    """Return a number as files hold it: ten digits, none needless."""
-    return f"{value:.10g}"
+def text_of(*values: float) -> str:
+    """Return numbers as files hold them: ten digits, none needless."""
+    return " ".join(f"{value:.10g}" for value in values)

@@ -32,7 +32,7 @@ from elastic_arm.robot.kinematics import moved
 from elastic_arm.robot.mjcf import MjcfArm, engine, open_mjcf, read_mjcf
 from elastic_arm.robot.mjcf.drives import drives_of, motor_friction, motor_inertia_and_damping
 from elastic_arm.robot.mjcf.engine import saved
-from elastic_arm.robot.parts import located
+from elastic_arm.robot.parts import located, placed
 from elastic_arm.robot.urdf_tree import Chain
 
 # What is read back from a written file is what was meant, to this share: nine digits are written.
@@ -218,12 +218,11 @@ class _Document:
                     yield Change(old.name, number, old.unit(unit), (own / gear,), (wanted / gear,))
             if after.torque is not None and after.torque != before.torque:
                 most = after.torque / abs(float(self.arm.model.actuator_gear[drive, 0]))
-                self.file.set(elements[0], forcerange=f"{text_of(-most)} {text_of(most)}")
+                self.file.set(elements[0], forcerange=text_of(-most, most))
                 old_limit = () if before.torque is None else (before.torque / after.torque * most,)
                 yield Change(old.name, "forcerange", old.unit("Nm"), old_limit, (most,))
             if after.delay and after.delay != before.delay:
-                samples = int(np.ceil(after.delay / self.arm.model.opt.timestep)) + 2
-                self.file.set(elements[0], nsample=str(samples))
+                self.file.set(elements[0], **delayed(after.delay, float(self.arm.model.opt.timestep)))
 
     def _sharp(self, element: Any, name: str) -> list[Change]:
         """Let new friction loss turn over with the velocity: by MuJoCo's default it does some 10 ms earlier."""
@@ -289,28 +288,25 @@ class _Document:
         element = self._elements[i]
         inertials = self.file.children(element, "inertial")
         inertial = inertials[0] if inertials else self.file.insert_first(element, "inertial")
-        xx, yy, zz, xy, xz, yz = six(new)
         values: dict[str, str | None] = dict.fromkeys(("diaginertia", *_ORIENTATIONS))
-        values["pos"] = " ".join(map(text_of, new.com))
+        values["pos"] = text_of(*new.com)
         values["mass"] = text_of(new.mass)
-        values["fullinertia"] = " ".join(map(text_of, (xx, yy, zz, xy, xz, yz)))
+        values["fullinertia"] = text_of(*six(new))
         self.file.set(inertial, **values)
         return inertial_change(name, own, new)
 
     def _gravity(self) -> None:
         options = [element for element in self.file.elements("option") if element.getparent().tag != "default"]
         option = options[0] if options else self.file.insert_first(self.file.root, "option")
-        self.file.set(option, gravity=" ".join(map(text_of, self.after.gravity)))
+        self.file.set(option, gravity=text_of(*self.after.gravity))
 
 
 def _own_inertia(model: Any, body: int) -> Inertia:
     """Return a body's inertia in its own frame."""
     rotation = np.empty(9)
     engine().mju_quat2Mat(rotation, model.body_iquat[body])
-    placement = np.eye(4)
-    placement[:3, :3], placement[:3, 3] = rotation.reshape(3, 3), model.body_ipos[body]
     principal = np.diag(np.array(model.body_inertia[body], dtype=float))
-    return moved(Inertia(float(model.body_mass[body]), np.zeros(3), principal), placement)
+    return moved(Inertia(float(model.body_mass[body]), inertia=principal), placed(rotation, model.body_ipos[body]))
 
 
 def _check(out: Path, chain: Chain | None, at: str | None, wanted: StatedArm) -> None:

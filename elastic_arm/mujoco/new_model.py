@@ -24,7 +24,7 @@ from elastic_arm.mujoco.stated_arm import StatedArm, stated_arm
 from elastic_arm.output_files import write_result
 from elastic_arm.robot import Inertia, Robot
 from elastic_arm.robot.kinematics import link_radius
-from elastic_arm.robot.urdf_export import bodies_with_components
+from elastic_arm.robot.urdf_export import bodies_with_components, words_of
 
 TIMESTEP = 1e-3
 
@@ -83,7 +83,7 @@ def to_mjcf(
         ET.Comment(" elastic: a motor joint and a spring joint a drive " if robot.elastic else " rigid joints ")
     )
     ET.SubElement(root, "compiler", angle="radian", autolimits="true")
-    ET.SubElement(root, "option", timestep=text_of(timestep), integrator="implicitfast", gravity=_words(arm.gravity))
+    ET.SubElement(root, "option", timestep=text_of(timestep), integrator="implicitfast", gravity=words_of(arm.gravity))
     base = ET.SubElement(ET.SubElement(root, "worldbody"), "body", {"name": "base", **_placed(robot.base_placement)})
     bodies = _bodies(robot, arm)
     if bodies[0].mass > 0.0:
@@ -121,11 +121,11 @@ def _bodies(robot: Robot, arm: StatedArm) -> list[Inertia]:
 def _joints(body: ET.Element, robot: Robot, arm: StatedArm, elements: Elements, i: int, frame: Array) -> None:
     """Add joint i, whose frame stands at `frame` in the body's, and the joint that its drive winds by."""
     joint, numbers = robot.joints[i], arm.joints[i]
-    where = {"pos": _words(frame[:3, 3]), "axis": _words(frame[:3, 2])}
+    where = {"pos": words_of(frame[:3, 3]), "axis": words_of(frame[:3, 2])}
     limits = joint.limits
     ranged = {}
     if limits.position_min is not None and limits.position_max is not None:
-        ranged = {"range": f"{text_of(limits.position_min)} {text_of(limits.position_max)}"}
+        ranged = {"range": text_of(limits.position_min, limits.position_max)}
     stated = {"armature": numbers.armature, "damping": numbers.damping, "frictionloss": numbers.friction_loss}
     stated |= {"stiffness": numbers.stiffness, "springref": numbers.rest, "ref": numbers.zero}
     words = {name: text_of(value) for name, value in stated.items() if value}
@@ -135,8 +135,7 @@ def _joints(body: ET.Element, robot: Robot, arm: StatedArm, elements: Elements, 
     ET.SubElement(body, "joint", {"name": joint.name, "type": kind, **where, **ranged, **words})
     if joint.transmission is not None:
         a, b, c = elements.springs[i]
-        spring = " ".join(map(text_of, (a, b, c) if c else (a,)))
-        texts = {"stiffness": spring, "damping": text_of(elements.dampings[i])}
+        texts = {"stiffness": text_of(a, b, c) if c else text_of(a), "damping": text_of(elements.dampings[i])}
         ET.SubElement(body, "joint", {"name": f"{joint.name}{DEFLECTION}", "type": kind, **where, **texts})
 
 
@@ -146,11 +145,11 @@ def _drives(root: ET.Element, arm: StatedArm, robot: Robot, timestep: float) -> 
         motor, torque = f"{joint.name}_motor", joint.limits.torque
         drive = servo(joint.controller)
         if drive is None:
-            limit = {} if torque is None else {"ctrlrange": f"{text_of(-torque)} {text_of(torque)}"}
+            limit = {} if torque is None else {"ctrlrange": text_of(-torque, torque)}
             ET.SubElement(actuators, "motor", {"name": motor, "joint": joint.name, **limit})
         else:
             limits = [one for one in (torque, drive.torque) if one is not None]
-            limit = {"forcerange": f"{text_of(-min(limits))} {text_of(min(limits))}"} if limits else {}
+            limit = {"forcerange": text_of(-min(limits), min(limits))} if limits else {}
             gains = {"kp": text_of(drive.kp), "kv": text_of(drive.kd)}
             late = delayed(drive.delay, timestep) if drive.delay else {}
             ET.SubElement(actuators, "position", {"name": motor, "joint": joint.name, **gains, **limit, **late})
@@ -174,28 +173,18 @@ def _elements(root: ET.Element, elements: Elements) -> None:
 
 
 def _inertial(body: ET.Element, inertia: Inertia) -> None:
-    xx, yy, zz, xy, xz, yz = six(inertia)
-    moments = " ".join(map(_exact, (xx, yy, zz, xy, xz, yz)))
     if inertia.mass > 0.0:
-        ET.SubElement(body, "inertial", pos=_words(inertia.com), mass=_exact(inertia.mass), fullinertia=moments)
+        mass, moments = words_of([inertia.mass]), words_of(six(inertia))
+        ET.SubElement(body, "inertial", pos=words_of(inertia.com), mass=mass, fullinertia=moments)
 
 
 def _capsule(body: ET.Element, start: Array, end: Array, radius: float) -> None:
     if np.linalg.norm(end - start) > 1e-6:
-        ends = " ".join(map(text_of, (*start, *end)))
+        ends = text_of(*start, *end)
         seen = {"contype": "0", "conaffinity": "0", "mass": "0"}
         ET.SubElement(body, "geom", {"type": "capsule", "size": text_of(0.7 * radius), "fromto": ends, **seen})
 
 
 def _placed(placement: Array) -> dict[str, str]:
     rotation = placement[:3, :3]
-    return {"pos": _words(placement[:3, 3]), "xyaxes": _words(np.concatenate([rotation[:, 0], rotation[:, 1]]))}
-
-
-def _words(values: Array) -> str:
-    return " ".join(map(_exact, values))
-
-
-def _exact(value: float) -> str:
-    """Return all digits of a number: a new file is the arm to the bit."""
-    return repr(float(value) + 0.0)
+    return {"pos": words_of(placement[:3, 3]), "xyaxes": words_of(np.concatenate([rotation[:, 0], rotation[:, 1]]))}

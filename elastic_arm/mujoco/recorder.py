@@ -6,7 +6,7 @@ import numpy as np
 
 from elastic_arm.arrays import Array
 from elastic_arm.errors import SimulationError
-from elastic_arm.mujoco.replaying import has_servos, lead, servo_motion
+from elastic_arm.mujoco.replaying import has_servos, lead, servo_motion, without
 from elastic_arm.recording import Recording, Side
 from elastic_arm.robot import Robot, to_urdf
 from elastic_arm.robot.mjcf import MjcfArm, engine
@@ -136,21 +136,19 @@ def _followed(
     mj, model = engine(), arm.model
     q_ref, dq_ref, _ = reference
     forward = controller.feedforward(*reference)
-    own, flags, step = float(model.opt.timestep), int(model.opt.disableflags), _step(arm, rate)
+    step = _step(arm, rate)
     substeps = round(1.0 / rate / step)
-    model.opt.timestep = step
-    model.opt.disableflags = flags | int(mj.mjtDisableBit.mjDSBL_ACTUATION)
     data, positions, dofs = mj.MjData(model), arm.positions, arm.dofs
     data.qpos[:] = arm.qpos
     data.qpos[positions], data.qvel[dofs] = q_ref[0], dq_ref[0]
     q, dq, command = np.empty((3, len(q_ref), arm.robot.n))
-    for k in range(len(q_ref)):
-        q[k], dq[k] = data.qpos[positions], data.qvel[dofs]
-        command[k] = forward[k] + controller.kp * (q_ref[k] - q[k]) + controller.kd * (dq_ref[k] - dq[k])
-        data.qfrc_applied[dofs] = command[k]
-        for _ in range(substeps):
-            mj.mj_step(model, data)
-    model.opt.timestep, model.opt.disableflags = own, flags
+    with without(model, "ACTUATION", timestep=step):
+        for k in range(len(q_ref)):
+            q[k], dq[k] = data.qpos[positions], data.qvel[dofs]
+            command[k] = forward[k] + controller.kp * (q_ref[k] - q[k]) + controller.kd * (dq_ref[k] - dq[k])
+            data.qfrc_applied[dofs] = command[k]
+            for _ in range(substeps):
+                mj.mj_step(model, data)
     if not (np.isfinite(q).all() and np.isfinite(dq).all()):
         raise SimulationError("the motion left the finite numbers", "Take a slower motion or a smaller timestep.")
     return q, dq, command

@@ -7,7 +7,8 @@ actuators with feedback and the reference was recorded: the reference is their i
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -166,8 +167,7 @@ def _open_loop(arm: MjcfArm, piece: Motion, steps: int, period: float) -> tuple[
     """Return positions and velocities (N, n) replayed; NaN at the starts of windows and after the last."""
     mj, model = engine(), arm.model
     q, dq, ddq, torque = (_present(values) for values in (piece.q, piece.dq, piece.ddq, piece.tau_m))
-    data, own = mj.MjData(model), float(model.opt.timestep)
-    substeps = max(1, int(np.ceil(period / own - 1e-9)))
+    data, substeps = mj.MjData(model), max(1, int(np.ceil(period / model.opt.timestep - 1e-9)))
     behind = lead(model, period / substeps)
     # Acts between two samples, as much earlier as velocities are.
     between = 0.5 - behind / period
@@ -175,10 +175,7 @@ def _open_loop(arm: MjcfArm, piece: Motion, steps: int, period: float) -> tuple[
     found = np.full((2, *q.shape), np.nan)
     positions, dofs = arm.positions, arm.dofs
     held = _held(arm)
-    flags = int(model.opt.disableflags)
-    model.opt.timestep = period / substeps
-    model.opt.disableflags = flags | int(mj.mjtDisableBit.mjDSBL_ACTUATION)
-    try:
+    with without(model, "ACTUATION", timestep=period / substeps):
         for start in range(0, len(q) - steps, steps):
             mj.mj_resetData(model, data)
             data.qpos[:] = arm.qpos
@@ -190,9 +187,21 @@ def _open_loop(arm: MjcfArm, piece: Motion, steps: int, period: float) -> tuple[
                     held(data)
                 found[0, k + 1] = data.qpos[positions]
                 found[1, k + 1] = data.qvel[dofs] + behind * data.qacc[dofs]
-    finally:
-        model.opt.timestep, model.opt.disableflags = own, flags
     return found[0], found[1]
+
+
+@contextmanager
+def without(model: Any, *parts: str, timestep: float | None = None) -> Iterator[None]:
+    """Take parts of a model out for a while, by the names of their `mjtDisableBit`, and set its time step, s."""
+    option, bits = model.opt, engine().mjtDisableBit
+    own = float(option.timestep), int(option.disableflags)
+    option.timestep = own[0] if timestep is None else timestep
+    for part in parts:
+        option.disableflags |= int(getattr(bits, f"mjDSBL_{part}"))
+    try:
+        yield
+    finally:
+        option.timestep, option.disableflags = own
 
 
 def lead(model: Any, step: float) -> float:
@@ -219,18 +228,13 @@ def _inverse(arm: MjcfArm, piece: Motion) -> Array:
     data = mj.MjData(model)
     q, dq, ddq = (_present(values) for values in (piece.q, piece.dq, piece.ddq))
     found = np.empty_like(q)
-    flags = int(model.opt.disableflags)
     # What is held is held by forces that are none of the motors'; limits are for the drives to keep.
-    off = mj.mjtDisableBit
-    model.opt.disableflags = flags | int(off.mjDSBL_EQUALITY) | int(off.mjDSBL_LIMIT) | int(off.mjDSBL_CONTACT)
-    try:
+    with without(model, "EQUALITY", "LIMIT", "CONTACT"):
         for k in range(len(q)):
             data.qpos[:], data.qvel[:], data.qacc[:] = arm.qpos, 0.0, 0.0
             data.qpos[arm.positions], data.qvel[arm.dofs], data.qacc[arm.dofs] = q[k], dq[k], ddq[k]
             mj.mj_inverse(model, data)
             found[k] = data.qfrc_inverse[arm.dofs]
-    finally:
-        model.opt.disableflags = flags
     return found
 
 

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from elastic_arm.arrays import Array
+from elastic_arm.dynamics.composition import exchanged
 from elastic_arm.effects import Catalogue, EffectInstance, SensorEffect, StructuralEffect, robot_effects
 from elastic_arm.effects.model import ControllerEffect, Effect
 from elastic_arm.identification.batch.mounting import turned
@@ -112,16 +113,13 @@ def _on_elastic_link(robot: Robot, instance: EffectInstance) -> bool:
     return robot.elastic and instance.parameters.get("side", "link") == "link"
 
 
-def _viscous(arm: StatedArm, robot: Robot, i: int, instance: EffectInstance) -> StatedArm:
-    if _on_elastic_link(robot, instance):
-        return arm.without(instance)
-    return arm.with_joint(i, damping=number(instance, "coefficient"))
+def _friction(field: str, parameter: str) -> Rule:
+    def rule(arm: StatedArm, robot: Robot, i: int, instance: EffectInstance) -> StatedArm:
+        if _on_elastic_link(robot, instance):
+            return arm.without(instance)
+        return arm.with_joint(i, **{field: number(instance, parameter)})
 
-
-def _coulomb(arm: StatedArm, robot: Robot, i: int, instance: EffectInstance) -> StatedArm:
-    if _on_elastic_link(robot, instance):
-        return arm.without(instance)
-    return arm.with_joint(i, friction_loss=number(instance, "torque"))
+    return rule
 
 
 def _spring(arm: StatedArm, robot: Robot, i: int, instance: EffectInstance) -> StatedArm:
@@ -145,29 +143,16 @@ def _payload(arm: StatedArm, robot: Robot, i: int, instance: EffectInstance) -> 
     mass = number(instance, "mass")
     if mass < 0.0:
         return arm.without(instance, f"its mass is {mass:g} kg: no body has less than none")
-    point = Inertia(mass, np.array(instance.parameters["position"]), np.zeros((3, 3)))
+    point = Inertia(mass, np.array(instance.parameters["position"]))
     return arm.with_link(i, lumped([arm.links[i], point]))
 
 
 def _link(arm: StatedArm, robot: Robot, i: int, instance: EffectInstance) -> StatedArm:
     """The effect's law refers to the nominal link; what else was joined to it stays."""
-    nominal, p = robot.joints[i].link, instance.parameters
-    if arm.links[i] is not nominal:
-        return _link_before(arm, robot, i, instance)
-    mass = number(instance, "mass")
-    com = nominal.com + np.array(p["com"])
-    return arm.with_link(i, Inertia(mass * nominal.mass, com, mass * number(instance, "inertia") * nominal.inertia))
-
-
-def _link_before(arm: StatedArm, robot: Robot, i: int, instance: EffectInstance) -> StatedArm:
-    """Change the link of its own, then join to it again what was joined before."""
-    from elastic_arm.dynamics.bodies import inertial_parameters
-    from elastic_arm.dynamics.composition import inertia_from
-
-    nominal = robot.joints[i].link
-    changed = _link(replace(arm, links=tuple(joint.link for joint in robot.joints)), robot, i, instance).links[i]
-    ten = [inertial_parameters(b.mass, b.com, b.inertia) for b in (arm.links[i], changed, nominal)]
-    return arm.with_link(i, inertia_from(ten[0] + ten[1] - ten[2]))
+    nominal, whole, mass = robot.joints[i].link, arm.links[i], number(instance, "mass")
+    com, shape = nominal.com + np.array(instance.parameters["com"]), number(instance, "inertia")
+    link = Inertia(mass * nominal.mass, com, mass * shape * nominal.inertia)
+    return arm.with_link(i, link if whole is nominal else exchanged(whole, nominal, link))
 
 
 def _tilt(arm: StatedArm, robot: Robot, i: int, instance: EffectInstance) -> StatedArm:
@@ -191,8 +176,8 @@ def number(instance: EffectInstance, name: str) -> float:
 
 Rule = Callable[[StatedArm, Robot, int, EffectInstance], StatedArm]
 RULES: Mapping[str, Rule] = {
-    "viscous_friction": _viscous,
-    "coulomb_friction": _coulomb,
+    "viscous_friction": _friction("damping", "coefficient"),
+    "coulomb_friction": _friction("friction_loss", "torque"),
     "joint_spring": _spring,
     "joint_zero": _zero,
     "rotor_inertia_mismatch": _rotor,

@@ -32,7 +32,7 @@ from elastic_arm.mujoco.stated_arm import StatedArm, stated_arm
 from elastic_arm.output_files import write_result
 from elastic_arm.robot import Inertia, Robot, parse_urdf, to_urdf
 from elastic_arm.robot.kinematics import moved
-from elastic_arm.robot.parts import located, nearest_tensor
+from elastic_arm.robot.parts import located, nearest_tensor, placed, tensor_of
 from elastic_arm.robot.urdf_elements import rotation, vector
 from elastic_arm.robot.urdf_export import rpy_of
 from elastic_arm.robot.urdf_tree import Chain
@@ -154,18 +154,17 @@ def _joints(
 
 def _turned(joint: Any, by: float) -> Change:
     """Turn, or slide, where a joint stands about its axis, rad or m: the change of its zero."""
-    origin, axis = joint.find("origin"), joint.find("axis")
-    xyz, rpy = (vector("0 0 0" if origin is None else origin.get(key, "0 0 0"), key) for key in ("xyz", "rpy"))
+    (xyz, rpy), axis = _origin(joint), joint.find("axis")
     direction = vector("1 0 0" if axis is None else axis.get("xyz", "1 0 0"), "axis")
     direction = direction / np.linalg.norm(direction)
-    placed = rotation(*rpy)
+    stands = rotation(*rpy)
     if joint.get("type") == "prismatic":
-        number, unit, before, xyz = "origin xyz", "m", xyz, xyz + by * placed @ direction
+        number, unit, before, xyz = "origin xyz", "m", xyz, xyz + by * stands @ direction
         after = xyz
     else:
         number, unit, before = "origin rpy", "rad", rpy
-        after = rpy = np.array(rpy_of(placed @ Rotation.from_rotvec(by * direction).as_matrix()))
-    _child(joint, "origin", xyz=" ".join(map(text_of, xyz)), rpy=" ".join(map(text_of, rpy)))
+        after = rpy = np.array(rpy_of(stands @ Rotation.from_rotvec(by * direction).as_matrix()))
+    _child(joint, "origin", xyz=text_of(*xyz), rpy=text_of(*rpy))
     return Change(str(joint.get("name")), number, unit, tuple(map(float, before)), tuple(map(float, after)))
 
 
@@ -181,7 +180,7 @@ def _links(root: Any, arm: Robot, before: StatedArm, after: StatedArm) -> list[C
         if inertial is None:
             inertial = append_last(link, "inertial")
         xx, yy, zz, xy, xz, yz = map(text_of, six(new))
-        _child(inertial, "origin", xyz=" ".join(map(text_of, new.com)), rpy="0 0 0")
+        _child(inertial, "origin", xyz=text_of(*new.com), rpy="0 0 0")
         _child(inertial, "mass", value=text_of(new.mass))
         _child(inertial, "inertia", ixx=xx, ixy=xy, ixz=xz, iyy=yy, iyz=yz, izz=zz)
         changes += inertial_change(joint.link_name, own, new)
@@ -192,15 +191,19 @@ def _own(link: Any) -> Inertia:
     """Return what a link itself weighs, in its frame."""
     inertial = link.find("inertial")
     if inertial is None:
-        return Inertia(0.0, np.zeros(3), np.zeros((3, 3)))
-    placement, origin = np.eye(4), inertial.find("origin")
-    if origin is not None:
-        placement[:3, 3] = vector(origin.get("xyz", "0 0 0"), "origin xyz")
-        placement[:3, :3] = rotation(*vector(origin.get("rpy", "0 0 0"), "origin rpy"))
+        return Inertia(0.0)
     mass, values = float(inertial.find("mass").get("value")), inertial.find("inertia")
-    xx, xy, xz, yy, yz, zz = (float(values.get(key)) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))
-    tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    return moved(Inertia(mass, np.zeros(3), nearest_tensor(tensor)[0]), placement)
+    tensor = tensor_of(float(values.get(key)) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))
+    xyz, rpy = _origin(inertial)
+    return moved(Inertia(mass, inertia=nearest_tensor(tensor)[0]), placed(rotation(*rpy), xyz))
+
+
+def _origin(element: Any) -> tuple[Array, Array]:
+    """Return position and angles of an element's origin."""
+    origin = element.find("origin")
+    stated = [None if origin is None else origin.get(key) for key in ("xyz", "rpy")]
+    xyz, rpy = (vector(text or "0 0 0", "origin") for text in stated)
+    return xyz, rpy
 
 
 def _child(parent: Any, tag: str, **attributes: str) -> None:

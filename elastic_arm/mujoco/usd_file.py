@@ -23,7 +23,8 @@ from elastic_arm.mujoco.stated_arm import StatedArm, StatedJoint, motor_inertia,
 from elastic_arm.output_files import write_result
 from elastic_arm.robot import Inertia, Joint, JointController, Robot
 from elastic_arm.robot.kinematics import link_radius
-from elastic_arm.robot.parts import require
+from elastic_arm.robot.parts import moved_joint, require
+from elastic_arm.robot.urdf_elements import z_onto
 from elastic_arm.robot.urdf_export import bodies_with_components
 
 _REASON = "USD has no number for it"
@@ -123,12 +124,8 @@ def _bodies(robot: Robot, stated: StatedArm) -> list[Inertia]:
 
 def _start(robot: Robot, stated: StatedArm, i: int) -> Array:
     """Return where joint i stands on the link before it when it reads zero."""
-    joint, zero = robot.joints[i], np.eye(4)
-    if joint.prismatic:
-        zero[2, 3] = -stated.joints[i].zero
-    else:
-        zero[:3, :3] = Rotation.from_rotvec([0.0, 0.0, -stated.joints[i].zero]).as_matrix()
-    return joint.before @ zero
+    joint = robot.joints[i]
+    return joint.before @ moved_joint(-stated.joints[i].zero, joint.prismatic)
 
 
 def _numbers(made: Any, joint: Joint, numbers: StatedJoint) -> None:
@@ -165,13 +162,11 @@ def _mass(prim: Any, name: str, body: Inertia) -> None:
 
     require(body.mass > 0.0, f"{name} has no mass, and USD has no link without", "Give it a mass in the description")
     moments, axes = np.linalg.eigh(body.inertia)
-    place = np.eye(4)
-    place[:3, :3] = axes * np.linalg.det(axes)
     mass = UsdPhysics.MassAPI.Apply(prim)
     mass.CreateMassAttr(body.mass)
     mass.CreateCenterOfMassAttr(Gf.Vec3f(*body.com.tolist()))
     mass.CreateDiagonalInertiaAttr(Gf.Vec3f(*moments.tolist()))
-    mass.CreatePrincipalAxesAttr(_turned(place))
+    mass.CreatePrincipalAxesAttr(_turned(axes * np.linalg.det(axes)))
 
 
 def _capsule(stage: Any, path: str, start: Array, end: Array, radius: float) -> None:
@@ -181,14 +176,12 @@ def _capsule(stage: Any, path: str, start: Array, end: Array, radius: float) -> 
     along, length = end - start, float(np.linalg.norm(end - start))
     if length <= 1e-6:  # m, as in the URDF
         return
-    place = np.eye(4)
-    place[:3, :3] = Rotation.align_vectors([along / length], [[0.0, 0.0, 1.0]])[0].as_matrix()
     shape = UsdGeom.Capsule.Define(stage, path)
     shape.CreateAxisAttr("Z")
     shape.CreateRadiusAttr(0.7 * radius)
     shape.CreateHeightAttr(length)
     shape.AddTranslateOp().Set(Gf.Vec3d(*(0.5 * (start + end)).tolist()))
-    shape.AddOrientOp().Set(_turned(place))
+    shape.AddOrientOp().Set(_turned(z_onto(along / length)))
 
 
 def _frame(joint: Any, body: int, placement: Array) -> None:
@@ -198,10 +191,11 @@ def _frame(joint: Any, body: int, placement: Array) -> None:
     getattr(joint, f"CreateLocalRot{body}Attr")(_turned(placement))
 
 
-def _turned(placement: Array) -> Any:
+def _turned(rotation: Array) -> Any:
+    """Return the rotation of a rotation, or of a placement, as a quaternion of USD."""
     from pxr import Gf
 
-    x, y, z, w = Rotation.from_matrix(placement[:3, :3]).as_quat().tolist()
+    x, y, z, w = Rotation.from_matrix(rotation[:3, :3]).as_quat().tolist()
     return Gf.Quatf(w, x, y, z)
 
 

@@ -25,6 +25,7 @@ from elastic_arm.nodes.support.parameters import AUTOSTART, CHANNELS, MODEL, ROB
 from elastic_arm.nodes.support.running import run
 from elastic_arm.nodes.support.screening import StreamScreen
 from elastic_arm.nodes.support.wire import NANOSECONDS
+from elastic_arm.output_files import plain
 from elastic_arm.recording import topics
 from elastic_arm.robot import load_robot
 
@@ -135,16 +136,10 @@ class IdentifierNode(ManagedNode):
             self._print(message)
 
     def _print(self, message: ParameterEstimate) -> None:
-        line = {
-            "samples": message.samples,
-            "residual_rms": message.residual_rms,
-            "condition_number": finite(message.condition_number),
-            "name": list(message.name),
-            "value": [finite(value) for value in message.value],
-            "std": [finite(value) for value in message.std],
-            "unit": list(message.unit),
-        }
-        sys.stdout.write(json.dumps(line) + "\n")
+        numbers = ("samples", "residual_rms", "condition_number")
+        line = {name: getattr(message, name) for name in numbers}
+        line |= {name: list(getattr(message, name)) for name in ("name", "value", "std", "unit")}
+        sys.stdout.write(json.dumps(plain(line)) + "\n")
         sys.stdout.flush()
 
     def forget(self) -> None:
@@ -187,11 +182,6 @@ class IdentifierNode(ManagedNode):
 def rms(noise: NDArray[np.float64]) -> float:
     """Return the RMS over all equations of their residuals' standard deviations."""
     return float(np.sqrt(np.mean(noise**2)))
-
-
-def finite(value: float) -> float | None:
-    """Return None for what JSON has no number for."""
-    return value if np.isfinite(value) else None
 
 
 if __name__ == "__main__":

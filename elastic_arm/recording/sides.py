@@ -16,6 +16,11 @@ from elastic_arm.errors import RecordingError
 Stamps = NDArray[np.int64]
 
 CHANNELS = ("position", "velocity", "effort", "acceleration")
+# Channels of :class:`Samples`, by the symbols of (1): side and channel of a recording.
+SAMPLED = {
+    "q": ("link", "position"), "dq": ("link", "velocity"), "tau_J": ("link", "effort"),
+    "theta": ("motor", "position"), "dtheta": ("motor", "velocity"), "tau_m": ("motor", "effort"),
+}  # fmt: skip
 
 _LATEST = 2.0**63  # ns
 
@@ -190,6 +195,10 @@ class Samples:
 
     def __len__(self) -> int:
         return len(self.t)
+
+    def recorded(self) -> dict[str, Array]:
+        """Return the measured channels that are there, by name."""
+        return {name: values for name in SAMPLED if (values := getattr(self, name)) is not None}
 
     def without_torque(self, joints: Sequence[str]) -> tuple[str, ...]:
         """Return those of the joints, by name, that have no torque on either side while others have one."""

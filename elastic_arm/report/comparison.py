@@ -6,10 +6,11 @@ from matplotlib.figure import Figure as MplFigure
 
 from elastic_arm.diagnosis.comparison import SimulationComparison
 from elastic_arm.recording.inspection.differences import RecordingDifference
+from elastic_arm.recording.sides import SAMPLED
 from elastic_arm.report.html import Figure, Section, Table, Text
 from elastic_arm.report.style import draw_signal, drawing
 
-UNITS = {"q": "rad", "theta": "rad", "dq": "rad/s", "dtheta": "rad/s", "tau_J": "Nm", "tau_m": "Nm"}
+UNITS = {name: {"position": "rad", "velocity": "rad/s"}.get(channel, "Nm") for name, (_, channel) in SAMPLED.items()}
 
 
 def sections(found: SimulationComparison) -> list[Section]:

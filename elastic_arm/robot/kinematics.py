@@ -64,7 +64,7 @@ def lumped(bodies: Iterable[Inertia]) -> Inertia:
     bodies = list(bodies)
     mass = sum(body.mass for body in bodies)
     if mass == 0.0:
-        return Inertia(0.0, np.zeros(3), np.zeros((3, 3)))
+        return Inertia(0.0)
     com = sum((body.mass * body.com for body in bodies), np.zeros(3)) / mass
     tensor = np.zeros((3, 3))
     for body in bodies:

@@ -76,6 +76,26 @@ def snap(matrix: np.ndarray) -> np.ndarray:
     return snapped
 
 
+def placed(rotation: Any = None, position: Any = 0.0) -> np.ndarray:
+    """Return the placement (4, 4) of a frame that is turned by a rotation (3, 3), none by default, and moved."""
+    placement = np.eye(4)
+    placement[:3, :3] = np.eye(3) if rotation is None else np.asarray(rotation, dtype=float).reshape(3, 3)
+    placement[:3, 3] = position
+    return placement
+
+
+def moved_joint(by: float, prismatic: bool) -> np.ndarray:
+    """Return the placement (4, 4) after a joint that has turned about z, rad, or slid along it, m."""
+    c, s = np.cos(by), np.sin(by)
+    return placed(position=[0.0, 0.0, by]) if prismatic else placed([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def tensor_of(six: Any) -> np.ndarray:
+    """(6,) in the order xx xy xz yy yz zz -> symmetric (3, 3)."""
+    xx, xy, xz, yy, yz, zz = six
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
 @dataclass(frozen=True, eq=False)
 class Inertia:
     """Inertial parameters of a rigid body.
@@ -87,8 +107,10 @@ class Inertia:
     """
 
     mass: float  # kg, not negative
-    com: np.ndarray  # (3,) centre of mass in the body's frame, m
-    inertia: np.ndarray  # (3, 3) about the centre of mass, in the axes of the body's frame, kg m^2
+    # (3,) centre of mass in the body's frame, m
+    com: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    # (3, 3) about the centre of mass, in the axes of the body's frame, kg m^2
+    inertia: np.ndarray = field(default_factory=lambda: np.zeros((3, 3)))
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "com", checked_array(self.com, (3,), "com"))
@@ -314,10 +336,7 @@ class DH:
         c, s = np.cos(self.offset), np.sin(self.offset)
         ca, sa = np.cos(self.alpha), np.sin(self.alpha)
         rotation = snap(np.array([[c, -s * ca, s * sa], [s, c * ca, -c * sa], [0.0, sa, ca]]))
-        placement = np.eye(4)
-        placement[:3, :3] = rotation
-        placement[:3, 3] = [self.a * rotation[0, 0], self.a * rotation[1, 0], self.d]
-        return placement
+        return placed(rotation, [self.a * rotation[0, 0], self.a * rotation[1, 0], self.d])
 
 
 def checked_placement(values: Any, what: str) -> np.ndarray:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from elastic_arm.errors import RobotError
-from elastic_arm.output_files import write_result, yaml_text
+from elastic_arm.output_files import plain, write_result, yaml_text
 from elastic_arm.robot.description import Component, Joint, Robot, Transmission
 
 
@@ -41,25 +41,16 @@ def robot_to_dict(robot: Robot) -> dict[str, Any]:
         "sample_rate": float(robot.sample_rate),
     }
     if robot.effects:
-        content["effects"] = [_plain(effect) for effect in robot.effects]
+        content["effects"] = [plain(effect) for effect in robot.effects]
     stated = {joint.name: joint.controller for joint in robot.joints if joint.controller is not None}
     if stated:
         given = {name: {k: v for k, v in vars(drive).items() if v is not None} for name, drive in stated.items()}
-        content["controller"] = _plain(given)
+        content["controller"] = plain(given)
     return content
 
 
 def _floats(numbers: dict[str, Any]) -> dict[str, float]:
     return {name: float(value) for name, value in numbers.items() if value is not None}
-
-
-def _plain(value: Any) -> Any:
-    """Return `value` with numpy's numbers and arrays as Python's own."""
-    if isinstance(value, dict):
-        return {str(k): _plain(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(v) for v in value]
-    return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
 
 
 def _joint(joint: Joint) -> dict[str, Any]:

@@ -18,7 +18,7 @@ from elastic_arm.errors import RobotError
 from elastic_arm.input_files import read_bytes
 from elastic_arm.robot.description import Inertia, Joint, Limits, Robot
 from elastic_arm.robot.kinematics import lumped, moved
-from elastic_arm.robot.parts import located, nearest_tensor
+from elastic_arm.robot.parts import located, nearest_tensor, placed, tensor_of
 from elastic_arm.robot.urdf_elements import (
     attribute,
     child_of,
@@ -159,8 +159,7 @@ class _Reading:
             )
         if element.find("mimic") is not None:
             raise RobotError(f"joint {name!r} mimics another", "Make it fixed or take its branch out")
-        turn = np.eye(4)
-        turn[:3, :3] = z_onto(self._axis(element, name))
+        turn = placed(z_onto(self._axis(element, name)))
         body, onward = self._rigid(child, np.eye(4))
         if body.mass == 0.0 and onward:
             self._notes.append(f"link {child!r} has no inertial: it counts as massless")
@@ -178,27 +177,26 @@ class _Reading:
     def _inertia(self, link: str, placement: Array) -> Inertia:
         inertial = self._tree.links[link].find("inertial")
         if inertial is None:
-            return Inertia(0.0, np.zeros(3), np.zeros((3, 3)))
+            return Inertia(0.0)
         where = f"link {link!r}"
         mass = number(attribute(child_of(inertial, "mass", where), "value", where), f"{where}: mass")
         values = child_of(inertial, "inertia", where)
         keys = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-        xx, xy, xz, yy, yz, zz = (number(attribute(values, key, where), f"{where}: {key}") for key in keys)
+        tensor = tensor_of(number(attribute(values, key, where), f"{where}: {key}") for key in keys)
         origin = self._origin(inertial, where)
-        tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
         with located(f"{where}: "):
             if self._resting:
                 # Of what stands still the mass alone counts; antennas and covers may state inertias that no body has.
-                return Inertia(mass, np.zeros(3), np.zeros((3, 3)))
+                return Inertia(mass)
             if mass == 0.0:
                 if tensor.any():
                     self._notes.append(f"{where} has an inertia and no mass: it counts as massless")
-                return Inertia(0.0, np.zeros(3), np.zeros((3, 3)))
+                return Inertia(0.0)
             nearest, off = nearest_tensor(tensor)
             if 0.0 < off <= ROUNDED:
                 self._notes.append(f"{where}: no body has its inertia, by {off:.1%}: the nearest possible one is taken")
                 tensor = nearest
-            return moved(Inertia(mass, np.zeros(3), tensor), placement @ origin)
+            return moved(Inertia(mass, inertia=tensor), placement @ origin)
 
     def _limits(self, element: ET.Element, name: str) -> Limits:
         limit = element.find("limit")
@@ -234,15 +232,13 @@ class _Reading:
         origins = element.findall("origin")
         if len(origins) > 1:
             self._notes.append(f"{where} has {len(origins)} origins: the first counts")
-        placement = np.eye(4)
-        if origins:
-            placement[:3, 3] = vector(origins[0].get("xyz", "0 0 0"), f"{where}: origin xyz")
-            written = vector(origins[0].get("rpy", "0 0 0"), f"{where}: origin rpy")
-            angles = right_angles(written)
-            if not np.allclose(angles, written, rtol=0.0, atol=1e-10):
-                self._notes.append(f"{where}: rpy {origins[0].get('rpy')} is taken as exact right angles")
-            placement[:3, :3] = rotation(*angles)
-        return placement
+        if not origins:
+            return np.eye(4)
+        position, written = (vector(origins[0].get(key, "0 0 0"), f"{where}: origin {key}") for key in ("xyz", "rpy"))
+        angles = right_angles(written)
+        if not np.allclose(angles, written, rtol=0.0, atol=1e-10):
+            self._notes.append(f"{where}: rpy {origins[0].get('rpy')} is taken as exact right angles")
+        return placed(rotation(*angles), position)
 
     def _note_unused(self) -> None:
         if self._motors:

@@ -16,6 +16,7 @@ import numpy as np
 from elastic_arm.arrays import Array
 from elastic_arm.robot.description import Component, Inertia, Joint, Robot
 from elastic_arm.robot.kinematics import link_radius, lumped, moved
+from elastic_arm.robot.parts import placed
 
 _COLOURS = {"base_grey": "0.35 0.38 0.42 1", "link_blue": "0.20 0.45 0.70 1", "joint_orange": "0.90 0.60 0.10 1"}
 # A URDF must state effort and velocity beside a range; readers take 0 as "not stated".
@@ -54,9 +55,7 @@ def to_urdf(robot: Robot) -> str:
 
 def _urdf_frame(joint: Joint) -> Array:
     """Return the URDF's link frame in the turned joint frame: the axes of ``O_i`` at the joint's origin."""
-    frame = np.eye(4)
-    frame[:3, :3] = joint.after[:3, :3]
-    return frame
+    return placed(joint.after[:3, :3])
 
 
 def bodies_with_components(robot: Robot) -> list[Inertia]:
@@ -121,7 +120,7 @@ def _moving(tree: ET.Element, joint: Joint, parent: str, placement: Array, axis:
     ET.SubElement(element, "parent", link=parent)
     ET.SubElement(element, "child", link=joint.link_name)
     _origin(element, placement[:3, :3], placement[:3, 3])
-    ET.SubElement(element, "axis", xyz=_words(axis))
+    ET.SubElement(element, "axis", xyz=words_of(axis))
     values = {"effort": limits.torque or _UNKNOWN, "velocity": limits.velocity or _UNKNOWN}
     if limits.position_min is not None and limits.position_max is not None:
         values |= {"lower": limits.position_min, "upper": limits.position_max}
@@ -134,7 +133,7 @@ def _origin(
     element: ET.Element, rotation: Array | None, position: Array, rpy: tuple[float, float, float] = (0.0, 0.0, 0.0)
 ) -> None:
     angles = rpy if rotation is None else rpy_of(rotation)
-    ET.SubElement(element, "origin", xyz=_words(position), rpy=_words(angles))
+    ET.SubElement(element, "origin", xyz=words_of(position), rpy=words_of(angles))
 
 
 def rpy_of(rotation: Array) -> tuple[float, float, float]:
@@ -147,6 +146,7 @@ def rpy_of(rotation: Array) -> tuple[float, float, float]:
     return float(np.arctan2(r[2, 1], r[2, 2])), pitch, float(np.arctan2(r[1, 0], r[0, 0]))
 
 
-def _words(numbers: Iterable[float]) -> str:
+def words_of(numbers: Iterable[float]) -> str:
+    """Return all digits of numbers: a new file is the arm to the bit."""
     # Adding 0.0 takes the sign off negative zeros.
     return " ".join(repr(float(number) + 0.0) for number in numbers)

@@ -7,7 +7,6 @@ import re
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -19,7 +18,7 @@ from elastic_arm.app import SUBCOMMANDS, app, load
 from elastic_arm.cli.console import UNLIMITED, PipeConsole
 from elastic_arm.excitation import load_trajectory
 from elastic_arm.recording import write_recording
-from elastic_arm.robot import load_robot, to_urdf
+from elastic_arm.robot import load_robot
 from elastic_arm.robot.loading import NOMINAL_ARM
 from tests.helpers.bags import two_sided
 from tests.helpers.command_line import refusal, run
@@ -183,70 +182,47 @@ def test_without_arguments_four_ways_in_are_shown() -> None:
     assert "Usage: " in run("bag").stdout
 
 
-@pytest.mark.parametrize("arguments", [["--duration", "1e9"], ["--rate", "1e9", "--duration", "1"]])
-def test_a_simulation_that_no_memory_holds_is_refused(tmp_path: Path, arguments: list[str]) -> None:
-    """Ten million samples are the most; the bag is not begun."""
-    refusal("simulate", "--out", tmp_path / "bag", *arguments)
-    assert not (tmp_path / "bag").exists()
-
-
-@pytest.mark.parametrize(
-    "arguments", [["--harmonics", "0"], ["--criterion", "beauty"], ["--robot", "none.yaml"], ["--torque", "-3"],
-                  ["--margin", "-1"], ["--floor", "nan"], ["--harmonics", "100000"], ["--ramp", "1e9"],
-                  ["--ramp", "nan"]],
-)  # fmt: skip
-def test_excite_refuses_what_makes_no_sense(tmp_path: Path, arguments: list[str]) -> None:
-    """Unusable options end with status 2 and one line on stderr."""
-    refusal("excite", "--out", tmp_path / "t.yaml", *arguments)
-    assert not (tmp_path / "t.yaml").exists()
-
-
-def changed(**fields: Any) -> dict[str, Any]:
-    """Return the nominal arm file's content with top-level fields changed."""
-    return {**yaml.safe_load(NOMINAL_ARM.read_text()), **fields}
-
-
-ARM_FILES: dict[str, tuple[Any, str]] = {
-    "a list": ([1, 2], "holds no fields"),
-    "no list of joints": (changed(joints="three"), "joints: is 'three', not a list"),
-    "gravity of two numbers": (changed(gravity=[0.0, -9.81]), r"gravity[2]: missing entry. Give all entries"),
-    "a joint that is no block": (changed(joints=[3]), "joints[0]: is 3, not a block of fields"),
-    "no joint at all": (changed(joints=[]), "joints: has 0 entries, needs 1 or more"),
-    "a misspelt effect": (changed(effects=[{"effect": "columb_friction"}]), "arm.yaml: there is no effect 'columb_fr"),
-    "an effect without size": (
-        changed(effects=[{"effect": "coulomb_friction", "joint": "joint_1"}]),
-        "arm.yaml: coulomb_friction lacks its parameter torque",
-    ),
-    "an overlay of an unknown joint": (
-        {"urdf": "arm.urdf", "transmissions": {"elbow": {"stiffness": 1e5}}},
-        "transmissions.elbow: the URDF has no such joint. Use one of joint_1, joint_2, joint_3.",
-    ),
+UNUSABLE: dict[str, str] = {  # a command but for --out -> what its refusal names
+    "simulate --duration 1e9": "samples",
+    "simulate --rate 1e9 --duration 1": "samples",
+    "simulate --duration 0": "duration",
+    "simulate --substeps 3": "even",
+    "simulate --model mod4": "mod4",
+    "simulate --sensors perfect": "exact",
+    "simulate --trajectory nowhere.yaml": "nowhere.yaml",
+    "simulate --effect friction:joint_1:torque=1": "Did you mean",
+    "simulate --effect payload:mass=-5": "or more.",
+    "excite --harmonics 0": "harmonics",
+    "excite --harmonics 100000": "harmonics",
+    "excite --criterion beauty": "beauty",
+    "excite --robot none.yaml": "none.yaml",
+    "excite --torque -3": "torque",
+    "excite --margin -1": "margin",
+    "excite --floor nan": "nan",
+    "excite --ramp 1e9": "",
+    "excite --ramp nan": "ramp",
 }
 
 
-@pytest.mark.parametrize("name", ARM_FILES)
-def test_faults_of_arm_files_are_said_in_words(tmp_path: Path, name: str) -> None:
-    """File, field and reason, in the words of the file: none of the libraries that read it."""
-    content, words = ARM_FILES[name]
-    (tmp_path / "arm.urdf").write_text(to_urdf(load_robot()))
+@pytest.mark.parametrize("command", UNUSABLE)
+def test_what_makes_no_sense_is_refused_and_nothing_is_begun(tmp_path: Path, command: str) -> None:
+    """Unusable options, sizes that no arm has and recordings that no memory holds: one line, status 2, no file."""
+    assert UNUSABLE[command] in refusal(*command.split(), "--out", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+EFFECTS_OF_FILES = {
+    "there is no effect 'columb_fr": {"effect": "columb_friction"},
+    "coulomb_friction lacks its parameter torque": {"effect": "coulomb_friction", "joint": "joint_1"},
+}
+
+
+@pytest.mark.parametrize("words", EFFECTS_OF_FILES)
+def test_a_wrong_effect_of_an_arm_file_is_said_with_the_file(tmp_path: Path, words: str) -> None:
+    """A misspelt effect, and one without a size."""
+    content = {**yaml.safe_load(NOMINAL_ARM.read_text()), "effects": [EFFECTS_OF_FILES[words]]}
     (tmp_path / "arm.yaml").write_text(yaml.safe_dump(content))
-    said = refusal("describe", "--robot", tmp_path / "arm.yaml")
-    assert str(tmp_path / "arm.yaml") in said
-    assert words in said
-
-
-@pytest.mark.parametrize(
-    ("name", "words"),
-    [("none.yaml", "no such file"), ("folder", "is a folder, not a file"), ("bytes.yaml", "is no text file"),
-     ("torn.yaml", "line 2: "), ("folder.urdf", "is a folder, not a file")],
-)  # fmt: skip
-def test_files_that_cannot_be_read_are_named(tmp_path: Path, name: str, words: str) -> None:
-    """What is missing, a folder, no text or no YAML is told apart."""
-    for folder in ("folder", "folder.urdf"):
-        (tmp_path / folder).mkdir()
-    (tmp_path / "bytes.yaml").write_bytes(bytes(range(128, 256)))
-    (tmp_path / "torn.yaml").write_text("name: arm\njoints: [1, 2")
-    assert words in refusal("describe", "--robot", tmp_path / name)
+    assert f"{tmp_path / 'arm.yaml'}: {words}" in refusal("describe", "--robot", tmp_path / "arm.yaml")
 
 
 def test_true_and_nominal_arm_must_have_the_same_joints(tmp_path: Path, motion: Path) -> None:
@@ -257,14 +233,6 @@ def test_true_and_nominal_arm_must_have_the_same_joints(tmp_path: Path, motion: 
     (tmp_path / "two.yaml").write_text(yaml.safe_dump(short))
     said = refusal("simulate", "--trajectory", motion, "--nominal", tmp_path / "two.yaml", "--out", tmp_path / "new")
     assert f"{arm.name} has 3 joints, the nominal arm {arm.name} has 2" in said
-
-
-@pytest.mark.parametrize("effect", ["payload:mass=-5", "coulomb_friction:joint_2:torque=-3"])
-def test_effects_that_no_arm_has_are_refused(tmp_path: Path, motion: Path, effect: str) -> None:
-    """A negative payload or friction is refused by name, and no bag is left."""
-    said = refusal("simulate", "--trajectory", motion, "--effect", effect, "--out", tmp_path / "new")
-    assert "or more." in said
-    assert not (tmp_path / "new").exists()
 
 
 def test_missing_channel_maps_and_arrays_are_said_without_numbers_of_the_system(tmp_path: Path, bag: Path) -> None:

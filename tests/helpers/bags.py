@@ -13,6 +13,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording import Recording, Side, message_types, read_recording
+from elastic_arm.recording.foreign.arrays import import_arrays
 from elastic_arm.recording.inspection.check import check_bag
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
@@ -124,6 +125,14 @@ def write_yaml(path: Path, content: object) -> Path:
     """Write `content` as YAML."""
     path.write_text(yaml.safe_dump(content, sort_keys=False))
     return path
+
+
+def imported(path: Path, joints: Sequence[str], times: object, **mapping: object) -> Recording:
+    """Import arrays by a mapping of these joints; `times` is a rate in Hz, the name of an array, or a block."""
+    block = times if isinstance(times, dict) else {"rate" if isinstance(times, float) else "key": times}
+    return import_arrays(
+        path, write_yaml(path.parent / "map.yaml", {"times": block, "joints": list(joints), **mapping})
+    )
 
 
 def holds_samples(bag: Path) -> bool:

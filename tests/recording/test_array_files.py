@@ -14,7 +14,7 @@ from elastic_arm.recording import Recording, read_recording
 from elastic_arm.recording.foreign.array_files import load_arrays
 from elastic_arm.recording.foreign.arrays import import_arrays
 from elastic_arm.recording.foreign.guess import guess_mapping
-from tests.helpers.bags import JOINT_STATE, JOINTS, joint_state, stamps, write_foreign, write_yaml
+from tests.helpers.bags import JOINT_STATE, JOINTS, imported, joint_state, stamps, write_foreign, write_yaml
 
 KR300 = Path(__file__).parents[3] / "shared" / "data" / "kuka_kr300" / "run_A.mat"
 
@@ -30,17 +30,13 @@ def test_fields_of_nested_structs_are_keys(tmp_path: Path) -> None:
     t, q, tau = motion()
     rec = {"time": t, "motor": {"q": q.T, "tau": tau}, "name": "run A", "gains": np.eye(3)}
     scipy.io.savemat(tmp_path / "run.mat", {"rec": rec, "para": {"u": 3.0, "v": [1, 2]}})
-    mapping = {
-        "times": {"key": "rec.time"},
-        "joints": ["a", "b"],
-        "motor": {"position": {"key": "rec.motor.q"}, "effort": {"key": "rec.motor.tau"}},
-        "ignore": ["rec.name", "rec.gain?", "para.*"],
-    }
-    recording = import_arrays(tmp_path / "run.mat", write_yaml(tmp_path / "map.yaml", mapping))
+    motor = {"position": {"key": "rec.motor.q"}, "effort": {"key": "rec.motor.tau"}}
+    ignore = ["rec.name", "rec.gain?", "para.*"]
+    recording = imported(tmp_path / "run.mat", "ab", "rec.time", motor=motor, ignore=ignore)
     np.testing.assert_array_equal(recording.motor.position, q)
     np.testing.assert_array_equal(recording.motor.effort, tau)
     with pytest.raises(RecordingError, match=r"para\.u, para\.v are not mapped"):
-        import_arrays(tmp_path / "run.mat", write_yaml(tmp_path / "map.yaml", {**mapping, "ignore": ["rec.*"]}))
+        imported(tmp_path / "run.mat", "ab", "rec.time", motor=motor, ignore=["rec.*"])
 
 
 @pytest.mark.parametrize("delimiter", [",", ";", " "])
@@ -48,14 +44,8 @@ def test_columns_without_names_go_by_their_numbers(tmp_path: Path, delimiter: st
     """A table whose first line is numbers loses no sample; its columns are 0, 1, 2, ..."""
     t, q, tau = motion()
     np.savetxt(tmp_path / "run.csv", np.column_stack([t, q, tau, 0 * t]), fmt="%.17g", delimiter=delimiter)
-    mapping = {
-        "times": {"key": 0},
-        "joints": ["a", "b"],
-        "link": {"position": {"key": [1, 2]}},
-        "motor": {"effort": {"key": [3, 4]}},
-        "ignore": ["5"],
-    }
-    recording = import_arrays(tmp_path / "run.csv", write_yaml(tmp_path / "map.yaml", mapping))
+    sides = {"link": {"position": {"key": [1, 2]}}, "motor": {"effort": {"key": [3, 4]}}}
+    recording = imported(tmp_path / "run.csv", "ab", 0, **sides, ignore=["5"])
     np.testing.assert_array_equal(recording.link.position, q)
     np.testing.assert_array_equal(recording.motor.effort, tau)
 
@@ -69,13 +59,8 @@ def test_a_folder_of_files_is_one_set_of_arrays(tmp_path: Path) -> None:
     np.savetxt(folder / "tau.csv", tau, fmt="%.17g", delimiter=",")
     np.save(folder / "time.npy", t)
     (folder / "README").write_text("two joints")
-    mapping = {
-        "times": {"key": "time"},
-        "joints": ["a", "b"],
-        "link": {"position": {"key": "q"}, "effort": {"key": "tau"}},
-        "ignore": ["*.?"],
-    }
-    recording = import_arrays(folder, write_yaml(tmp_path / "map.yaml", mapping))
+    link = {"position": {"key": "q"}, "effort": {"key": "tau"}}
+    recording = imported(folder, "ab", "time", link=link, ignore=["*.?"])
     np.testing.assert_array_equal(recording.link.position, q)
     np.testing.assert_array_equal(recording.link.effort, tau)
     (tmp_path / "empty").mkdir()
@@ -87,15 +72,11 @@ def test_an_offset_is_taken_in_the_recorded_unit(tmp_path: Path) -> None:
     """Counts that read 2048 at zero become radians: (number + offset) x factor x unit, one for all joints or each."""
     t, q, _ = motion()
     np.savez(tmp_path / "run.npz", t=t, counts=np.rad2deg(q) / 0.1 + [2048, -100], volts=q * 50 + 2.5)
-    mapping = {
-        "times": {"key": "t"},
-        "joints": ["a", "b"],
-        "link": {
-            "position": {"key": "counts", "unit": "deg", "factor": 0.1, "offset": [-2048, 100]},
-            "effort": {"key": "volts", "offset": -2.5, "sign": [1, -1]},
-        },
+    link = {
+        "position": {"key": "counts", "unit": "deg", "factor": 0.1, "offset": [-2048, 100]},
+        "effort": {"key": "volts", "offset": -2.5, "sign": [1, -1]},
     }
-    recording = import_arrays(tmp_path / "run.npz", write_yaml(tmp_path / "map.yaml", mapping))
+    recording = imported(tmp_path / "run.npz", "ab", "t", link=link)
     np.testing.assert_allclose(recording.link.position, q, rtol=0, atol=1e-12)
     np.testing.assert_allclose(recording.link.effort, q * [50, -50], rtol=0, atol=1e-12)
 
@@ -121,17 +102,14 @@ def test_axes_with_two_encoders_of_a_real_arm_are_imported(tmp_path: Path) -> No
     """The first three of six axes of a KR300, both encoders and the torque at the motors' shafts."""
     ratio = np.abs(scipy.io.loadmat(KR300)["para"]["u"].item().ravel()[:3]).tolist()
     axes = {"columns": [0, 1, 2]}
-    mapping = {
-        "times": {"key": "rec.time_cont"},
-        "joints": ["a1", "a2", "a3"],
-        "link": {"position": {"key": "rec.act_pos_se_deg", "unit": "deg", **axes}},
-        "motor": {
-            "position": {"key": "rec.act_pos_mot_deg", "unit": "deg", **axes},
-            "effort": {"key": "rec.act_torque_abs_nm", "unit": "Nm_motor", "ratio": ratio, **axes},
-        },
-        "ignore": ["*"],
+    link = {"position": {"key": "rec.act_pos_se_deg", "unit": "deg", **axes}}
+    motor = {
+        "position": {"key": "rec.act_pos_mot_deg", "unit": "deg", **axes},
+        "effort": {"key": "rec.act_torque_abs_nm", "unit": "Nm_motor", "ratio": ratio, **axes},
     }
-    recording = import_arrays(KR300, write_yaml(tmp_path / "map.yaml", mapping))
+    (tmp_path / "run.mat").symlink_to(KR300)
+    sides = {"link": link, "motor": motor}
+    recording = imported(tmp_path / "run.mat", ("a1", "a2", "a3"), "rec.time_cont", **sides, ignore=["*"])
     assert recording.motor.position.shape == (2501, 3)
     assert 1e-4 < np.abs(recording.motor.position - recording.link.position).max() < 1e-2
 
@@ -146,8 +124,7 @@ def test_a_file_of_numbers_a_channel_is_mapped_by_its_name_alone(tmp_path: Path,
         np.savetxt(tmp_path / "run" / f"{name}.txt", shaped, fmt="%.17g")
     rest = {"flat": True} if layout == "flat" else {}
     link = {"position": {"key": "q", **rest}, "effort": {"key": "tau", **rest}}
-    mapping = {"times": {"rate": 100}, "joints": ["a", "b", "c"], "link": link}
-    taken = import_arrays(tmp_path / "run", write_yaml(tmp_path / "map.yaml", mapping)).link
+    taken = imported(tmp_path / "run", "abc", 100.0, link=link).link
     np.testing.assert_array_equal(taken.position, q)
     np.testing.assert_array_equal(taken.effort, tau)
 
@@ -158,28 +135,24 @@ def test_what_is_left_of_a_folder_is_named_once(tmp_path: Path) -> None:
     for name in ("q", "tau", "other"):
         np.savetxt(tmp_path / "run" / f"{name}.txt", np.arange(90.0).reshape(30, 3))
     link = {"position": {"key": "q"}, "effort": {"key": ["tau.0", "tau.1"], "joints": ["a", "b"]}}
-    mapping = {"times": {"rate": 100}, "joints": ["a", "b", "c"], "link": link}
     with pytest.raises(RecordingError, match=r"arrays other, tau\.2 are not mapped"):
-        import_arrays(tmp_path / "run", write_yaml(tmp_path / "map.yaml", mapping))
+        imported(tmp_path / "run", "abc", 100.0, link=link)
 
 
 def test_numbers_one_a_line_are_asked_for_their_layout(tmp_path: Path) -> None:
     """What it may be is said."""
     (tmp_path / "run").mkdir()
     np.savetxt(tmp_path / "run" / "q.txt", np.arange(90.0))
-    mapping = {"times": {"rate": 100}, "joints": ["a", "b", "c"], "link": {"position": {"key": "q"}}}
     with pytest.raises(RecordingError) as caught:
-        import_arrays(tmp_path / "run", write_yaml(tmp_path / "map.yaml", mapping))
+        imported(tmp_path / "run", "abc", 100.0, link={"position": {"key": "q"}})
     assert "If it holds 3 numbers a sample one after the other, add flat: true" in caught.value.remedy
 
 
 def test_other_words_for_a_field_are_answered_with_its_name(tmp_path: Path) -> None:
     """A scale is a factor, a zero an offset."""
     np.savez(tmp_path / "run.npz", q=np.zeros((9, 1)))
-    link = {"position": {"key": "q", "scale": 2.0, "zero": 0.3}}
-    mapping = {"times": {"rate": 100}, "joints": ["a"], "link": link}
     with pytest.raises(RecordingError) as caught:
-        import_arrays(tmp_path / "run.npz", write_yaml(tmp_path / "map.yaml", mapping))
+        imported(tmp_path / "run.npz", "a", 100.0, link={"position": {"key": "q", "scale": 2.0, "zero": 0.3}})
     assert "scale: unknown key (it is called factor)" in caught.value.problem
     assert "zero: unknown key (it is called offset)" in caught.value.problem
 
@@ -198,9 +171,8 @@ def test_other_words_for_a_field_are_answered_with_its_name(tmp_path: Path) -> N
 def test_a_table_that_cannot_be_read_is_told_by_line(tmp_path: Path, text: str, words: str) -> None:
     """With what to do, in words of the table."""
     (tmp_path / "run.csv").write_text(text)
-    mapping = {"times": {"rate": 100}, "joints": ["a"], "link": {"position": {"key": "q"}}, "ignore": ["t"]}
     with pytest.raises(RecordingError) as caught:
-        import_arrays(tmp_path / "run.csv", write_yaml(tmp_path / "map.yaml", mapping))
+        imported(tmp_path / "run.csv", "a", 100.0, link={"position": {"key": "q"}}, ignore=["t"])
     assert words in caught.value.problem and caught.value.remedy
 
 
@@ -210,12 +182,10 @@ def test_semicolons_beside_commas_in_names_part_the_columns(tmp_path: Path) -> N
     np.testing.assert_array_equal(load_arrays(tmp_path / "run.csv")["angle, rad"], [1.5, 2.5])
 
 
-def log(tmp_path: Path, text: str, decimal: str = ".", **more: object) -> Recording:
+def log(tmp_path: Path, text: str, times: object = "Time [ms]", **more: object) -> Recording:
     """The recording of one joint of a table with columns `Time [ms]` and `q`."""
     (tmp_path / "run.csv").write_text(text)
-    joint = {"joints": ["a"], "link": {"position": {"key": "q"}}}
-    mapping = {"times": {"key": "Time [ms]"}, "decimal": decimal, **joint, **more}
-    return import_arrays(tmp_path / "run.csv", write_yaml(tmp_path / "map.yaml", mapping))
+    return imported(tmp_path / "run.csv", "a", times, link={"position": {"key": "q"}}, **more)
 
 
 @pytest.mark.parametrize("mark", [";", "\t", " "])
@@ -223,8 +193,7 @@ def test_decimal_commas_are_read_where_the_mapping_has_them(tmp_path: Path, mark
     """Whatever parts the columns, and with a number that has no digits behind its comma."""
     name = "Time [ms]" if mark != " " else "t"
     text = mark.join([name, "q"]) + "\n" + "".join(f"{k}0,0{mark}{k},5\n" for k in range(5))
-    times = {"times": {"key": name, "unit": "ms"}}
-    side = log(tmp_path, text, ",", **times).link
+    side = log(tmp_path, text, {"key": name, "unit": "ms"}, decimal=",").link
     np.testing.assert_array_equal(side.position[:, 0], np.arange(5) + 0.5)
     np.testing.assert_array_equal(side.stamp_ns, np.arange(5) * 10_000_000)
 
@@ -261,26 +230,23 @@ def test_a_share_of_a_torque_is_no_torque(tmp_path: Path, name: str) -> None:
     rows = "".join(f"{a},{np.sin(3 * a)},{np.cos(3 * a)}\n" for a in t)
     (tmp_path / "run.csv").write_text(f"t,q,{name}\n{rows}")
     word = name.split()[-1].strip("[]()").replace("torque_", "")
-    mapping: dict[str, object] = {"times": {"key": "t"}, "joints": ["a"], "link": {"position": {"key": "q"}}}
+    link = {"position": {"key": "q"}}
     with pytest.raises(RecordingError, match=re.escape(f"is in {word}. Give effort a unit")):
-        bare = {**mapping, "motor": {"effort": {"key": name}}}
-        import_arrays(tmp_path / "run.csv", write_yaml(tmp_path / "map.yaml", bare))
+        imported(tmp_path / "run.csv", "a", "t", link=link, motor={"effort": {"key": name}})
     draft = guess_mapping(load_arrays(tmp_path / "run.csv"), ["a"])
     assert draft.missing == ["motor.effort.factor"] and f"how many Nm are one {word}" in draft.to_yaml()
     (tmp_path / "map.yaml").write_text(draft.to_yaml())
     with pytest.raises(RecordingError, match=r"motor\.effort\.factor"):
         import_arrays(tmp_path / "run.csv", tmp_path / "map.yaml")
     for factor, notes in ((0.5, 0), (1.0, 1)):
-        told = {**mapping, "motor": {"effort": {"key": name, "unit": "Nm", "factor": factor}}}
-        run = import_arrays(tmp_path / "run.csv", write_yaml(tmp_path / "map.yaml", told))
-        assert len(run.notes) == notes
+        effort = {"key": name, "unit": "Nm", "factor": factor}
+        assert len(imported(tmp_path / "run.csv", "a", "t", link=link, motor={"effort": effort}).notes) == notes
 
 
 def test_units_in_names_are_those_of_the_channels(tmp_path: Path) -> None:
     """Millinewtonmetres are a thousandth; a number in brackets counts, and is no unit."""
     np.savez(tmp_path / "run.npz", **{"tau [mNm]": np.arange(5.0), "q[0]": np.arange(5.0)})
     motor = {"position": {"key": ["q[0]"]}, "effort": {"key": ["tau [mNm]"]}}
-    mapping = {"times": {"rate": 100}, "joints": ["a"], "motor": motor}
-    run = import_arrays(tmp_path / "run.npz", write_yaml(tmp_path / "map.yaml", mapping))
+    run = imported(tmp_path / "run.npz", "a", 100.0, motor=motor)
     np.testing.assert_allclose(run.motor.effort[:, 0], np.arange(5.0) * 1e-3)
     np.testing.assert_array_equal(run.motor.position[:, 0], np.arange(5.0))

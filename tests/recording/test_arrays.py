@@ -12,7 +12,7 @@ from elastic_arm.errors import RecordingError
 from elastic_arm.recording import read_recording, write_recording
 from elastic_arm.recording.foreign.arrays import import_arrays
 from elastic_arm.recording.inspection.check import check_bag
-from tests.helpers.bags import assert_equal, write_yaml
+from tests.helpers.bags import assert_equal, imported, write_yaml
 
 ROOT = Path(__file__).parents[2]
 
@@ -66,17 +66,15 @@ def test_samples_that_no_bag_could_hold_are_to_be_mended_in_the_file(wrong: str,
     times, angles = np.arange(10) / 300, np.zeros((10, 1))
     (angles if wrong == "number" else times)[5:6] = np.inf if wrong == "number" else 0.0
     np.savez(tmp_path / "a.npz", q=angles, t=times)
-    content = {"times": {"key": "t"}, "joints": ["a"], "link": {"position": {"key": "q"}}}
     with pytest.raises(RecordingError, match="Mend these samples in the file") as told:
-        import_arrays(tmp_path / "a.npz", write_yaml(tmp_path / "map.yaml", content))
+        imported(tmp_path / "a.npz", "a", "t", link={"position": {"key": "q"}})
     assert "--repair" not in str(told.value)
 
 
 def test_a_constant_rate_stands_in_for_times(tmp_path: Path) -> None:
     """Arrays without times are timed by a rate."""
     np.savez(tmp_path / "a.npz", q=np.zeros((10, 1)))
-    content = {"times": {"rate": 300}, "joints": ["a"], "link": {"position": {"key": "q"}}}
-    recording = import_arrays(tmp_path / "a.npz", write_yaml(tmp_path / "map.yaml", content))
+    recording = imported(tmp_path / "a.npz", "a", 300.0, link={"position": {"key": "q"}})
     assert recording.link.stamp_ns.tolist() == [round(k * 1e9 / 300) for k in range(10)]
 
 
@@ -119,10 +117,8 @@ def test_a_table_may_be_parted_by_blanks_or_have_one_column(tmp_path: Path) -> N
     table = np.column_stack([np.arange(20) * 0.01, np.sin(np.arange(20))])
     np.savetxt(tmp_path / "blanks.csv", table, header="t   q")
     np.savetxt(tmp_path / "one.csv", table[:, 1], header="q", comments="")
-    joint = {"joints": ["a"], "link": {"position": {"key": "q"}}}
-    for name, times in (("blanks", {"key": "t"}), ("one", {"rate": 100})):
-        mapping = write_yaml(tmp_path / f"{name}.yaml", {"times": times, **joint})
-        recording = import_arrays(tmp_path / f"{name}.csv", mapping)
+    for name, times in (("blanks", "t"), ("one", 100.0)):
+        recording = imported(tmp_path / f"{name}.csv", "a", times, link={"position": {"key": "q"}})
         np.testing.assert_allclose(recording.link.position, table[:, 1:])
 
 

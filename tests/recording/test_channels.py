@@ -10,11 +10,11 @@ import yaml
 
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording import load_channels, message_types, read_recording, write_recording
-from elastic_arm.recording.foreign.arrays import import_arrays, load_array_map
+from elastic_arm.recording.foreign.arrays import load_array_map
 from elastic_arm.recording.foreign.channels import ChannelMap, ChannelScale, coupled, coupling_matrix
 from elastic_arm.recording.inspection.check import check_bag
 from elastic_arm.recording.sides import Side
-from tests.helpers.bags import JOINT_STATE, JOINTS, joint_state, stamps, states, write_foreign, write_yaml
+from tests.helpers.bags import JOINT_STATE, JOINTS, imported, joint_state, stamps, states, write_foreign, write_yaml
 
 ROOT = Path(__file__).parents[2]
 
@@ -181,19 +181,14 @@ def test_a_linear_axis_has_lengths_and_forces() -> None:
 
 WRIST = {"b": {"a": 0.02, "b": 1.0}, "c": {"a": -0.01, "b": 0.5, "c": -1.0}}
 AXES = ["a", "b", "c"]
-
-
-def wrist(**changes: object) -> dict[str, object]:
-    motor = {"position": {"key": "angle"}, "velocity": {"key": "speed"}, "effort": {"key": "torque"}}
-    return {"times": {"rate": 100}, "joints": AXES, "motor": motor, "coupling": WRIST, **changes}
+MOTORS = {"position": {"key": "angle"}, "velocity": {"key": "speed"}, "effort": {"key": "torque"}}
 
 
 def test_angles_go_by_the_matrix_and_torques_keep_their_power(tmp_path: Path) -> None:
     """theta = C theta_motors joint by joint, and the power of all motors is that at the joints."""
     angle, speed, torque = np.random.default_rng(0).standard_normal((3, 50, 3))
     np.savez(tmp_path / "run.npz", angle=angle, speed=speed, torque=torque)
-    (tmp_path / "map.yaml").write_text(yaml.safe_dump(wrist()))
-    motor = import_arrays(tmp_path / "run.npz", tmp_path / "map.yaml").motor
+    motor = imported(tmp_path / "run.npz", AXES, 100.0, motor=MOTORS, coupling=WRIST).motor
     np.testing.assert_allclose(motor.position[:, 2], -0.01 * angle[:, 0] + 0.5 * angle[:, 1] - angle[:, 2])
     np.testing.assert_array_equal(motor.position[:, 0], angle[:, 0])
     power = [np.sum(a * b, axis=1) for a, b in ((motor.velocity, motor.effort), (speed, torque))]
@@ -219,6 +214,5 @@ def test_a_channel_map_has_the_same_coupling() -> None:
 def test_what_is_no_coupling_is_refused(coupling: dict[str, dict[str, float]], words: str, tmp_path: Path) -> None:
     """Unknown names, and motors that cannot move the joints apart, are named."""
     np.savez(tmp_path / "run.npz", angle=np.eye(3), speed=np.eye(3), torque=np.eye(3))
-    (tmp_path / "map.yaml").write_text(yaml.safe_dump(wrist(coupling=coupling)))
     with pytest.raises(RecordingError, match=words):
-        import_arrays(tmp_path / "run.npz", tmp_path / "map.yaml")
+        imported(tmp_path / "run.npz", AXES, 100.0, motor=MOTORS, coupling=coupling)

@@ -10,8 +10,8 @@ import yaml
 
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording import Recording, Side, load_channels, read_recording, write_recording
-from elastic_arm.recording.foreign.arrays import import_arrays
 from elastic_arm.recording.inspection.outliers import find_outliers
+from tests.helpers.bags import imported
 
 N, JOINTS = 400, ("a", "b", "c")
 STAMPS = np.arange(N, dtype=np.int64) * 4_000_000
@@ -59,20 +59,13 @@ def test_sides_stamped_apart_are_joined(partial: Recording, angles: np.ndarray) 
 def test_a_mapping_of_arrays_names_the_joints_of_a_channel(tmp_path: Path, angles: np.ndarray) -> None:
     """Columns and scales are given for the joints that have the channel."""
     np.savez(tmp_path / "run.npz", theta=angles, q=angles[:, [0, 2]], tau=angles)
-    rules = {
-        "times": {"rate": 250},
-        "joints": list(JOINTS),
-        "link": {"position": {"key": "q", "joints": ["a", "c"], "unit": "rad", "sign": [1, -1]}},
-        "motor": {"position": {"key": "theta", "unit": "rad"}, "effort": {"key": "tau", "unit": "Nm"}},
-    }
-    (tmp_path / "map.yaml").write_text(yaml.safe_dump(rules))
-    found = import_arrays(tmp_path / "run.npz", tmp_path / "map.yaml")
+    q = {"key": "q", "joints": ["a", "c"], "unit": "rad", "sign": [1, -1]}
+    motor = {"position": {"key": "theta", "unit": "rad"}, "effort": {"key": "tau", "unit": "Nm"}}
+    found = imported(tmp_path / "run.npz", JOINTS, 250.0, link={"position": q}, motor=motor)
     assert np.isnan(found.link.position[:, 1]).all()
     np.testing.assert_allclose(found.link.position[:, [0, 2]], angles[:, [0, 2]] * [1.0, -1.0])
-    rules["link"]["position"]["joints"] = ["a", "d"]  # type: ignore[index]
-    (tmp_path / "map.yaml").write_text(yaml.safe_dump(rules))
     with pytest.raises(RecordingError, match="there is no joint d"):
-        import_arrays(tmp_path / "run.npz", tmp_path / "map.yaml")
+        imported(tmp_path / "run.npz", JOINTS, 250.0, link={"position": {**q, "joints": ["a", "d"]}}, motor=motor)
 
 
 def test_a_channel_map_may_leave_a_channel_out_at_some_joints(partial: Recording, tmp_path: Path) -> None:

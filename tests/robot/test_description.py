@@ -137,6 +137,9 @@ BAD: dict[str, tuple[Edit, str]] = {
     "same joint name": (lambda c: joint(c).update(name="joint_1"), "two joints are named 'joint_1'"),
     "not a number": (lambda c: c.update(gravity=[0.0, 0.0, float("nan")]), r"gravity\[2\]: nan is not a finite"),
     "infinite": (lambda c: joint(c)["dh"].update(a=float("inf")), r"dh\.a: inf is not a finite"),
+    "no list of joints": (lambda c: c.update(joints="three"), "joints: is 'three', not a list"),
+    "gravity of two numbers": (lambda c: c.update(gravity=[0.0, -9.81]), r"gravity\[2\]: missing entry.*all entries"),
+    "a joint that is no block": (lambda c: c.update(joints=[3]), r"joints\[0\]: is 3, not a block of fields"),
     "no joints": (lambda c: c.update(joints=[]), r"joints: has 0 entries"),
     "unplaced joint": (lambda c: joint(c).pop("dh"), r"joints\[1\]\.dh: missing field"),
     "joint placed twice": (lambda c: joint(c).update(before=np.eye(4).tolist()), "beside before/after"),
@@ -181,20 +184,22 @@ def test_a_mixture_of_elastic_and_rigid_joints_is_refused_by_name(content: dict[
 
 
 @pytest.mark.parametrize(
-    ("text", "message"), [("", "holds no fields"), ("- 1\n- 2\n", "holds no fields"), ("name: [1, 2\n", "line 2")]
+    ("text", "message"),
+    [
+        ("", "holds no fields"),
+        ("- 1\n- 2\n", "holds no fields"),
+        ("name: [1, 2\n", "line 2"),
+        ("\udcff", "is no text file"),
+        (None, r"broken\.yaml: no such file"),
+    ],
 )
-def test_files_that_are_no_arm_files_are_refused(text: str, message: str, tmp_path: Path) -> None:
-    """Empty files, lists and broken YAML give an error with the file's name, and the line where there is one."""
+def test_files_that_are_no_arm_files_are_refused(text: str | None, message: str, tmp_path: Path) -> None:
+    """Missing and empty files, lists, bytes and broken YAML give an error with the file's name, and the line."""
     path = tmp_path / "broken.yaml"
-    path.write_text(text, encoding="utf-8")
+    if text is not None:
+        path.write_text(text, encoding="utf-8", errors="surrogateescape")
     with pytest.raises(RobotError, match=message):
         load_robot(path)
-
-
-def test_a_missing_file_is_named() -> None:
-    """A path that is not there is an error with that path."""
-    with pytest.raises(RobotError, match=r"nowhere\.yaml: no such file"):
-        load_robot("nowhere.yaml")
 
 
 def test_numbers_in_scientific_notation_are_read(content: dict[str, Any], tmp_path: Path) -> None:

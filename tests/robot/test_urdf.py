@@ -421,7 +421,7 @@ def test_the_documented_overlay_loads(tmp_path: Path) -> None:
     ("content", "problem"),
     [
         (overlay(("one", "base")), "joints two have no transmission"),
-        (overlay(("one", "base"), ("three", "a")), "transmissions.three"),
+        (overlay(("one", "base"), ("three", "a")), "transmissions.three: the URDF has no such joint"),
         (overlay(("one", "base"), ("two", "base")), "two.rotor.carrier is 'base'"),
         (overlay(more="limits: {four: {velocity: 1}}\n"), "limits.four"),
         (overlay(more="masses: 3\n"), "masses"),

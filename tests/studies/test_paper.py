@@ -7,7 +7,6 @@ import json
 import math
 import re
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +15,7 @@ import sympy
 
 from elastic_arm.dynamics import build_model
 from elastic_arm.errors import RobotError
-from elastic_arm.robot import load_robot, save_robot, to_urdf
+from elastic_arm.robot import load_robot, to_urdf
 from elastic_arm.robot.kinematics import link_placements
 from elastic_arm.robot.urdf import parse_urdf
 from elastic_arm.studies.paper import feedforward
@@ -246,17 +245,6 @@ def test_arm_without_several_ratios_is_refused() -> None:
     """The study compares ratios; the error says what to write."""
     with pytest.raises(RobotError, match="total_ratios_studied"):
         studied_ratios(load_robot(None).with_(total_ratios_studied={}))
-
-
-def test_arm_without_bearings_is_a_clear_error(tmp_path: Path) -> None:
-    """Exit code 2, the joint named, before any work is done."""
-    robot = load_robot(None)
-    first = robot.joints[0]
-    bare = robot.with_joint(first.name, transmission=replace(first.transmission, bearing=None))
-    save_robot(bare, tmp_path / "arm.yaml")
-    said = refusal("paper", "--robot", tmp_path / "arm.yaml", "--out", tmp_path / "out")
-    assert first.name in said and "bearing" in said
-    assert not (tmp_path / "out").exists()
 
 
 def test_missing_engine_is_a_clear_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

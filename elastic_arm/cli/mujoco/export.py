@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
@@ -101,7 +101,7 @@ def export(
         print_json(
             {
                 "files": [str(path) for path in done.files],
-                "changes": [change.to_dict() for change in done.changes],
+                "changes": [asdict(change) for change in done.changes],
                 "left": [one.to_dict() for one in done.left],
                 "notes": list(done.notes),
             }

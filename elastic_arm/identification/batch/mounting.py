@@ -22,6 +22,7 @@ from elastic_arm.estimation.motion import Motion
 from elastic_arm.identification.verdict import MotionStatistics
 from elastic_arm.recording.inspection.described_gravity import LEFT, OVERHEAD, SIZE, TURNED, angle_between
 from elastic_arm.robot import Robot
+from elastic_arm.robot.parts import placed
 
 ENOUGH = 2000  # samples of a motion that are looked at; bounds the time
 STRAIGHT = 1e-6  # of its size, by which gravity may be off straight down; numerical
@@ -46,9 +47,7 @@ class Mounting:
 
     def of(self, robot: Robot) -> Robot:
         """Return the arm as it is mounted."""
-        turn = np.eye(4)
-        turn[:3, :3] = turned(self.x, self.y)
-        return robot.with_(base_placement=turn @ robot.base_placement, base_dh=None)
+        return robot.with_(base_placement=placed(turned(self.x, self.y)) @ robot.base_placement, base_dh=None)
 
     @property
     def note(self) -> str:

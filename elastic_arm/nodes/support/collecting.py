@@ -16,10 +16,11 @@ from elastic_arm.nodes.support.pairing import Losses, Pairing
 from elastic_arm.nodes.support.wire import Inbox
 from elastic_arm.recording import Samples, topics
 from elastic_arm.recording.foreign.channels import CHANNEL_NAMES, ChannelMap, SideChannels
+from elastic_arm.recording.sides import SAMPLED
 
 FIELDS = ("position", "velocity", "effort")
-CHANNELS = {topics.JOINT_STATES: ("q", "dq", "tau_J"), topics.MOTOR_STATES: ("theta", "dtheta", "tau_m")}
-SIDES = {"both": tuple(CHANNELS), "link": (topics.JOINT_STATES,), "motor": (topics.MOTOR_STATES,)}
+NAMED = {topics.JOINT_STATES: "link", topics.MOTOR_STATES: "motor"}
+SIDES = {"both": tuple(NAMED), "link": (topics.JOINT_STATES,), "motor": (topics.MOTOR_STATES,)}
 # A topic that says nothing for so long, seconds, has gone silent; but only when somebody has looked so often: after a
 # stall of this process its messages are still on their way in.
 SILENCE = 1.0
@@ -104,8 +105,7 @@ class Collector:
         channels: ChannelMap | None = None,
     ) -> None:
         self.joints, self._shown = joints, shown
-        named = dict(zip(CHANNELS, ("link", "motor"), strict=True))
-        given = {} if channels is None else {t: DriverSide.of(channels, named[t], joints) for t in SIDES[sides]}
+        given = {} if channels is None else {t: DriverSide.of(channels, NAMED[t], joints) for t in SIDES[sides]}
         self._driver = {topic: side for topic, side in given.items() if side is not None}
         # Side, by the topic that the suite has it on -> the topic that it comes on.
         self._sources = {t: self._driver[t].topic if channels else t for t in SIDES[sides] if not channels or given[t]}
@@ -132,11 +132,11 @@ class Collector:
     @property
     def channels(self) -> tuple[str, ...]:
         """Names of the channels that an arm with all sensors gives."""
-        return tuple(name for side in self._sources for name in CHANNELS[side])
+        return tuple(name for topic in self._sources for name, (side, _) in SAMPLED.items() if side == NAMED[topic])
 
     def take(self, everything: bool = False) -> Samples | None:
         """Return the samples that are ready, in order of time and never older than those before; None without any."""
-        add = dict(zip(CHANNELS, (self.pairing.add_link, self.pairing.add_motor), strict=True))
+        add = dict(zip(NAMED, (self.pairing.add_link, self.pairing.add_motor), strict=True))
         for topic, inbox in self.inboxes.items():
             self._empty[topic] += 1
             if len(inbox):
@@ -146,7 +146,7 @@ class Collector:
                     there, rows = self._rows(side, names, stamps, numbers)
                     add[side](there, rows)
                     if len(self._sources) == 1:  # the side that is not measured is no reason to wait
-                        other = next(one for one in CHANNELS if one != side)
+                        other = next(one for one in NAMED if one != side)
                         add[other](there, np.empty((len(there), 0)))
         pairs = self.pairing.take(everything)
         if pairs is None:
@@ -154,12 +154,12 @@ class Collector:
         self.last_ns = int(pairs.stamp_ns[-1])
         if self._origin_ns is None:
             self._origin_ns = int(pairs.stamp_ns[0])
-        channels = dict(zip(CHANNELS, (pairs.link, pairs.motor), strict=True))
-        found: dict[str, Any] = {}
-        for topic, rows in channels.items():
+        parts: dict[tuple[str, str], Array] = {}
+        for topic, rows in zip(NAMED, (pairs.link, pairs.motor), strict=True):
             given = self._fields.get(topic, ())
-            parts = dict(zip(given, np.split(rows, len(given), axis=1) if given else [], strict=True))
-            found |= {name: parts.get(field) for name, field in zip(CHANNELS[topic], FIELDS, strict=True)}
+            split = np.split(rows, len(given), axis=1) if given else []
+            parts |= {(NAMED[topic], field): part for field, part in zip(given, split, strict=True)}
+        found: dict[str, Any] = {name: parts.get(place) for name, place in SAMPLED.items()}
         t = np.asarray((pairs.stamp_ns - self._origin_ns) * 1e-9, dtype=np.float64)
         return Samples(t=t, stamp_ns=pairs.stamp_ns, **found)
 

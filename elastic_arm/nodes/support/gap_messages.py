@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from elastic_arm_msgs.msg import GapAlternative, GapCause, GapChange, GapDiagnosis, GapParameter, GapPlace, GapResidual
+from std_msgs.msg import Header
 
 from elastic_arm.diagnosis.live import ResidualLevels
 from elastic_arm.estimation.equations import SIDES
@@ -14,23 +15,14 @@ from elastic_arm.estimation.equations import SIDES
 
 def diagnosis_message(found: Mapping[str, Any]) -> GapDiagnosis:
     """Return the content of `diagnosis.json` as a message; its stamp is left to the caller."""
-    recordings, interval = found["recordings"], found["shrink_interval"] or (None, None)
-    return GapDiagnosis(
-        schema=found["schema"],
-        model=found["model"],
-        robot=found["robot"],
-        identify=recordings["identify"],
-        validate=recordings["validate"],
-        independent_motion=recordings["independent_motion"],
-        band_hz=[_number(edge) for edge in found["band_hz"]],
-        verdict=found["verdict"],
+    return _filled(
+        GapDiagnosis,
+        {**found, **found["recordings"], "shrink_interval": found["shrink_interval"] or (None, None)},
+        header=Header(),
         residuals=[_residual(found, joint, side) for joint in found["noise"] for side in SIDES],
-        shrink=_number(found["shrink"]),
-        shrink_interval=[_number(edge) for edge in interval],
         causes=[_cause(cause) for cause in found["causes"]],
-        unexplained=[GapPlace(**{**place, "rmse": _number(place["rmse"])}) for place in found["unexplained"]],
+        unexplained=[_filled(GapPlace, place) for place in found["unexplained"]],
         changes=[_change(change) for change in found["changes"]],
-        trust=list(found["trust"]),
         trust_probability=[_number(p) for p in found["trust"].values()],
     )
 
@@ -61,51 +53,36 @@ def _named(cause: Mapping[str, Any]) -> str:
     return f"{cause['effect']} ({cause['joint']})" if cause["joint"] else str(cause["effect"])
 
 
+def _filled(kind: Any, content: Mapping[str, Any], **given: Any) -> Any:
+    """Return a message of what is given, and of what the content has by the names of its other fields."""
+    fields = kind.get_fields_and_field_types()
+    return kind(**given, **{name: _sent(content[name], fields[name]) for name in fields if name not in given})
+
+
+def _sent(value: Any, kind: str) -> Any:
+    if "[" in kind or "<" in kind:
+        return [_number(one) for one in value] if "double" in kind else list(value)
+    return _number(value) if kind == "double" else "" if value is None else value
+
+
 def _residual(found: Mapping[str, Any], joint: str, side: str) -> GapResidual:
-    sizes = [found["gap"][when][joint][side] or {"rmse": None, "max": None} for when in ("before", "after")]
-    before, after = ({name: _number(value) for name, value in size.items()} for size in sizes)
-    return GapResidual(
-        joint=joint,
-        side=side,
-        noise=_number(found["noise"][joint][side]),
-        rmse_before=before["rmse"],
-        max_before=before["max"],
-        rmse_after=after["rmse"],
-        max_after=after["max"],
-    )
+    sizes = {"joint": joint, "side": side, "noise": found["noise"][joint][side]}
+    for when in ("before", "after"):
+        size = found["gap"][when][joint][side] or {}
+        sizes |= {f"{name}_{when}": size.get(name) for name in ("rmse", "max")}
+    return _filled(GapResidual, sizes)
 
 
 def _cause(cause: Mapping[str, Any]) -> GapCause:
     stated = cause["from"] or {}
-    return GapCause(
-        effect=cause["effect"],
-        joint=cause["joint"] or "",
-        sides=cause["sides"],
-        regime=cause["regime"],
-        parameters=[_parameter(name, e, stated.get(name)) for name, e in cause["parameters"].items()],
-        shrink=_number(cause["shrink"]),
-        confidence=_number(cause["confidence"]),
-        alternatives=[
-            GapAlternative(
-                effect=other["effect"],
-                joint=other["joint"] or "",
-                confidence=_number(other["confidence"]),
-                separated_by=other["separated_by"] or "",
-            )
-            for other in cause["alternatives"]
-        ],
-    )
+    parameters = [_parameter(name, e, stated.get(name)) for name, e in cause["parameters"].items()]
+    others = [_filled(GapAlternative, other) for other in cause["alternatives"]]
+    return _filled(GapCause, cause, parameters=parameters, alternatives=others)
 
 
 def _change(change: Mapping[str, Any]) -> GapChange:
-    values = change["values"]
-    return GapChange(
-        **{name: change[name] for name in ("effect", "parameter", "unit", "confidence")},
-        joint=change["joint"] or "",
-        recording=[one["recording"] for one in values],
-        value=[_number(one["value"]) for one in values],
-        std=[_number(one["std"]) for one in values],
-    )
+    by_recording = {name: [one[name] for one in change["values"]] for name in ("recording", "value", "std")}
+    return _filled(GapChange, {**change, **by_recording})
 
 
 def _parameter(name: str, estimate: Mapping[str, Any], stated: Any = None) -> GapParameter:

@@ -8,15 +8,8 @@ from numpy.typing import NDArray
 from elastic_arm.estimation.resampling import part
 from elastic_arm.recording import Samples
 from elastic_arm.recording.inspection.outliers import LARGEST, sane_limits
+from elastic_arm.recording.sides import SAMPLED
 
-CHANNELS = {
-    "q": "position",
-    "dq": "velocity",
-    "tau_J": "effort",
-    "theta": "position",
-    "dtheta": "velocity",
-    "tau_m": "effort",
-}
 # Rows that the ranges are taken from: those of the last while, some of every batch.
 REMEMBERED = 2000
 OF_A_BATCH = 20
@@ -41,12 +34,13 @@ class StreamScreen:
     def take(self, samples: Samples) -> Samples:
         """Return the samples without those that are absurd."""
         good = np.ones(len(samples), np.bool_)
-        known = {name: values for name in CHANNELS if (values := getattr(samples, name)) is not None}
+        known = samples.recorded()
         for name, values in known.items():
+            channel = SAMPLED[name][1]
             before = self._remembered.get(name, values[:0])
             with np.errstate(over="ignore"):
-                lowest, highest = sane_limits(np.concatenate([before, values]), CHANNELS[name])
-            beyond = np.abs(values) > LARGEST[CHANNELS[name]]
+                lowest, highest = sane_limits(np.concatenate([before, values]), channel)
+            beyond = np.abs(values) > LARGEST[channel]
             good &= ((values >= lowest) & (values <= highest) & ~beyond).all(axis=1)
         self.left_out += int(np.count_nonzero(~good))
         rows = np.flatnonzero(good)

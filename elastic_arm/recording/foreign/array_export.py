@@ -18,7 +18,6 @@ from elastic_arm.recording.recording import Recording
 
 KINDS = (".csv", ".npz", ".parquet", ".h5")
 _ONE_TABLE = (".csv", ".parquet")  # kinds of which a file is one table
-_JOINED = ("q", "dq", "tau_J", "theta", "dtheta", "tau_m")
 Table = dict[str, np.ndarray]
 
 
@@ -78,7 +77,7 @@ def _sides(recording: Recording, path: Path) -> list[str]:
 
 def _joined(recording: Recording, path: Path) -> list[str]:
     samples = recording.samples()
-    channels = {name: values for name in _JOINED if (values := getattr(samples, name)) is not None}
+    channels = samples.recorded()
     one_table = path.suffix.lower() in _ONE_TABLE
     _write(path, {"time": samples.t, **(_columns(channels, recording.joints) if one_table else channels)})
     counts = " and ".join(f"{len(side)} of the {name} side" for name, side in recording.measured().items())

@@ -12,7 +12,6 @@ from elastic_arm.arrays import Array
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording.recording import Recording
 
-CHANNELS = ("q", "dq", "tau_J", "theta", "dtheta", "tau_m")  # of `Samples`
 STEPS = 5  # Gauss-Newton, each some ten times closer
 SHORTEST = 1.0  # s that two recordings have to share
 ALIKE = 0.5  # correlation of the two motions, below which they are of other commands; convention
@@ -72,10 +71,11 @@ def differences(real: Recording, simulated: Recording) -> RecordingDifference:
     if seconds < SHORTEST:
         raise RecordingError(f"{_named(real)} and {_named(simulated)} share {seconds:.2g} s", "Record the same motion")
     found = []
-    for channel in CHANNELS:
-        own, other = getattr(a, channel), getattr(b, channel)
-        if own is not None and other is not None:
-            found.append(_channel(channel, t[inside], own[inside], CubicSpline(t_other, other), offset))
+    theirs_too = b.recorded()
+    for channel, own in a.recorded().items():
+        if channel in theirs_too:
+            other = CubicSpline(t_other, theirs_too[channel])
+            found.append(_channel(channel, t[inside], own[inside], other, offset))
     if not found:
         raise RecordingError(f"{_named(real)} and {_named(simulated)} share no channel", "Record the same topics")
     return RecordingDifference(real.joints, offset, name, t[inside], tuple(found))

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording.inspection.report import Finding, note
-from elastic_arm.recording.sides import Array, ClockMode, Lacking, Samples, Side, Stamps, joints_with
+from elastic_arm.recording.sides import SAMPLED, Array, ClockMode, Lacking, Samples, Side, Stamps, joints_with
 from elastic_arm.recording.timebase.clocks import ENOUGH, Evidence, evidence, is_even, numbered
 
 # Two topics stamped by one clock tick share nearly all their stamps, apart from lost messages; below this share they
@@ -98,18 +98,9 @@ def _samples(stamp_ns: Stamps, link: Side | None, motor: Side | None, notes: tup
     link, motor = link or Side(stamp_ns), motor or Side(stamp_ns)
     t: Array = (stamp_ns - stamp_ns[0]) * 1e-9
     link, motor, lacking = _filled(t, link, motor)
-    return Samples(
-        t=t,
-        q=link.position,
-        dq=link.velocity,
-        tau_J=link.effort,
-        theta=motor.position,
-        dtheta=motor.velocity,
-        tau_m=motor.effort,
-        stamp_ns=stamp_ns,
-        notes=notes,
-        lacking=lacking,
-    )
+    sides = {"link": link, "motor": motor}
+    channels = {name: getattr(sides[side], channel) for name, (side, channel) in SAMPLED.items()}
+    return Samples(t=t, **channels, stamp_ns=stamp_ns, notes=notes, lacking=lacking)
 
 
 def _filled(t: Array, link: Side, motor: Side) -> tuple[Side, Side, Lacking]:

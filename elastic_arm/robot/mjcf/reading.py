@@ -29,7 +29,7 @@ from elastic_arm.robot.mjcf.drives import (
     torque_delays,
 )
 from elastic_arm.robot.mjcf.engine import compiled, engine
-from elastic_arm.robot.parts import located
+from elastic_arm.robot.parts import located, moved_joint, placed
 from elastic_arm.robot.urdf_elements import z_onto
 from elastic_arm.robot.urdf_tree import Chain
 
@@ -134,13 +134,14 @@ def _robot(name: str, model: Any, chain: MjcfChain, qpos: Array, notes: list[str
     data.qpos[:] = qpos
     mj.mj_kinematics(model, data)
     frames = _joint_frames(model, data, chain)
-    carriers = [_placement(data.xpos[body], data.xmat[body]) for body in _carriers(model, chain)]
+    carriers = [placed(data.xmat[body], data.xpos[body]) for body in _carriers(model, chain)]
     bodies = _link_bodies(model, data, chain, carriers)
     joints = []
     for i, joint in enumerate(chain.joints):
         label = name_of(model, "joint", joint)
         slid = slides(model, joint)
-        back = _moved_back(float(model.qpos0[model.jnt_qposadr[joint]]), slid)
+        # What takes back the angle or travel at which a model is drawn.
+        back = moved_joint(-float(model.qpos0[model.jnt_qposadr[joint]]), slid)
         previous = np.eye(4) if i == 0 else carriers[i - 1]
         before = (np.linalg.inv(_base(data, chain)) if i == 0 else np.linalg.inv(previous)) @ frames[i]
         after = back @ np.linalg.inv(frames[i]) @ carriers[i]
@@ -164,24 +165,13 @@ def _robot(name: str, model: Any, chain: MjcfChain, qpos: Array, notes: list[str
     )
 
 
-def _moved_back(reference: float, slid: bool) -> Array:
-    """Return the placement that takes back the angle or travel at which a model is drawn."""
-    back = np.eye(4)
-    if slid:
-        back[2, 3] = -reference
-    else:
-        c, s = np.cos(reference), np.sin(reference)
-        back[:2, :2] = [[c, s], [-s, c]]
-    return back
-
-
 def _gravity(model: Any) -> Array:
     off = int(model.opt.disableflags) & int(engine().mjtDisableBit.mjDSBL_GRAVITY)
     return np.zeros(3) if off else np.array(model.opt.gravity, dtype=float)
 
 
 def _base(data: Any, chain: MjcfChain) -> Array:
-    return _placement(data.xpos[chain.base], data.xmat[chain.base])
+    return placed(data.xmat[chain.base], data.xpos[chain.base])
 
 
 def _carriers(model: Any, chain: MjcfChain) -> list[int]:
@@ -204,7 +194,7 @@ def _joint_frames(model: Any, data: Any, chain: MjcfChain) -> list[Array]:
     for joint, body in zip(chain.joints, _carriers(model, chain), strict=True):
         turned = data.xmat[body].reshape(3, 3) @ z_onto(np.array(model.jnt_axis[joint], dtype=float))
         # Several joints of one body turn one after another: the body's own turn belongs to the last.
-        frames.append(_placement(data.xanchor[joint], turned))
+        frames.append(placed(turned, data.xanchor[joint]))
     return frames
 
 
@@ -214,9 +204,9 @@ def _link_bodies(model: Any, data: Any, chain: MjcfChain, carriers: list[Array])
     for body, link in chain.link_of.items():
         if model.body_mass[body] > 0.0:
             principal = np.diag(np.array(model.body_inertia[body], dtype=float))
-            place = np.linalg.inv(carriers[link]) @ _placement(data.xipos[body], data.ximat[body])
+            place = np.linalg.inv(carriers[link]) @ placed(data.ximat[body], data.xipos[body])
             with located(f"body {name_of(model, 'body', body)!r}: "):
-                parts[link].append(moved(Inertia(float(model.body_mass[body]), np.zeros(3), principal), place))
+                parts[link].append(moved(Inertia(float(model.body_mass[body]), inertia=principal), place))
     return [lumped(own) for own in parts]
 
 
@@ -289,10 +279,3 @@ def _notes(model: Any, chain: MjcfChain) -> list[str]:
     if float(model.opt.density) or float(model.opt.viscosity):
         notes.append("the fluid that MuJoCo's option states (density, viscosity) is not part of the models")
     return notes
-
-
-def _placement(position: Any, rotation: Any) -> Array:
-    placement = np.eye(4)
-    placement[:3, :3] = np.asarray(rotation, dtype=float).reshape(3, 3)
-    placement[:3, 3] = position
-    return placement

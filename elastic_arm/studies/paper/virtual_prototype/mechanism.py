@@ -16,6 +16,7 @@ import numpy as np
 from elastic_arm.errors import RobotError
 from elastic_arm.robot.description import Component, Joint, Robot, Transmission
 from elastic_arm.robot.mjcf.engine import engine as mujoco_engine
+from elastic_arm.robot.parts import placed
 
 BUSHING = ("x", "y", "z", "about_y", "about_x", "about_z")
 """The bushing's degrees of freedom, in the order in which they act: the paper's Ry(q_y) Rx(q_x) Rz(q) of (3)."""
@@ -71,9 +72,7 @@ def build_spec(robot: Robot, bushing: Bushing) -> Any:
     for index, (joint, drive) in enumerate(zip(robot.joints, drives, strict=True)):
         for part, component in (("rotor", drive.rotor), ("wave_generator", drive.wave_generator)):
             carrier = carrier_index(robot, component.carrier)
-            offset = np.eye(4)
-            offset[:3, 3] = component.position
-            here = np.linalg.inv(placements[carrier]) @ joint_frames[index] @ offset
+            here = np.linalg.inv(placements[carrier]) @ joint_frames[index] @ placed(position=component.position)
             body = links[carrier].add_body(name=f"{joint.name}.{part}", pos=here[:3, 3], quat=quaternion(here))
             _revolve(body, component, f"{joint.name}.{part}")
     after = robot.joints[-1].after
