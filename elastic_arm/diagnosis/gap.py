@@ -43,8 +43,8 @@ class Gap:
         power, noise, count = (np.zeros((rows, octaves)) for _ in range(3))
         rate = data.band.kept_rate
         total = sum(len(r) for r in residuals)
-        for own, pure in zip(residuals, data.pure, strict=True):
-            share = len(own) / total
+        for own, pure, left in zip(residuals, data.pure, data.shares(), strict=True):
+            share, told = len(own) / total, left.mean(axis=0)
             f, density = periodogram(own, rate, window="hann", detrend=False, axis=0)
             octave = np.searchsorted(OCTAVES, f, side="right")
             step = f[1] - f[0]
@@ -54,8 +54,8 @@ class Gap:
             for o in range(octaves):
                 there = (octave == o) & (f <= data.band.cutoff)  # above, the band's filter takes a part
                 power[:, o] += share * density[there].sum(axis=0) * step
-                noise[:, o] += share * sensors[there].sum(axis=0) * step
-                count[:, o] += 2.0 * there.sum() / 1.5  # a Hann window correlates neighbours
+                noise[:, o] += share * told * sensors[there].sum(axis=0) * step
+                count[:, o] += told * 2.0 * there.sum() / 1.5  # a Hann window correlates neighbours
         values = np.concatenate(list(residuals))
         return Gap(
             power, noise, np.maximum(count, 1.0), np.sqrt(np.mean(values**2, axis=0)), np.abs(values).max(axis=0)

@@ -174,13 +174,14 @@ class FreeTorques:
                 part -= part if free.basis is None else free.basis @ (free.basis.T @ part)
         return out
 
-    def shares(self, count: int, rows: int) -> Array:
-        """Return the share (N', R) of the power of white noise that is left of so many rows."""
+    def shares(self, count: int, rows: int, band: Band) -> Array:
+        """Return the share (N', R) of the power of noise in the band that is left of so many rows."""
         left = np.ones((count, rows))
         for free in self.found:
+            # Of a basis in the band; the band holds fewer independent values than there are instants.
             taken = 1.0 if free.basis is None else np.sum(free.basis**2, axis=1)
-            left[free.instants, free.row] *= 1.0 - taken
-        return left
+            left[free.instants, free.row] -= taken * band.kept_rate / (2.0 * band.cutoff)
+        return np.maximum(left, 0.0)
 
     @cached_property
     def _of_row(self) -> dict[int, list[FreeTorque]]:

@@ -139,7 +139,9 @@ def noise_models(
     gains = [1.0 / observation.gains.get(c, np.ones(n)) for c in ("tau_J", "tau_m")]
     shown = np.concatenate([gains[0], gains[1] * ~follows, follows, follows | made[:, 2 * n : 3 * n].any(axis=0)])
     recorded = (way + speed2 * inertial.mean(axis=0)) * shown
-    measure = 2.0 * np.log(np.linalg.svd(recorded, compute_uv=False)).sum(axis=1)
+    sizes = np.linalg.svd(recorded, compute_uv=False)
+    # Rows that hold nothing of what was recorded have no density.
+    measure = 2.0 * np.log(np.where(sizes > np.finfo(float).eps * sizes[:, :1], sizes, 1.0)).sum(axis=1)
     found = []
     for floor in floors:
         own = covariance * (1.0 + floor**2 * np.eye(equations.rows))
@@ -260,7 +262,7 @@ class WhitenedData:
 
     def shares(self) -> list[Array]:
         """Return which share of the noise's power is left (N', R) of each stretch without those torques."""
-        return [free.shares(*y.shape) for free, y in zip(self._free, self.y, strict=True)]
+        return [free.shares(*y.shape, self.band) for free, y in zip(self._free, self.y, strict=True)]
 
     @property
     def seconds(self) -> float:

@@ -20,7 +20,8 @@ def measured(*residuals: np.ndarray) -> Gap:
     rows, f = len(residuals), np.linspace(0.0, RATE / 2, 50)
     pure = SimpleNamespace(f=f, covariance=np.tile(NOISE**2 * np.eye(rows), (len(f), 1, 1)), rate=RATE)
     band = SimpleNamespace(cutoff=CUTOFF, kept_rate=RATE)
-    data: Any = SimpleNamespace(layout=SimpleNamespace(rows=rows), band=band, pure=[pure])
+    whole = [np.ones((len(residuals[0]), rows))]
+    data: Any = SimpleNamespace(layout=SimpleNamespace(rows=rows), band=band, pure=[pure], shares=lambda: whole)
     return Gap.of(data, [np.stack(residuals, axis=1)])
 
 

@@ -91,6 +91,21 @@ def test_a_joint_that_stands_long_takes_all_of_its_rows_and_next_to_none_of_othe
     assert max(one.basis.shape[1] for one in sticking.found if one.basis is not None) < 40
 
 
+def test_the_share_of_noise_that_is_left_is_known() -> None:
+    """Of noise in the band as much is left as is said, to a tenth: as many rows tell of what is left."""
+    band, stretch, _ = setting()
+    sticking = FreeTorques.of(stretch, band, LAYOUT, NO_STEPS, friction=True, standing=STANDING)
+    noise = np.stack(
+        [in_band(np.random.default_rng(k).normal(size=len(stretch.quiet.t)))[:, STICKS] for k in range(40)]
+    )
+    rows = np.zeros((noise.shape[1], LAYOUT.rows, len(noise)))
+    rows[:, STICKS] = noise.T
+    left = np.sum(sticking.remove(rows)[:, STICKS] ** 2) / np.sum(noise**2)
+    share = sticking.shares(*rows.shape[:2], band).mean(axis=0)
+    assert 0.5 < share[STICKS] < 0.95 and abs(share[STICKS] / left - 1.0) < 0.1
+    assert np.all(np.delete(share, STICKS) == 1.0)
+
+
 def test_columns_are_treated_as_residuals_are() -> None:
     """What is removed of several columns at once is what is removed of each."""
     band, stretch, _ = setting()
