@@ -6,12 +6,13 @@ Rows are ordered equation by equation: [link of all joints, drive of all joints,
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.polynomial.legendre import legvander
 from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
 from scipy.ndimage import binary_dilation, binary_opening, find_objects, label
 
 from elastic_arm.arrays import Array
@@ -30,6 +31,8 @@ STICKING = 0.01  # s; a reversal without sticking is shorter but for acceleratio
 # Convention: where the law holds, few rows that are noise give up to 2.4; true sticking gave 6.
 FAILS = 4.0
 NO_HOLES = np.empty((0, 2))
+Estimate = tuple[int, int, tuple[int, ...], bytes]  # row, first instant, shape of the basis, rows beside
+BESIDE, JITTER = 16, 1e-9  # rows beside a time without a law that tell the noise within, share of it; numerical
 AROUND = 0.03  # s before and after, in which the smoothed motion is none of either
 
 
@@ -106,11 +109,25 @@ class FreeTorque:
     row: int  # number of the residual
     instants: slice  # of the rows that the band's filter carries it to
     basis: Array | None  # orthonormal (instants, m); None where it can be anything at all of these instants
+    # Rows beside these instants that hold no such torque, and (m, instants + beside) what they and the instants
+    # estimate of the torque: least squares by the noise, which goes on from the rows beside.
+    beside: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, dtype=int))
+    estimate: Array | None = None
+
+    def remove(self, rows: Array) -> None:
+        """Take it off rows (N', …) of its residual, in place."""
+        part = rows[self.instants]
+        if self.basis is None or self.estimate is None:
+            part -= part if self.basis is None else self.basis @ (self.basis.T @ part)
+        else:
+            part -= self.basis @ (self.estimate @ np.concatenate([part, rows[self.beside]]))
 
 
 @dataclass(frozen=True)
 class FreeTorques:
     """What is removed of the rows of a stretch: torques that no law states at certain times.
+
+        y' = y - B (B' C^-1 B)^-1 B' C^-1 y        B what they can be, C the covariance of the row's noise
 
     While a joint sticks, its dry friction takes any value. While an encoder hardly moves, it holds one code, and its
     error is no noise but one value, which turns up in the torques of spring and inertia. Where nothing was recorded,
@@ -119,8 +136,9 @@ class FreeTorques:
     """
 
     found: tuple[FreeTorque, ...] = ()  # all of them
-    # those worked out, by what they depend on beside the band
+    # those worked out, by what they depend on beside the band, and their estimates by row and instants, too
     bases: Mapping[FreeTimes, Array] = field(default_factory=dict, repr=False)
+    estimates: Mapping[Estimate, Array] = field(default_factory=dict, repr=False)
 
     @classmethod
     def of(
@@ -135,6 +153,7 @@ class FreeTorques:
         friction: bool,
         standing: Array,
         near: FreeTorques | None = None,
+        noise: Array | None = None,
     ) -> FreeTorques:
         """Return what is removed of a stretch.
 
@@ -142,7 +161,8 @@ class FreeTorques:
         rad, steps of the encoders; holes: (k, 2) s, from when to when nothing was recorded; events: those of an
         :class:`.Observation`; friction: whether the friction of a joint that sticks is removed; standing: (n,) rad/s,
         below which a joint sticks; near: those of the same stretch with other numbers of the arm, in the same band:
-        most bases are the same. Steps and standing are zero for joints that never move.
+        most bases are the same. Steps and standing are zero for joints that never move; noise: (lags, R)
+        autocovariance of the rows' noise, None where it is white.
         """
         t, dq, dtheta = stretch.quiet.t, stretch.quiet.dq, stretch.quiet.dtheta
         link, motor = _held(t, dq, band, steps["link"]), _held(t, dtheta, band, steps["motor"])
@@ -154,14 +174,21 @@ class FreeTorques:
         known = {} if near is None else near.bases
         bases: dict[FreeTimes, Array] = {}
         courses = {part: [_courses(stretch, band, one, bases, known) for one in when.T] for part, when in times.items()}
-        found = (
+        found = [
             FreeTorque(row, instants, basis)
             for row, (equation, joint) in enumerate(layout.entries)
             for part, of_joints in courses.items()
             if equation.combination[part] != 0
             for instants, basis in of_joints[joint]
-        )
-        return cls(tuple(found), bases)
+        ]
+        estimates: dict[Estimate, Array] = {}
+        if noise is not None:
+            taken = np.zeros((len(stretch.t), layout.rows), dtype=bool)
+            for free in found:
+                taken[free.instants, free.row] = True
+            before = {} if near is None else near.estimates
+            found = [_estimated(free, taken[:, free.row], noise[:, free.row], estimates, before) for free in found]
+        return cls(tuple(found), bases, estimates)
 
     def remove(self, values: Array, *, in_place: bool = False) -> Array:
         """Return residuals or columns (N', R, …) without them, perhaps in the same array."""
@@ -170,8 +197,7 @@ class FreeTorques:
         out = values if in_place else values.copy(order="K")
         for row, torques in self._of_row.items():
             for free in torques if out[:, row].any() else ():
-                part = out[free.instants, row]
-                part -= part if free.basis is None else free.basis @ (free.basis.T @ part)
+                free.remove(out[:, row])
         return out
 
     def shares(self, count: int, rows: int, band: Band) -> Array:
@@ -267,6 +293,37 @@ def _basis(times: FreeTimes, band: Band) -> Array:
     left, singular, _ = np.linalg.svd(shown, False)
     # 0.02 of the strongest: courses of a torque that show less in the band are left in
     return np.asarray(left[:, singular > 0.02 * singular[0]])
+
+
+def _estimated(
+    free: FreeTorque,
+    taken: NDArray[np.bool_],
+    noise: Array,
+    estimates: dict[Estimate, Array],
+    known: Mapping[Estimate, Array],
+) -> FreeTorque:
+    """Return a torque with its estimate by the rows beside that hold none, which is added to the estimates.
+
+    Noise of encoders grows with its frequency. Cut off at an instant it would be noise of all frequencies.
+
+    taken: (N',) which rows hold such torques; noise: (lags,) autocovariance of these rows' noise.
+    """
+    if free.basis is None:
+        return free
+    around = np.arange(max(free.instants.start - BESIDE, 0), min(free.instants.stop + BESIDE, len(taken)))
+    beside = around[~taken[around]]
+    key = free.row, free.instants.start, free.basis.shape, beside.tobytes()
+    if key in known:
+        estimates[key] = known[key]
+    else:
+        instants = np.concatenate([np.arange(free.instants.start, free.instants.stop), beside])
+        lags = np.abs(instants[:, None] - instants)
+        covariance = np.where(lags < len(noise), noise[lags.clip(max=len(noise) - 1)], 0.0)
+        covariance[np.diag_indices_from(covariance)] *= 1.0 + JITTER
+        columns = np.concatenate([free.basis, np.zeros((len(beside), free.basis.shape[1]))])
+        weighted = cho_solve(cho_factor(covariance), columns)
+        estimates[key] = np.linalg.solve(columns.T @ weighted, weighted.T)
+    return replace(free, beside=beside, estimate=estimates[key])
 
 
 def _clusters(pieces: Sequence[tuple[slice]], band: Band) -> Iterator[tuple[list[slice], slice]]:

@@ -67,6 +67,13 @@ class NoiseModel:
         assert self.measure is not None
         return np.asarray(self.measure - np.linalg.slogdet(self.covariance)[1])
 
+    def autocovariance(self, band: Band) -> Array:
+        """Return that of the rows (lags, R), Nm², at the band's kept rate; beyond the band as at its edge."""
+        power = np.real(np.einsum("frr->fr", self.covariance))
+        edge = int(np.searchsorted(self.f, band.cutoff))
+        power[edge:] = power[edge - 1]
+        return np.fft.irfft(power, axis=0)[: len(power)]
+
     def std(self, low_pass: LowPass) -> Array:
         """Return the standard deviation (R,) of each residual behind a low pass."""
         density = np.real(np.einsum("frr->fr", self.covariance)) * low_pass.gain(self.f)[:, None] ** 2
@@ -245,7 +252,9 @@ class WhitenedData:
                 self.pure.append(pure)
                 alike = next(others, None)
                 own = stretch, band, layout, steps, observation.holes, observation.events
-                free = FreeTorques.of(*own, friction=sticking_removed, standing=standing, near=alike)
+                free = FreeTorques.of(
+                    *own, friction=sticking_removed, standing=standing, near=alike, noise=noise.autocovariance(band)
+                )
                 self._free.append(free)
         if not self.parts:
             raise DiagnosisError(
