@@ -32,7 +32,10 @@ def keep_memory() -> bool:
 
 
 def available_memory() -> float:
-    """Return how many bytes may still be taken, by the system and this process's limit; infinite where not known."""
+    """Return how many bytes may still be taken, by the system and this process's limit; infinite where not known.
+
+    What the C library keeps for this process (:func:`keep_memory`) is there, too.
+    """
     if not sys.platform.startswith("linux"):
         return math.inf
     import resource  # POSIX alone has it
@@ -43,4 +46,20 @@ def available_memory() -> float:
     if limit != resource.RLIM_INFINITY:
         taken = int(Path("/proc/self/statm").read_text().split()[0]) * os.sysconf("SC_PAGE_SIZE")
         found = min(found, limit - taken)
-    return found
+    return found + _kept_bytes()
+
+
+def _kept_bytes() -> int:
+    """Return how many bytes the C library holds that no array uses."""
+    try:
+        information = ctypes.CDLL(None).mallinfo2
+    except (AttributeError, OSError):
+        return 0
+    information.restype = _Information
+    return int(information().free)
+
+
+class _Information(ctypes.Structure):
+    """struct mallinfo2 of malloc.h."""
+
+    _fields_ = tuple((name, ctypes.c_size_t) for name in (*"abcdefgh", "free", "top"))  # noqa: RUF012

@@ -18,7 +18,7 @@ from elastic_arm.evidence.priors import CHANGED, FORMLESS, ODDS, RELATED, SCALES
 from elastic_arm.evidence.term import Ident, Key, Term
 
 WIDEST = max(one.factor for one in TRUST.values())
-SCREENS, PRODUCTS = 4, 100  # screens and products with all terms that are kept; memory
+SCREENS, PRODUCTS, FITS = 4, 100, 500  # screens, products with all terms and fits that are kept; memory
 EXACT = 0.1  # factor of the trust below which the numbers of a description lie where it has them; numerical
 LOOKED_AT = 30  # terms of which first-order gains are made well; numerical
 # Of sensors, only a simulation's description says how they are; details of how a law is met are in no description.
@@ -371,19 +371,18 @@ class LinearModel:
         near: A fit of a similar set, where its noise starts.
         """
         terms = tuple(terms)
-        key = frozenset(t.ident for t in terms)
-        if key not in self._fits:
-            whole, (V, kinds) = (*self.always, *terms), self.basis
-            free = np.full(V.shape[1], np.inf)
-            prior = Prior(
-                np.concatenate([V.T @ self.mean, *(t.mean for t in whole)]),
-                np.concatenate([self.factors(kinds), *(t.std * (self.trust if t.trusted else 1.0) for t in whole)]),
-                np.concatenate([-free, *(t.low for t in whole)]),
-                np.concatenate([free, *(t.high for t in whole)]),
-            )
-            start = None if near is None else near.found.v
-            self._fits[key] = Fit(self, whole, self._posterior(whole, prior, start))
-        return self._fits[key]
+        return kept(self._fits, frozenset(t.ident for t in terms), lambda: self._fitted(terms, near), FITS)
+
+    def _fitted(self, terms: tuple[Term, ...], near: Fit | None) -> Fit:
+        whole, (V, kinds) = (*self.always, *terms), self.basis
+        free = np.full(V.shape[1], np.inf)
+        prior = Prior(
+            np.concatenate([V.T @ self.mean, *(t.mean for t in whole)]),
+            np.concatenate([self.factors(kinds), *(t.std * (self.trust if t.trusted else 1.0) for t in whole)]),
+            np.concatenate([-free, *(t.low for t in whole)]),
+            np.concatenate([free, *(t.high for t in whole)]),
+        )
+        return Fit(self, whole, self._posterior(whole, prior, None if near is None else near.found.v))
 
 
 Gains = tuple[Array, Array, list[float | None]]

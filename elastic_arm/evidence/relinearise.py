@@ -88,7 +88,8 @@ def explain(problem: Problem, *, refit: bool) -> Explanation:
         # Where effects acted that are not there, sizes of the others are those beside them.
         there = _settled(found.linear, best, best.model.name)
         own = _explained(there, _again(best, there), best.model.name, refit, thetas, moves=ALL, most=0)
-        own.search.take(fit.compared_with(own.best) for fit in found.search.met.values() if fit.keys != best.keys)
+        more = (fit.compared_with(own.best) for fit in found.search.met.values() if fit.keys != best.keys)
+        own.search.take(more, own.best)
         judged = _judged(replace(own, log=(*found.log, *own.log)))
     return replace(judged, log=(*(line for one in starts for line in one.log), *judged.log))
 
@@ -113,7 +114,7 @@ def _stated(problem: Problem) -> tuple[ActingEffect, ...]:
 def _better(one: Explanation, other: Explanation) -> Explanation:
     """Return the more probable of two explanations, with the sets and the steps of both."""
     better, worse = (one, other) if one.best.score >= other.best.compared_with(one.best).score else (other, one)
-    better.search.take(fit.compared_with(better.best) for fit in worse.search.met.values())
+    better.search.take((fit.compared_with(better.best) for fit in worse.search.met.values()), better.best)
     return replace(better, log=(*one.log, "elsewhere:", *other.log))
 
 

@@ -18,7 +18,7 @@ from elastic_arm.evidence.changes import CHANGE, possible_changes
 from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.model import Fit, LinearModel, Screen
 from elastic_arm.evidence.nonlinear import is_open, refined
-from elastic_arm.evidence.priors import MOST, RELATED, SCALES, SHORT, TRIED, WORTH
+from elastic_arm.evidence.priors import MOST, NEAR, RELATED, SCALES, SHORT, TRIED, WORTH
 from elastic_arm.evidence.term import Ident, Key, Term
 
 Thetas = dict[Key, tuple[float, ...]]
@@ -57,6 +57,7 @@ class Search:
         while len(best.keys ^ first.keys) < most and (better := self._better(best, moves)) is not None:
             self.log.append(f"{better.score - best.score:+.1f}: {words_of(better, best)}")
             best = better
+        self.take((), best)
         return best
 
     def _better(self, fit: Fit, count: int) -> Fit | None:
@@ -144,10 +145,14 @@ class Search:
             self.met[fit.keys] = fit
         return fit
 
-    def take(self, fits: Iterable[Fit]) -> None:
-        """Take sets that were met elsewhere."""
+    def take(self, fits: Iterable[Fit], best: Fit) -> None:
+        """Take sets that were met elsewhere; those that are next to impossible beside the best one are let go.
+
+        Each holds a covariance, and those of elsewhere all the data there.
+        """
         for fit in fits:
             self._keep(fit)
+        self.met = {keys: fit for keys, fit in self.met.items() if fit.score > best.score - NEAR or fit is best}
 
     def _rescaled(self, fit: Fit) -> Iterator[Fit]:
         """Yield fits with a size on the scale on which it is most probable beside the others."""
