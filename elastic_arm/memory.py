@@ -62,4 +62,4 @@ def _kept_bytes() -> int:
 class _Information(ctypes.Structure):
     """struct mallinfo2 of malloc.h."""
 
-    _fields_ = tuple((name, ctypes.c_size_t) for name in (*"abcdefgh", "free", "top"))  # noqa: RUF012
+    _fields_ = tuple((name, ctypes.c_size_t) for name in (*"abcdefgh", "free", "top"))
