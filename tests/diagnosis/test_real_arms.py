@@ -36,10 +36,11 @@ def six_axes() -> Diagnosis:
 
 
 def test_what_a_model_lacks_is_not_taken_for_noise(six_axes: Diagnosis) -> None:
-    """Axis 2's counterbalance leaves the KR300 `unknown` at its place; no noise of 200 Nm hides it."""
-    assert six_axes.verdict == "unknown"
+    """Axis 2's counterbalance leaves the KR300 `unknown` at its place; its spring and the payload are named."""
+    assert six_axes.verdict == "unknown" and not six_axes.events
     assert "a2" in {left.joint for left in six_axes.unexplained}
-    assert not any(cause.effect == "thermal_friction" for cause in six_axes.causes)
+    found = {(cause.effect, cause.joint) for cause in six_axes.causes}
+    assert ("payload", "a6") in found and found & {("joint_spring", "a2"), ("counterbalance", "a2")}
 
 
 def test_low_passed_torques_are_compared_below_their_cutoff() -> None:
