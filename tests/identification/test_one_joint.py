@@ -72,6 +72,14 @@ def test_friction_that_is_asked_for_has_the_stated_value_as_nominal() -> None:
     assert not any("worse than" in note for note in result.notes)
 
 
+@pytest.mark.parametrize("seed", [1, 3, 9])
+def test_a_fit_as_good_as_a_right_description_is_not_called_worse(seed: int) -> None:
+    """What is left between the two is within the deviations of the fit: the description is said to be as good."""
+    notes = found(pendulum(1.0), swung(seed), swung(seed + 1)).notes
+    assert any("as well as the description" in note for note in notes)
+    assert not any("worse" in note or "do not use" in note for note in notes)
+
+
 def test_a_right_description_with_friction_is_better_than_a_fit_of_wrong_torques() -> None:
     """Torques without gravity predict worse than the description, whose friction is stated and asked for."""
     result = found(pendulum(1.0), swung(1, gravity=0.0), swung(2))
