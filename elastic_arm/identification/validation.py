@@ -108,7 +108,7 @@ class HeldOut:
         return float(np.mean([np.log(error / described) for *_, error, described in self.compared(Psi_base)]))
 
     def chance(self, covariance: Array) -> float:
-        """Return the mean log ratio of errors that the deviations of a fit give once in a hundred right descriptions."""
+        """Return the mean log ratio of errors to those of a right description that one fit in a hundred exceeds."""
         expected = {
             source: self.equations.by_joint(np.einsum("gij,jk,gik->g", R[:, :, :-1], covariance, R[:, :, :-1]))
             for source, R in self._averages.items()
