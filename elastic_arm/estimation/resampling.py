@@ -68,7 +68,7 @@ class Grid:
     def __len__(self) -> int:
         return len(self.t)
 
-    def __getitem__(self, part: slice) -> Grid:
+    def __getitem__(self, part: slice | NDArray[np.intp]) -> Grid:
         kept: dict[str, Any] = {name: values[part] for name, values in self.channels().items()}
         return replace(self, t=self.t[part], **kept)
 

@@ -52,10 +52,10 @@ def smoothed(
     """
     every = smoother.thinning
     if read is not None:
-        motion, inner = smoother(grid), grid[smoother.lag : -smoother.lag]
-        rows = read_at(motion.t, read)
-        motion = replace(motion, tau_J=inner.tau_J, tau_m=inner.tau_m)[rows]
-        return replace(motion, laws=equations.laws(motion), every=max(1, round(len(inner) / max(len(rows), 1))))
+        whole, raw = smoother(grid), grid[smoother.lag : -smoother.lag]
+        rows = read_at(whole.t, read)
+        some = replace(whole, tau_J=raw.tau_J, tau_m=raw.tau_m)[rows]
+        return replace(some, laws=equations.laws(some), every=max(1, round(len(whole) / max(len(rows), 1))))
     if not equations.columns:
         return smoother(grid, every)
     motion = smoother(grid)

@@ -161,8 +161,9 @@ class DerivativeStage:
         if not long_enough:
             raise self._too_short(lost, twice)
         standing = self._standing if stuck else None
-        own = {"equations": equations, "standing": standing, "read": self.read}
-        stage = smoother if equations is None else partial(smoothed, smoother, **own)
+        stage: Callable[[Grid], Motion] = smoother
+        if equations is not None:
+            stage = partial(smoothed, smoother, equations=equations, standing=standing, read=self.read)
         pieces: list[Callable[[], Motion]] = []
         lengths: list[int] = []
         for grid in long_enough:

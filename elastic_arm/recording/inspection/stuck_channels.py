@@ -115,10 +115,9 @@ def at_updates(recording: Recording, found: list[Finding]) -> Recording:
     """Take channels that are held at their updates: a cubic spline through these is between them."""
     kept: dict[str, Any] = {}
     slowest, read_ns = 1.0, recording.read_ns
-    for name, side in recording.measured().items():
-        if len(side) < FEWEST:
-            continue
-        position, inner, filled = _position(recording, side), np.ones(len(side), np.bool_), {}
+    for name, side in ((name, side) for name, side in recording.measured().items() if len(side) >= FEWEST):
+        position, stamps, filled = _position(recording, side), side.stamp_ns, dict[str, Any]()
+        first, last = 0, len(side)
         middle = slice(max(0, (len(side) - _ENOUGH) // 2), (len(side) + _ENOUGH) // 2)
         for channel, values in side.channels().items():
             periods, column = np.ones(recording.n), values.copy()
@@ -128,22 +127,18 @@ def at_updates(recording: Recording, found: list[Finding]) -> Recording:
                 if share <= HELD or period <= 1.0 or filled_in(values[middle, j], turning[middle]) > HELD:
                     continue
                 periods[j], at = period, _updates(values[:, j], period)
-                rows = np.arange(at[0], at[-1] + 1)
-                column[rows, j] = CubicSpline(side.stamp_ns[at] - side.stamp_ns[0], values[at, j])(
-                    side.stamp_ns[rows] - side.stamp_ns[0]
-                )
-                inner &= (np.arange(len(side)) >= at[0]) & (np.arange(len(side)) <= at[-1])
+                through = CubicSpline(stamps[at] - stamps[0], values[at, j])
+                column[:, j] = through(stamps - stamps[0])
+                first, last = max(first, int(at[0])), min(last, int(at[-1]) + 1)
                 if channel == "effort" and period > slowest:
-                    slowest, read_ns = period, side.stamp_ns[at]
+                    slowest, read_ns = period, stamps[at]
             if (held := periods > 1.0).any():
-                filled[channel] = column
-                rate = 1e9 / float(np.median(np.diff(side.stamp_ns)))
+                filled[channel], rate = column, 1e9 / float(np.median(np.diff(stamps)))
                 rates = f"{span_of(rate / periods[held])} Hz in a recording of {rate:.4g} Hz"
                 words = f"is held: a new value comes every {span_of(periods[held])} samples, {rates}"
                 remedy = "it is taken at these instants, and may be older there"
                 found += about(recording.joints, held, "held", f"{name} {channel}", words, remedy)
-        if filled:
-            kept[name] = replace(side, **filled).at(inner)
+        kept |= {name: replace(side, **filled).at(slice(first, last))} if filled else {}
     return replace(recording, **kept, read_ns=read_ns) if kept else recording
 
 
