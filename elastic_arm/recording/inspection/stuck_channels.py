@@ -115,18 +115,22 @@ def at_updates(recording: Recording, found: list[Finding]) -> Recording:
     """Take channels that are held at their updates: a cubic spline through these is between them."""
     kept: dict[str, Any] = {}
     slowest, read_ns = 1.0, recording.read_ns
-    for name, side in ((name, side) for name, side in recording.measured().items() if len(side) >= FEWEST):
-        position, stamps, filled = _position(recording, side), side.stamp_ns, dict[str, Any]()
-        first, last = 0, len(side)
+    for name, side in recording.measured().items():
+        if len(side) < FEWEST or not np.all(np.diff(side.stamp_ns) > 0):
+            continue
         middle = slice(max(0, (len(side) - _ENOUGH) // 2), (len(side) + _ENOUGH) // 2)
+        position, stamps, filled = _position(recording, side.at(middle)), side.stamp_ns, dict[str, Any]()
+        first, last = 0, len(side)
         for channel, values in side.channels().items():
-            periods, column = np.ones(recording.n), values.copy()
-            for j in np.flatnonzero(joints_with(values)).tolist():
-                turning = np.ones(len(side), np.bool_) if position is None else _changing(position[:, j])
-                share, period = _held(values[middle, j], turning[middle])
-                if share <= HELD or period <= 1.0 or filled_in(values[middle, j], turning[middle]) > HELD:
+            periods, column = np.ones(recording.n), values
+            for j in np.flatnonzero(np.isfinite(values).all(axis=0)).tolist():
+                part = values[middle, j]
+                turning = np.ones(len(part), np.bool_) if position is None else _changing(position[:, j])
+                share, period = _held(part, turning)
+                if share <= HELD or period <= 1.0 or filled_in(part, turning) > HELD:
                     continue
                 periods[j], at = period, _updates(values[:, j], period)
+                column = values.copy() if column is values else column
                 through = CubicSpline(stamps[at] - stamps[0], values[at, j])
                 column[:, j] = through(stamps - stamps[0])
                 first, last = max(first, int(at[0])), min(last, int(at[-1]) + 1)
@@ -205,7 +209,7 @@ def _position(recording: Recording, side: Side) -> Array | None:
     """Return positions (N, n) at the samples of a side: its own, or those of the other one."""
     if side.position is not None:
         return side.position
-    other = recording.link if side is recording.motor else recording.motor
+    other = next((one for one in recording.measured().values() if one.position is not None), None)
     if other is None or other.position is None:
         return None
     columns = [np.interp(side.stamp_ns, other.stamp_ns, column) for column in other.position.T]
