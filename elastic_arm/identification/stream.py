@@ -52,7 +52,10 @@ def smoothed(
     """
     every = smoother.thinning
     if read is not None:
-        whole, raw = smoother(grid), grid[smoother.lag : -smoother.lag]
+        kept = slice(smoother.lag, -smoother.lag)
+        whole, raw = smoother(grid), grid[kept]
+        if equations.columns:  # runs overlap by what two filters lose
+            whole, raw = whole[kept], raw[kept]
         rows = read_at(whole.t, read)
         some = replace(whole, tau_J=raw.tau_J, tau_m=raw.tau_m)[rows]
         return replace(some, laws=equations.laws(some), every=max(1, round(len(whole) / max(len(rows), 1))))
