@@ -50,7 +50,7 @@ def shares(data: WhitenedData, values: Sequence[Array], row: int, ratios: tuple[
     power = float(np.mean(r**2)) or 1.0
     for regime in parts[0]:
         basis = np.concatenate(
-            [data.band.apply(p[regime])[part.stretch.kept] for p, part in zip(parts, data.parts, strict=True)]
+            [part.stretch.in_band(p[regime], data.band) for p, part in zip(parts, data.parts, strict=True)]
         )
         beta = np.linalg.lstsq(basis, r, rcond=1e-8)[0]
         left = float(np.mean((r - basis @ beta) ** 2))

@@ -19,7 +19,7 @@ from elastic_arm.arrays import Array
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.motion import Motion, rates_of, with_filtered_deflection
 from elastic_arm.estimation.noise import HIGHEST_CUTOFF, ORDER, Telegraph, encoder_steps, estimate_noise
-from elastic_arm.estimation.resampling import Clock, Grid, extended
+from elastic_arm.estimation.resampling import Clock, Grid, extended, read_at
 from elastic_arm.estimation.smoother import Smoother, left_out
 from elastic_arm.recording import Recording, Samples
 from elastic_arm.recording.inspection.torque_spectrum import TorqueSpectrum, torque_spectra
@@ -79,6 +79,7 @@ class Observation:
     telegraphs: Mapping[str, Telegraph] = field(default_factory=dict)
     # Hz, from which on torques were low-passed before they were recorded; infinite where none was
     torque_band: float = np.inf
+    read: Array | None = None  # s at which torques were read, where they are held between
     gains: Mapping[str, Array] = field(default_factory=dict)  # "tau_J", "tau_m" -> (n,), by which torques were divided
     # (n,) rad/s within which dry friction turns over; as sharply as the velocity's noise lets it be seen when None
     turning: Array | None = None
@@ -318,7 +319,12 @@ def observe(recording: Recording, band: float | None = None) -> Observation:
     # The crossovers are those of the wide band: what is negligible in a narrow one is not in this one.
     wide_link, wide_motor = (None if side is None else replace(side, cutoff=cutoff) for side in (link, motor))
     crossing = Smoother.from_noise(clock.rate, wide_link, wide_motor, recording.n)
+    every = 1.0 if samples.read is None else float(np.median(np.diff(samples.read))) * clock.rate
+    read_band = np.inf if samples.read is None else widest_band(clock.rate / every)
+    # Readings that do not follow the motion are compared singly; smoothed less, it would fold into their band.
+    read = samples.read if read_band < designed.cutoff / (2 * np.pi) else None
     smoother = Smoother(clock.rate, cutoff, crossing.link_crossover, crossing.motor_crossover)
+    smoother = smoother if read is None else replace(smoother, cutoff=min(cutoff, designed.cutoff))
     spectra = torque_spectra(recording)
     made_by = {recording.joints.index(name): controller for name, controller in recording.made_by.items()}
     levels = {
@@ -332,8 +338,16 @@ def observe(recording: Recording, band: float | None = None) -> Observation:
     if made_by and longest.tau_m is not None:
         # What the encoders' noise makes of it is known by the controllers: the rest is the drive's.
         levels["tau_m"] = ORDINARY_NOISE * np.std(longest.tau_m, axis=0)
-    noise = ChannelNoise(**{name: _of_recorded(level, name, samples.lacking) for name, level in levels.items()})
     pieces = tuple(smoother(extended(grid, smoother.lag)) for grid in grids)
+    torque_band = min(read_band, max(NARROWEST_BAND, min((one.band for one in spectra.values()), default=np.inf)))
+    for name in [name for name in ("tau_J", "tau_m") if samples.read is not None and levels[name] is not None]:
+        level = ORDINARY_NOISE * np.std(getattr(longest, name), axis=0)
+        if read is None:  # they reach above the motion
+            level = torque_noise([grid[read_at(grid.t, samples.read)] for grid in grids], name)
+        levels[name] = level * every**0.5
+    if read is not None:
+        pieces = tuple(replace(p, tau_J=g.tau_J, tau_m=g.tau_m) for p, g in zip(pieces, grids, strict=True))
+    noise = ChannelNoise(**{name: _of_recorded(level, name, samples.lacking) for name, level in levels.items()})
     # Above the frequency where noise outweighs motion, accelerations are noise, and the same that the residuals hold:
     # a column made of it would be correlated with them.
     calm = replace(smoother, cutoff=min(smoother.cutoff, designed.cutoff))
@@ -351,7 +365,6 @@ def observe(recording: Recording, band: float | None = None) -> Observation:
         for name, side, position in (("link", link, longest.q), ("motor", motor, longest.theta))
         if side is not None and position is not None
     }
-    torque_band = max(NARROWEST_BAND, min((one.band for one in spectra.values()), default=np.inf))
     cutoff, source = designed.cutoff / (2 * np.pi), recording.source
     found = Observation(
         pieces,
@@ -365,6 +378,7 @@ def observe(recording: Recording, band: float | None = None) -> Observation:
         steps,
         telegraphs,
         torque_band=torque_band,
+        read=read,
         made_by=made_by,
         driven_by=made_by,
         holes=holes,

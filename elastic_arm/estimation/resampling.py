@@ -35,7 +35,7 @@ from elastic_arm.recording.timebase.clocks import (
 )
 
 CHANNELS = ("q", "dq", "tau_J", "theta", "dtheta", "tau_m", "r")
-_OF_ALL = ("notes", "clock", "lacking")  # what samples have once for all of them
+_OF_ALL = ("notes", "clock", "lacking", "read")  # what samples have once for all of them
 
 # Up to this many missing samples in a row are interpolated; the smoother would hardly notice them.
 LONGEST_HOLE = 4
@@ -68,7 +68,7 @@ class Grid:
     def __len__(self) -> int:
         return len(self.t)
 
-    def __getitem__(self, part: slice) -> Grid:
+    def __getitem__(self, part: slice | NDArray[np.intp]) -> Grid:
         kept: dict[str, Any] = {name: values[part] for name, values in self.channels().items()}
         return replace(self, t=self.t[part], **kept)
 
@@ -227,6 +227,14 @@ class Placing:
         return Grid(np.interp(points, position, piece.t), rate, **filled, lacking=lacking)
 
 
+def read_at(t: Array, read: Array | None) -> NDArray[np.intp]:
+    """Return which of regular times t (N,) are those at which torques were read; all where none are given."""
+    if read is None:
+        return np.arange(len(t))
+    k = np.rint((read - t[0]) / (t[1] - t[0])).astype(np.intp)
+    return np.unique(k[(k >= 0) & (k < len(t))])
+
+
 def interpolate(known: Array, values: Array, wanted: Array, step: float) -> Array:
     """Interpolate columns (N, n), known at increasing times, by the polynomial through the six nearest points.
 
@@ -261,7 +269,7 @@ def part(samples: Samples, piece: slice | NDArray[Any]) -> Samples:
         for f in fields(Samples)
         if f.name not in _OF_ALL
     }
-    return Samples(**kept, clock=samples.clock, lacking=samples.lacking)
+    return Samples(**kept, clock=samples.clock, lacking=samples.lacking, read=samples.read)
 
 
 def joined(first: Samples, second: Samples) -> Samples:
@@ -278,7 +286,7 @@ def joined(first: Samples, second: Samples) -> Samples:
         raise IdentificationError(
             "a joint has a channel in one part of the samples only", "Identify recordings with equal channels."
         )
-    return Samples(**kept, clock=first.clock, lacking=first.lacking)
+    return Samples(**kept, clock=first.clock, lacking=first.lacking, read=first.read)
 
 
 _MEANING: dict[Mode, str] = {

@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.polynomial.legendre import legvander
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 from scipy.linalg import cho_factor, cho_solve
 from scipy.ndimage import binary_dilation, binary_opening, find_objects, label
 
@@ -21,6 +22,7 @@ from elastic_arm.estimation.band import Band
 from elastic_arm.estimation.equations import DRIVE, LINK, MOTOR, EquationSet
 from elastic_arm.estimation.motion import CompletedMotion, completed, drive_constants
 from elastic_arm.estimation.observation import Observation
+from elastic_arm.estimation.resampling import read_at
 from elastic_arm.recording.standstill import STANDS
 
 SLOWEST = 5e-4  # rad/s: slower than this a velocity has no sign, whatever the noise
@@ -77,6 +79,14 @@ class Stretch:
     motion: CompletedMotion  # the completed motion at the recording's rate that they were made of
     quiet: CompletedMotion  # the same motion, smoothed further, for the columns of effects
     kept: slice  # which of the rows that the band gives for the motion they are
+    # samples of the motion at which torques were read, where that is not at all of them
+    read: NDArray[np.intp] | None = None
+
+    def in_band(self, values: Array, band: Band) -> Array:
+        """Return columns (N, k) at the recording's rate in the band, known when torques were, (N', k)."""
+        if self.read is not None and values.shape[1]:
+            values = CubicSpline(self.read, values[self.read])(np.arange(len(values)))
+        return np.asarray(band.apply(values)[self.kept])
 
 
 def residuals(model: Model, observation: Observation, equations: EquationSet, band: Band) -> list[Stretch]:
@@ -88,7 +98,9 @@ def residuals(model: Model, observation: Observation, equations: EquationSet, ba
         t = band.times(motion.t)
         first, last = np.searchsorted(t, [motion.t[0] + observation.margin, motion.t[-1] - observation.margin])
         kept = slice(int(first), int(last))
-        stretches.append(Stretch(t[kept], band.apply(full)[kept], motion, quiet, kept))
+        read = None if observation.read is None else read_at(motion.t, observation.read)
+        made = Stretch(t[kept], full, motion, quiet, kept, read)
+        stretches.append(replace(made, values=made.in_band(full, band)))
     return [s for s in stretches if len(s.t) > band.kept_rate]
 
 

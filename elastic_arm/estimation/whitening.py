@@ -302,7 +302,7 @@ class WhitenedData:
         """Carry columns (N, 3 n, k) at the recording's rate over to the usable equations in the band, (N', R, k)."""
         entries = columns if isinstance(columns, Entries) else Entries.of(columns)
         # Fewer samples first: filter and combination commute.
-        thin = Entries(self.band.apply(entries.values)[part.stretch.kept], entries.rows, entries.columns, entries.shape)
+        thin = Entries(part.stretch.in_band(entries.values, self.band), entries.rows, entries.columns, entries.shape)
         return self.layout.combine(thin.dense())
 
     def whiten(self, columns: Sequence[Array]) -> Array:

@@ -11,7 +11,7 @@ from elastic_arm.arrays import Array
 from elastic_arm.dynamics import Model
 from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.motion import Motion
-from elastic_arm.estimation.resampling import Clock, Grid, Placing, joined, part
+from elastic_arm.estimation.resampling import Clock, Grid, Placing, joined, part, read_at
 from elastic_arm.estimation.residuals import AROUND, standing_speed, sticking
 from elastic_arm.estimation.smoother import Smoother, design_smoother
 from elastic_arm.identification.accumulator import BLOCK, Accumulator
@@ -38,12 +38,27 @@ CAPACITY = 200_000
 SET_BACK = 1.0
 
 
-def smoothed(smoother: Smoother, grid: Grid, equations: BaseRegression, standing: Array | None = None) -> Motion:
+def smoothed(
+    smoother: Smoother,
+    grid: Grid,
+    equations: BaseRegression,
+    standing: Array | None = None,
+    read: Array | None = None,
+) -> Motion:
     """Smooth a regular piece, with the laws beyond the model passed through the same filter.
 
-    It states where joints stick, slower than `standing` (n,) rad/s, if that is given and there are such laws.
+    It states where joints stick, slower than `standing` (n,) rad/s, if that is given and there are such laws. Torques
+    that were read at some instants alone (s) passed no filter, and laws pass none there.
     """
     every = smoother.thinning
+    if read is not None:
+        kept = slice(smoother.lag, -smoother.lag)
+        whole, raw = smoother(grid), grid[kept]
+        if equations.columns:  # runs overlap by what two filters lose
+            whole, raw = whole[kept], raw[kept]
+        rows = read_at(whole.t, read)
+        some = replace(whole, tau_J=raw.tau_J, tau_m=raw.tau_m)[rows]
+        return replace(some, laws=equations.laws(some), every=max(1, round(len(whole) / max(len(rows), 1))))
     if not equations.columns:
         return smoother(grid, every)
     motion = smoother(grid)

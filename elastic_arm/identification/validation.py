@@ -33,10 +33,13 @@ from elastic_arm.robot import Robot
 # Relative errors of the description that are tried where held-out motion refutes a fit: errors of a model that does not
 # hold may be many times the noise.
 PULLED = (*WIDTHS, 1e-2, 1e-3, 1e-4, 1e-5)
+HELD_OUT = "the held-out recordings"
+ALIKE = f"within its deviations, the fit predicts {HELD_OUT} as well as the description, which may stay as it is"
 # Relative errors of the description that the consistent arm may still take it for, where it predicts badly.
 TRUSTS = (0.3, 0.1, 0.03, 0.01)
 # Ratio of rms errors from which a joint is predicted worse than by the description.
 WORSE = 1.1
+RARE = 6.6  # times its mean, a square of one normal deviation is once in a hundred
 # Mean log ratio of rms errors up to which a fit predicts as well as the description: one that is right already cannot
 # be improved.
 EQUAL = 0.01
@@ -104,6 +107,17 @@ class HeldOut:
         """Return the mean log ratio of errors to those of the description; above 0 is worse."""
         return float(np.mean([np.log(error / described) for *_, error, described in self.compared(Psi_base)]))
 
+    def chance(self, covariance: Array) -> float:
+        """Return the mean log ratio of errors to those of a right description that one fit in a hundred exceeds."""
+        expected = {
+            source: self.equations.by_joint(np.einsum("gij,jk,gik->g", R[:, :, :-1], covariance, R[:, :, :-1]))
+            for source, R in self._averages.items()
+        }
+        compared = self.compared(self.equations.described)
+        return float(
+            np.mean([0.5 * np.log1p(RARE * expected[s][side][j] / error**2) for s, side, j, error, _ in compared])
+        )
+
     def worse(self, Psi_base: Array) -> list[str]:
         """Return the joints that some recording shows to be predicted clearly worse than by the description."""
         compared = self.compared(Psi_base)
@@ -155,15 +169,16 @@ def _pulled(result: Identification, identifier: Identifier, held_out: HeldOut, c
     refuted = now > EQUAL
     if refuted:
         _, ratio, width, best = min(tries, key=lambda each: each[1])
-        better, said = ratio < now, ["the fit predicts the held-out recordings worse than the description does"]
+        alike = not worse and now <= held_out.chance(result.covariance)
+        better, said = ratio < now, [ALIKE if alike else f"the fit predicts {HELD_OUT} worse than the description does"]
     else:
         count, ratio, width, best = min(tries, key=lambda each: each[:2])
         better, said = count < len(worse) and ratio <= now + EQUAL, list[str]()
     if better:
         said += [] if refuted else [f"the fit predicts {', '.join(worse)} worse than the description does"]
-        said.append(described_width(width, "the held-out recordings"))
+        said.append(described_width(width, HELD_OUT))
         result = result.with_(estimates=best.estimates, covariance=best.covariance, noise=best.noise)
-    if refuted and ratio > EQUAL:
+    if refuted and not alike and ratio > EQUAL:
         said.append("no fit near the description is better than it: do not use the identified numbers")
     return result.with_(notes=(*result.notes, *said))
 
@@ -192,8 +207,10 @@ def _consistent_or_none(
             kept = worse
             tried = consistent(trust, described=kept)
     where = f" at {', '.join(worst)}" if worst else ""
-    note = f"the consistent arm predicts the held-out recordings worse than the description{where}: "
-    return result.with_(identified=None, notes=(*result.notes, note + "no robot.yaml is written"))
+    said = (
+        [] if ALIKE in result.notes else [f"the consistent arm predicts {HELD_OUT} worse than the description{where}"]
+    )
+    return result.with_(identified=None, notes=(*result.notes, ": ".join([*said, "no robot.yaml is written"])))
 
 
 def _described(joints: Sequence[str], equations: BaseRegression) -> str:

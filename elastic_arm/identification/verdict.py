@@ -156,7 +156,8 @@ def _reasons(statistics: MotionStatistics, groups: int, relative: Array, paramet
         )
     bad = np.count_nonzero(~(relative <= POORLY))
     if bad > POOR_SHARE * len(relative):
-        reasons.append(f"{bad} of {len(relative)} base parameters of the arm will stay within their expected errors")
+        of = f"{bad} of {len(relative)} base parameters of the arm"
+        reasons.append(f"with {TORQUE_NOISE:g} Nm of noise, it determines {of} no better than a description has them")
     return tuple(reasons)
 
 

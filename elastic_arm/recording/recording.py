@@ -40,6 +40,8 @@ class Recording:
     made_by
         Joint -> controller that made its motor torque of command and state; the reference then is as the drives take
         it. Empty where torques were measured.
+    read_ns
+        (M,) stamps at which torques were read that are recorded more often; None where every sample was.
     """
 
     joints: tuple[str, ...]
@@ -52,6 +54,7 @@ class Recording:
     clock: ClockMode | None = None
     currents: tuple[str, ...] = ()
     made_by: Mapping[str, JointController] = field(default_factory=dict)
+    read_ns: Stamps | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "joints", tuple(self.joints))
@@ -96,6 +99,8 @@ class Recording:
                     problem = f"the stamps of {side_name} do not advance"
                     raise RecordingError(problem, "Give every stamp once, in order.")
             samples = replace(join(self.link, self.motor, self.clock), clock=self.clock)
+            if self.read_ns is not None:
+                samples = replace(samples, read=np.asarray((self.read_ns - samples.stamp_ns[0]) * 1e-9))
             return replace(samples, r=self._followed(samples.stamp_ns)) if self.made_by else samples
         except RecordingError as error:
             raise RecordingError(f"{self.source or 'the recording'}: {error.problem}", error.remedy) from None

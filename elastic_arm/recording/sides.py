@@ -192,6 +192,8 @@ class Samples:
     lacking: Lacking = frozenset()
     # (N, n) rad, command as the drives take it; None unless tau_m is what controllers make of it
     r: Array | None = None
+    # (M,) s, on the axis of t, at which torques were read where that is not at all of t
+    read: Array | None = None
 
     def __len__(self) -> int:
         return len(self.t)

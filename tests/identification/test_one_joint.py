@@ -72,11 +72,36 @@ def test_friction_that_is_asked_for_has_the_stated_value_as_nominal() -> None:
     assert not any("worse than" in note for note in result.notes)
 
 
+@pytest.mark.parametrize("seed", [1, 3, 9])
+def test_a_fit_as_good_as_a_right_description_is_not_called_worse(seed: int) -> None:
+    """What is left between the two is within the deviations of the fit: the description is said to be as good."""
+    notes = found(pendulum(1.0), swung(seed), swung(seed + 1)).notes
+    assert any("as well as the description" in note for note in notes)
+    assert not any("worse" in note or "do not use" in note for note in notes)
+
+
 def test_a_right_description_with_friction_is_better_than_a_fit_of_wrong_torques() -> None:
     """Torques without gravity predict worse than the description, whose friction is stated and asked for."""
     result = found(pendulum(1.0), swung(1, gravity=0.0), swung(2))
     assert any("worse than" in note for note in result.notes)
     assert result.validation["run_2"]["nominal"]["whole"]["j"] < 0.05
+
+
+@pytest.mark.parametrize("every", [5, 25])
+def test_a_held_torque_counts_when_it_is_read(every: int) -> None:
+    """Updated at 50 or 10 Hz of 250: friction is right with deviations that hold, a right description is right."""
+    read = np.arange(len(T)) // every * every
+    runs = [swung(seed) for seed in (1, 2)]
+    runs = [replace(r, motor=replace(r.motor, effort=r.motor.effort[read])) for r in runs]
+    result = found(pendulum(0.0), *runs)
+    for law, true in (("viscous", VISCOUS), ("coulomb", DRY)):
+        fitted = of_law(result, law)
+        assert abs(fitted.value - true) < 3.0 * fitted.std < 0.3 * true
+    assert any(f"a new value comes every {every} samples" in note for note in result.notes)
+    causes = {c.effect: c.parameters for c in diagnose(runs[:1], Question(pendulum(0.0)), runs[1:]).causes}
+    assert causes["coulomb_friction"]["torque"].value == pytest.approx(DRY, rel=0.1)
+    assert causes["viscous_friction"]["coefficient"].value == pytest.approx(VISCOUS, rel=0.1)
+    assert diagnose(runs[:1], Question(pendulum(1.0)), runs[1:]).verdict == "none"
 
 
 def two_masses() -> tuple[Robot, Recording, Recording]:

@@ -197,6 +197,20 @@ def test_torques_without_gravity_are_named_with_the_correlation(left: float, wor
     assert finding.code == "gravity_missing" and words in finding.message and "correlation" in finding.message
 
 
+@pytest.mark.parametrize(("share", "joints"), [(0.7, [1]), (0.4, [0, 1, 2, 3])])
+def test_a_share_of_gravity_that_was_taken_is_named_with_its_size(share: float, joints: list[int]) -> None:
+    """Of one joint, or less than half of all joints' weight, where the torques have a gain of 1.2."""
+    robot = arm()
+    whole, without = (recorded(robot, down, speed=2.0) for down in (DOWN, 0.0 * DOWN))
+    effort = whole.link.effort.copy()
+    effort[:, joints] += share * (without.link.effort - whole.link.effort)[:, joints]
+    given = replace(whole, link=replace(whole.link, effort=effort))
+    (finding,) = contradicted_gravity(given, robot)
+    assert finding.code == "gravity_missing" and ("all joints" if len(joints) > 1 else "joint_2") in finding.message
+    size, _, std = finding.message.partition("share of ")[2].split()[:3]
+    assert abs(float(size) - share) < 4.0 * float(std) + 0.2 * share
+
+
 @pytest.mark.parametrize(
     ("side", "elastic", "seed", "joint"), [("link", False, 2, 1), ("motor", False, 3, 0), ("motor", True, 2, 0)]
 )

@@ -14,7 +14,7 @@ from elastic_arm.recording import Recording, Side, write_recording
 from elastic_arm.recording.inspection.check import check_bag
 from elastic_arm.recording.inspection.outliers import cleared
 from elastic_arm.recording.inspection.report import Finding
-from elastic_arm.recording.inspection.stuck_channels import channel_findings, frozen
+from elastic_arm.recording.inspection.stuck_channels import at_updates, channel_findings, frozen
 from tests.helpers.random_arms import random_arm
 
 Array = NDArray[np.float64]
@@ -36,7 +36,8 @@ def recording(noise: float = 0.3, step: float = 0.5, limit: float = np.inf) -> R
 
 def found(samples: Recording, code: str) -> list[Finding]:
     """Findings of one code, or of all that begin like it."""
-    return [finding for finding in channel_findings(samples) if finding.code.startswith(code)]
+    whole = at_updates(samples, slow := list[Finding]())
+    return [finding for finding in [*slow, *channel_findings(whole)] if finding.code.startswith(code)]
 
 
 def held(samples: Recording, rows: slice, begin: int | None = None) -> Recording:

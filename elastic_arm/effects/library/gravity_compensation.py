@@ -23,7 +23,7 @@ EFFECT = Effect(
     formula="recorded torque = true - share * g_i(q)",
     description="The controller compensates gravity by itself, and the torque that it records lacks that, wholly or in "
     "part.",
-    plain="has a recorded torque without a share of {share} of its weight",
+    plain="records a torque that lacks {share} times its weight",
     signature="The residual is the weight that the model predicts, with the opposite sign; inertia is felt in full.",
     law=law,
     parameters=(Parameter("share", "1", 0.02, 1.2, neutral=0.0, draw=(0.2, 1.0), meaning="1 where all is missing"),),

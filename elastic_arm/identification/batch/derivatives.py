@@ -101,6 +101,7 @@ class DerivativeStage:
 
     def __init__(self, samples: Samples, *, source: str = "") -> None:
         self._source = source or "the recording"
+        self._read = samples.read
         clock = Clock.of(samples, self._source)
         self._grids = clock.place(samples)
         if not self._grids:
@@ -129,6 +130,11 @@ class DerivativeStage:
         return float(self._smoother.cutoff / (2 * np.pi))
 
     @functools.cached_property
+    def read(self) -> Array | None:
+        """When torques were read, s; None where that is often enough for all that the smoother passes."""
+        return None if self._read is None or 0.5 / np.median(np.diff(self._read)) > self.band else self._read
+
+    @functools.cached_property
     def _smoother(self) -> Smoother:
         return design_smoother(self._grids, self._width)
 
@@ -155,7 +161,9 @@ class DerivativeStage:
         if not long_enough:
             raise self._too_short(lost, twice)
         standing = self._standing if stuck else None
-        stage = smoother if equations is None else partial(smoothed, smoother, equations=equations, standing=standing)
+        stage: Callable[[Grid], Motion] = smoother
+        if equations is not None:
+            stage = partial(smoothed, smoother, equations=equations, standing=standing, read=self.read)
         pieces: list[Callable[[], Motion]] = []
         lengths: list[int] = []
         for grid in long_enough:

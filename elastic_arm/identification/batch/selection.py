@@ -233,7 +233,7 @@ class Trials:
         Where the band ends among the resonances of arms, or the equations close as they stand, the arm is rigid in it.
         """
         whole = replace(choice, averaged=False)
-        if all(stage.band <= RESONANCES for stage in self.stages):
+        if all(stage.band <= RESONANCES or stage.read is not None for stage in self.stages):
             return whole
         trial = self(whole)
         rigid = trial.identifier.equations.rigid

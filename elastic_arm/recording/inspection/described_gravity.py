@@ -17,7 +17,7 @@ Slow samples resemble each other: N of them are worth as few independent ones as
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from itertools import combinations
+from itertools import chain, combinations
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -53,6 +53,10 @@ SIDES = {"tau_J": "link", "tau_m": "motor"}
 # that are at most a hundred times less likely, as in the contract.
 CERTAIN, BESIDE = 10.0, float(np.log(100.0))
 MASSES = 0.3  # relative: a payload, a tool, another motor; of links as described and of the arm's mean link; convention
+MISSING = "gravity_missing"
+TAKEN = "it was subtracted before the torque was recorded, or something else carries the arm: record all of it, or \
+describe what does (gravity_compensation)"
+SHARE = 0.4  # of gravity that is compensated, and of gains, by logarithm: as `effects.library` draws them
 ZERO = 0.1  # rad, of the zeros of exchanged motors and encoders, as `effects.library.joint_zero` draws them
 
 
@@ -108,7 +112,7 @@ def contradicted_gravity(recording: Recording, robot: Robot) -> list[Finding]:
     """
     found = []
     for side, motion, fit in _fits(recording, robot):
-        found += _size(fit, side) or _geometry(motion, side, robot) or _judged(fit, side, robot)
+        found += [one for stage in _told(motion, side, fit, robot) for one in stage]
     return found
 
 
@@ -118,12 +122,11 @@ def misread_channels(recording: Recording, robot: Robot, *, weight: bool) -> str
     weight: whether torques without gravity are among them.
     """
     for side, motion, fit in _fits(recording, robot):
-        for one in _size(fit, side) or _geometry(motion, side, robot):
-            if one.code != "other_zero":
-                return one.message
-        missing = (one for one in _judged(fit, side, robot) if weight and one.code == "gravity_missing")
-        if (found := next(missing, None)) is not None:
-            return found.message
+        told = _told(motion, side, fit, robot)
+        confused = next(told)
+        lacking = (one for one in (next(told) if weight else []) if one.code == MISSING)
+        if (first := next(chain(confused, lacking), None)) is not None:
+            return first.message
     return None
 
 
@@ -210,12 +213,10 @@ class _Arm(NamedTuple):
     spread: Array
 
 
-def _geometry(motion: _SideMotion, side: str, robot: Robot) -> list[Finding]:
-    """Return what the geometry alone shows: channels that were confused, or the zero of a joint."""
-    if len(motion.measured) < 2:
-        return []
+def _told(motion: _SideMotion, side: str, fit: GravityFit, robot: Robot) -> Iterator[list[Finding]]:
+    """Yield which channels were confused, and then, if none were, what else is not as described."""
     every = max(1, len(motion.q) // 500)  # so many samples are tried with every other arrangement
-    motion = _SideMotion(*(rate[::every] for rate in motion[:4]), motion.measured)  # type: ignore[call-arg, arg-type]
+    few = _SideMotion(*(rate[::every] for rate in motion[:4]), motion.measured)  # type: ignore[call-arg, arg-type]
     # A few thousand samples: compiling would take longer than all that is computed.
     n, model = robot.n, build_model(robot, engine="numpy")
 
@@ -225,8 +226,10 @@ def _geometry(motion: _SideMotion, side: str, robot: Robot) -> list[Finding]:
         Y = model.regressor(q, dq, ddq)
         return np.asarray(Y[:, :n] + (Y[:, n:] if robot.elastic and side == "motor" else 0.0))
 
-    arm = _Arm(regressor, model.Psi, _spread(model))
-    return _arranged(motion, side, robot, arm) or _zero(motion, side, robot, arm)
+    arm, several = _Arm(regressor, model.Psi, _spread(model)), len(motion.measured) > 1
+    confused = _size(fit, side) or (_arranged(few, side, robot, arm) if several else [])
+    yield confused
+    yield [] if confused else _judged(fit, side, robot) or (_sized(few, side, robot, arm) if several else [])
 
 
 def _spread(model: Model) -> Array:
@@ -244,24 +247,54 @@ def _spread(model: Model) -> Array:
     return np.array(sizes)
 
 
-def _zero(motion: _SideMotion, side: str, robot: Robot, arm: _Arm) -> list[Finding]:
-    """Return the joint whose zero is not where the description has it; a turned last link is another mass."""
+def _sized(motion: _SideMotion, side: str, robot: Robot, arm: _Arm) -> list[Finding]:
+    """Return the joint whose zero is not as described, or whose torque lacks a share of its weight, with the size.
+
+    A turned last link is another mass. What a gain of the torque explains better is said nothing of.
+    """
     given, free = _likelihood(motion, motion.torque, arm)
+    Y, unit, still = arm.regressor(*motion[:3]), np.eye(robot.n), np.zeros_like(motion.q)
+    weight = arm.regressor(motion.q, still, still) @ arm.mean
 
-    def gain(j: int, offset: float) -> float:
-        turned = motion._replace(q=motion.q - offset * np.eye(robot.n)[j])
-        return _likelihood(turned, motion.torque, arm, free)[0] - given - 0.5 * (offset / ZERO) ** 2
+    def zero(at: Array, size: float) -> float:
+        return _likelihood(motion._replace(q=motion.q - size * at), motion.torque, arm, free)[0]
 
+    def share(at: Array, size: float) -> float:
+        return _likelihood(motion, motion.torque + size * at * weight, arm, free, Y)[0]
+
+    def gain(at: Array, size: float) -> float:  # the noise stays with the torques as they were given
+        return _likelihood(motion, motion.torque * np.exp(-size * at), arm, free, Y)[0] - size * float(free @ at)
+
+    places = [(unit[j], robot.joint_names[j]) for j in range(robot.n)]
+    loaded = [*(places[j] for j in motion.measured), (unit[motion.measured].sum(axis=0), "all joints")]
+    turning = [place for place, joint in zip(places, robot.joints, strict=True) if not joint.prismatic]
+    kinds = (
+        ("the zero of {} seems to lie {} rad from the described one", "the zero of {} ({})", zero, ZERO, turning),
+        (
+            "the torque of {} lacks a share of {} of its described gravity",
+            "gravity of {} ({})",
+            share,
+            SHARE,
+            loaded,
+        ),
+        ("", "the gain of {}", gain, SHARE, loaded),
+    )
     tried = []
-    for j in np.flatnonzero([not joint.prismatic for joint in robot.joints]).tolist():
-        best = minimize_scalar(lambda offset, j=j: -gain(j, offset), bounds=(-3 * ZERO, 3 * ZERO), method="bounded")
-        offset, step = float(best.x), 0.1 * ZERO
-        bend = (2.0 * gain(j, offset) - gain(j, offset - step) - gain(j, offset + step)) / step**2
-        std = max(bend, ZERO**-2) ** -0.5
-        name = robot.joint_names[j]
-        words = f"the zero of {name} seems to lie {' ± '.join(rounded(offset, std))} rad from the described one"
-        tried.append((float(-best.fun) + np.log(std / ZERO), words, f"{name} ({' ± '.join(rounded(offset, std))} rad)"))
-    return _named(tried, "other_zero", side, "measure it, or state it (joint_zero)")
+    for words, short, of, usual, at, name in ((*kind, *place) for *kind, where in kinds for place in where):
+
+        def worth(size: float, of: Any = of, usual: float = usual, at: Array = at) -> float:
+            return float(of(at, size)) - given - 0.5 * (size / usual) ** 2
+
+        best = minimize_scalar(lambda size: -worth(size), bounds=(-3 * usual, 3 * usual), method="bounded")
+        size, step = float(best.x), 0.1 * ZERO
+        bend = (2.0 * worth(size) - worth(size - step) - worth(size + step)) / step**2
+        std = max(bend, usual**-2) ** -0.5
+        text = " ± ".join(rounded(size, std))
+        tried.append((float(-best.fun) + np.log(std / usual), words.format(name, text), short.format(name, text)))
+    said = max(tried)[1]
+    if not said or said.startswith("the zero"):
+        return _named(tried, "other_zero", side, "measure it, or state it (joint_zero)") if said else []
+    return _named(tried, MISSING, side, TAKEN)
 
 
 def _arranged(motion: _SideMotion, side: str, robot: Robot, arm: _Arm) -> list[Finding]:
@@ -402,8 +435,7 @@ def _judged(fit: GravityFit, side: str, robot: Robot) -> list[Finding]:
     if fit.missing:
         part = "no" if abs(fit.factor) < FAR[0] else "a part only of the"
         message = f"{side} effort holds {part} gravity that the description predicts ({times})"
-        remedy = "it was subtracted before the torque was recorded, or something else carries the arm: record all of it"
-        return [warning("gravity_missing", message, f"{remedy}, or describe what does (gravity_compensation)")]
+        return [warning(MISSING, message, TAKEN)]
     return []
 
 

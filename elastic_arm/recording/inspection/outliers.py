@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from elastic_arm.codegen.parallel import share_out
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording.inspection.report import Finding, moment, note, warning
-from elastic_arm.recording.inspection.stuck_channels import HELD, filled_in
+from elastic_arm.recording.inspection.stuck_channels import HELD, at_updates, filled_in
 from elastic_arm.recording.inspection.two_encoders import with_one_zero
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import Array, Side, joints_with, listed
@@ -78,7 +78,7 @@ def without_outliers(recording: Recording) -> Recording:
 def cleared(recording: Recording) -> tuple[Recording, list[Finding]]:
     """Return the recording as it can be used, and what was done to it; one of which nothing was is the same object."""
     found: list[Finding] = []
-    for step in (without_zeros, _without_far_samples, _in_one_piece):
+    for step in (without_zeros, _without_far_samples, _in_one_piece, at_updates):
         recording = step(recording, found)
     _require_possible(recording)
     return with_one_zero(recording, found), found

@@ -19,7 +19,7 @@ import scipy
 from numpy.typing import NDArray
 
 from elastic_arm.recording.inspection.report import FEWEST, Finding, about, warning
-from elastic_arm.recording.inspection.torque_spectrum import torque_spectrum
+from elastic_arm.recording.inspection.torque_spectrum import torque_spectra
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import Array, Samples, Side, joints_with, span_of
 from elastic_arm.recording.timebase.clocks import evidence, numbered
@@ -67,8 +67,7 @@ def implausible(recording: Recording) -> list[Finding]:
             motion = _compared(side.at(slice(begin, begin + _ENOUGH)))
             findings += _velocities(name, motion, joints)
             findings += _stamps(name, motion)
-        findings += _noiseless(name, side, joints)
-    return findings + _backwards(recording)
+    return [*findings, *_noiseless(recording), *_backwards(recording)]
 
 
 def _whole(side: Side, joints: Sequence[str]) -> tuple[Side, Sequence[str]]:
@@ -82,9 +81,7 @@ def _whole(side: Side, joints: Sequence[str]) -> tuple[Side, Sequence[str]]:
 
 def smoothed_torques(recording: Recording) -> list[str]:
     """Return in words which torques were low-passed before they were recorded: they hold not even noise above."""
-    sides = recording.measured().items()
-    found = [one for name, side in sides for one in _noiseless(name, side, recording.joints)]
-    return [finding.message for finding in found if finding.code == _SMOOTH]
+    return [finding.message for finding in _noiseless(recording) if finding.code == _SMOOTH]
 
 
 def _compared(side: Side) -> _Compared:
@@ -190,19 +187,17 @@ def _stamps(name: str, motion: _Compared) -> list[Finding]:
     return [warning("made_up_stamps", f"{name} side: the stamps are perfectly regular and made up", words)]
 
 
-def _noiseless(name: str, side: Side, joints: Sequence[str]) -> list[Finding]:
+def _noiseless(recording: Recording) -> list[Finding]:
     """Find torques with less noise than a converter of 16 bits: smoothed, or computed."""
-    if side.effort is None or len(side) < FEWEST:
-        return []
-    found = torque_spectrum(side.effort, 1e9 / float(np.median(np.diff(side.stamp_ns))))
-    what, computed, smooth = f"{name} effort", found.computed, found.low_passed
-    noise = f"has {span_of(found.level[computed])} dB of noise, less than a converter of 16 bits"
-    falls = f"not even noise, and falls steeply from {span_of(found.knee[smooth])} Hz on"
-    nothing = f"holds nothing above {span_of(found.end[smooth])} Hz, {falls}"
-    return [
-        *about(joints, computed, "computed_torque", what, noise, "it is computed, as by a model, not measured"),
-        *about(joints, smooth, _SMOOTH, what, nothing, "it was low-passed there, or computed", "note"),
-    ]
+    said, joints = list[Finding](), recording.joints
+    for name, found in torque_spectra(recording).items():
+        what, computed, smooth = f"{name} effort", found.computed, found.low_passed
+        noise = f"has {span_of(found.level[computed])} dB of noise, less than a converter of 16 bits"
+        falls = f"not even noise, and falls steeply from {span_of(found.knee[smooth])} Hz on"
+        nothing = f"holds nothing above {span_of(found.end[smooth])} Hz, {falls}"
+        said += about(joints, computed, "computed_torque", what, noise, "it is computed, as by a model, not measured")
+        said += about(joints, smooth, _SMOOTH, what, nothing, "it was low-passed there, or computed", "note")
+    return said
 
 
 def _backwards(recording: Recording) -> list[Finding]:

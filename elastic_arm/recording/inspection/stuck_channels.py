@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
 from elastic_arm.recording.inspection.report import FEWEST, Finding, about, warning
 from elastic_arm.recording.recording import Recording
@@ -102,16 +106,51 @@ def _of_channel(
         for kind, (code, words, remedy) in _SAID.items()
         if said[kind]
     ]
-    held = shares > HELD
-    every, rate = periods[held], 1e9 / float(np.median(np.diff(side.stamp_ns)))
-    if not held.any() or every.max() <= 1.0:
-        words = f"repeats the value before in {span_of(100 * shares[held])} % of the samples"
-        remedy = "the joint moves: cycles were missed"
-    else:
-        rates = f"{span_of(rate / every)} Hz in a recording of {rate:.4g} Hz"
-        words = f"is held: a new value comes every {span_of(every)} samples, {rates}"
-        remedy = "the channel is updated more slowly than it is stamped; up to so much of it is late"
-    return found + about(recording.joints, held, "held", what, words, remedy)
+    held = (shares > HELD) & (periods <= 1.0)
+    words = f"repeats the value before in {span_of(100 * shares[held])} % of the samples"
+    return found + about(recording.joints, held, "held", what, words, "the joint moves: cycles were missed")
+
+
+def at_updates(recording: Recording, found: list[Finding]) -> Recording:
+    """Take channels that are held at their updates: a cubic spline through these is between them."""
+    kept: dict[str, Any] = {}
+    slowest, read_ns = 1.0, recording.read_ns
+    for name, side in recording.measured().items():
+        if len(side) < FEWEST or not np.all(np.diff(side.stamp_ns) > 0):
+            continue
+        middle = slice(max(0, (len(side) - _ENOUGH) // 2), (len(side) + _ENOUGH) // 2)
+        position, stamps, filled = _position(recording, side.at(middle)), side.stamp_ns, dict[str, Any]()
+        first, last = 0, len(side)
+        for channel, values in side.channels().items():
+            periods, column = np.ones(recording.n), values
+            for j in np.flatnonzero(np.isfinite(values).all(axis=0)).tolist():
+                part = values[middle, j]
+                turning = np.ones(len(part), np.bool_) if position is None else _changing(position[:, j])
+                share, period = _held(part, turning)
+                if share <= HELD or period <= 1.0 or filled_in(part, turning) > HELD:
+                    continue
+                periods[j], at = period, _updates(values[:, j], period)
+                column = values.copy() if column is values else column
+                through = CubicSpline(stamps[at] - stamps[0], values[at, j])
+                column[:, j] = through(stamps - stamps[0])
+                first, last = max(first, int(at[0])), min(last, int(at[-1]) + 1)
+                if channel == "effort" and period > slowest:
+                    slowest, read_ns = period, stamps[at]
+            if (held := periods > 1.0).any():
+                filled[channel], rate = column, 1e9 / float(np.median(np.diff(stamps)))
+                rates = f"{span_of(rate / periods[held])} Hz in a recording of {rate:.4g} Hz"
+                words = f"is held: a new value comes every {span_of(periods[held])} samples, {rates}"
+                remedy = "it is taken at these instants, and may be older there"
+                found += about(recording.joints, held, "held", f"{name} {channel}", words, remedy)
+        kept |= {name: replace(side, **filled).at(slice(first, last))} if filled else {}
+    return replace(recording, **kept, read_ns=read_ns) if kept else recording
+
+
+def _updates(column: Array, period: float) -> NDArray[np.intp]:
+    """Return the samples at which a channel (N,) has a new value; one that stays the same is new every period."""
+    at = np.flatnonzero(np.diff(column)) + 1
+    same = [np.arange(a, b - period / 2, period)[1:] for a, b in pairwise(at.tolist()) if b - a > 1.5 * period]
+    return np.sort(np.concatenate([at, *same]).astype(np.intp))
 
 
 def _held(column: Array, moving: NDArray[np.bool_]) -> tuple[float, float]:
@@ -170,7 +209,7 @@ def _position(recording: Recording, side: Side) -> Array | None:
     """Return positions (N, n) at the samples of a side: its own, or those of the other one."""
     if side.position is not None:
         return side.position
-    other = recording.link if side is recording.motor else recording.motor
+    other = next((one for one in recording.measured().values() if one.position is not None), None)
     if other is None or other.position is None:
         return None
     columns = [np.interp(side.stamp_ns, other.stamp_ns, column) for column in other.position.T]

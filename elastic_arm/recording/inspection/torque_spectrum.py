@@ -74,10 +74,10 @@ def without_line(pieces: Array) -> Array:
 def torque_spectra(recording: Recording) -> dict[str, TorqueSpectrum]:
     """Return the spectra of the torques of the link and the motor side, of those that are long enough.
 
-    Torques that were made of commands are computed, and have none.
+    Torques that were made of commands are computed, and have none; nor have those that were held.
     """
     found: dict[str, TorqueSpectrum] = {}
-    if recording.made_by:
+    if recording.made_by or recording.read_ns is not None:
         return found
     for name, side in (("link", recording.link), ("motor", recording.motor)):
         if side is not None and side.effort is not None and len(side) >= FEWEST:
