@@ -156,7 +156,10 @@ def _reasons(statistics: MotionStatistics, groups: int, relative: Array, paramet
         )
     bad = np.count_nonzero(~(relative <= POORLY))
     if bad > POOR_SHARE * len(relative):
-        reasons.append(f"{bad} of {len(relative)} base parameters of the arm will stay within their expected errors")
+        reasons.append(
+            f"{bad} of the arm's {len(relative)} base parameters are expected with standard deviations above "
+            f"{POORLY:.0%} of their usual size"
+        )
     return tuple(reasons)
 
 
