@@ -61,7 +61,7 @@ class Estimate:
         return ":" in self.name
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Identification(Result):
     """The result of identifying an arm.
 

@@ -221,6 +221,7 @@ def test_the_summary_says_what_the_arm_has_and_how_right_the_model_is_then() -> 
     inertia = Imperfection("rotor_inertia", "joint_2", "kg m^2", 1.2, 0.01, 2.0, ordinary=True)
     _, then, named = summary(replace(diagnosis(cause()), imperfections=(inertia,)))
     assert then.startswith("With it and the motor inertia, the model") and "1.2 kg m² at joint_2" in named
+    assert repr(diagnosis(cause())) == f"{first}\n{last}"
     (alone,) = summary(replace(diagnosis(), verdict="none"))
     assert alone == "none: recording and model agree within the noise of the sensors."
 
