@@ -185,7 +185,9 @@ def summary(found: Diagnosis) -> list[str]:
 
 def _verdict_sentence(found: Diagnosis, beside: str) -> str:
     if found.verdict == "none":
-        return f"recording and model{beside.replace(' and', ' with')} agree within the noise of the sensors."
+        gaps = any(share is not None for share in found.shrink_by_place.values())
+        usual = ", with numbers of the arm and its sensors no further off than is usual" if gaps else ""
+        return f"recording and model{beside.replace(' and', ' with')} agree within the noise of the sensors{usual}."
     if not found.causes:
         places = ", ".join(f"{p.joint} ({p.side} side)" for p in found.unexplained[:3])
         return f"recording and model differ, and no effect of the catalogue explains it; most at {places}."

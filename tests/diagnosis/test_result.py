@@ -222,7 +222,9 @@ def test_the_summary_says_what_the_arm_has_and_how_right_the_model_is_then() -> 
     _, then, named = summary(replace(diagnosis(cause()), imperfections=(inertia,)))
     assert then.startswith("With it and the motor inertia, the model") and "1.2 kg m² at joint_2" in named
     assert repr(diagnosis(cause())) == f"{first}\n{last}"
-    (alone,) = summary(replace(diagnosis(), verdict="none"))
+    (off,) = summary(replace(diagnosis(), verdict="none", shrink_by_place={("joint_2", "motor"): 0.9}))
+    assert off.endswith("of the sensors, with numbers of the arm and its sensors no further off than is usual.")
+    (alone,) = summary(replace(diagnosis(), verdict="none", shrink_by_place={}))
     assert alone == "none: recording and model agree within the noise of the sensors."
 
 
