@@ -19,22 +19,21 @@ class Result:
     What draws stands further down the imports, and is found by name when it is first used.
     """
 
-    _report: ClassVar[str]  # module with `overview(result)`, a figure, and `head(result)`, HTML
+    _report: ClassVar[str]  # module with `overview(result)`, a figure, `head(result)`, HTML, and `summary`
 
     def tables(self) -> dict[str, Sequence[Row]]:
         """Return its tables by name, as rows; the first one is the most important."""
         raise NotImplementedError
 
-    def to_dataframe(self, table: str = "") -> Any:
-        """Return a table, the first one by default, as a pandas DataFrame.
+    def summary(self) -> list[str]:
+        """Return what was found as sentences, the most important first."""
+        return list(import_module(self._report).summary(self))
 
-        Raises
-        ------
-        MissingExtraError
-            If pandas is not installed.
-        OutputError
-            If there is no such table.
-        """
+    def __repr__(self) -> str:
+        return "\n".join(self.summary())
+
+    def to_dataframe(self, table: str = "") -> Any:
+        """Return a table, the first one by default, as a pandas DataFrame; an OutputError where it is not there."""
         require_libraries("a data frame needs", "pandas")
         import pandas
 
@@ -44,13 +43,7 @@ class Result:
         return pandas.DataFrame(list(tables[table or next(iter(tables))]))
 
     def to_csv(self, folder: str | Path) -> list[Path]:
-        """Write every table that has rows as a CSV file into a folder.
-
-        Raises
-        ------
-        OutputError
-            If a file cannot be written.
-        """
+        """Write every table that has rows as a CSV file into a folder; an OutputError where that cannot be."""
         written = []
         for name, rows in self.tables().items():
             if rows:

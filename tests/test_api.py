@@ -58,3 +58,11 @@ def test_the_notebook_runs_and_finds_the_friction(tmp_path: Path, monkeypatch: p
     assert [(c.effect, c.joint) for c in found.causes] == [("coulomb_friction", "joint_2")]
     assert again.verdict == "none"
     assert ea.Diagnosis.load("diagnosis.json").to_dict() == found.to_dict()
+
+
+def test_an_arm_and_a_recording_are_shown_in_a_line() -> None:
+    """What Python shows of an arm is its name and joints, of a recording its channels, and not their numbers."""
+    assert repr(ROBOT) == "<Robot elastic_arm_3: joint_1, joint_2, joint_3>"
+    side = ea.Side(np.arange(5) * 10**6, position=np.zeros((5, 3)))
+    shown = repr(ea.Recording(ROBOT.joint_names, motor=side, source="run_1"))
+    assert shown == "<Recording run_1: joint_1, joint_2, joint_3; 5 samples of motor.position>"

@@ -37,6 +37,13 @@ def test_documents_use_the_words_of_the_field(path: Path) -> None:
     assert not [link for link in links if not (path.parent / link).exists()]
 
 
+def test_the_website_leads_to_all_pages() -> None:
+    """The navigation of the website names each page in docs, and none that is not there."""
+    pages = re.findall(r": (\S+\.md)$", (ROOT / "mkdocs.yml").read_text(), re.MULTILINE)
+    assert not [page for page in pages if not (ROOT / page).exists()]
+    assert {str(path.relative_to(ROOT)) for path in ROOT.glob("docs/*.md")} <= set(pages)
+
+
 @pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT)))
 def test_lines_of_documents_fit(path: Path) -> None:
     """Lines have at most 120 columns; rows of tables cannot be broken."""

@@ -57,7 +57,8 @@ def describe(
         print_json(_content(robot, model, len(told.parameters), parameters))
         return
     _print_robot(robot)
-    out.print(f"\n{model}: {len(told.parameters)} parameters, {len(parameters)} base parameters")
+    known = f"of the {len(told.parameters)} parameters of {model}, motion determines {len(parameters)} combinations"
+    out.print(f"\n{known}, the base parameters{':' if base else ' (--base lists them)'}")
     if base:
         for name, unit in zip(parameters.names, parameters.units, strict=True):
             out.print(f"  {escape(name)} [dim]{escape(f'[{unit}]')}[/]")

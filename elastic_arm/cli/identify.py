@@ -21,6 +21,7 @@ from elastic_arm.estimation.segments import IDENTIFIED
 from elastic_arm.formatting import rounded
 from elastic_arm.identification import Estimate, Identification, IdentificationSettings, identify_with, parse_laws
 from elastic_arm.identification.base_regression import BaseRegression
+from elastic_arm.identification.result import COMPARED
 from elastic_arm.memory import keep_memory
 from elastic_arm.mujoco import Exported
 from elastic_arm.recording import Recording
@@ -126,7 +127,8 @@ def _write(result: Identification, sections_of: tuple[BaseRegression, Motion], o
 def _print(result: Identification, out_dir: Path, corrected: Exported | str | None) -> None:
     if result.excitation["poor"]:
         reasons = "; ".join(result.excitation["reasons"])
-        out.print(f"[bold yellow]the excitation is poor[/] (known from the motion alone): {escape(reasons)}")
+        remedy = "`elastic-arm excite` finds a better motion"
+        out.print(f"[bold yellow]the excitation is poor[/], by the motion alone: {escape(reasons)}; {remedy}")
     for sentence in result.summary():
         out.print(escape(sentence))
     _print_estimates(sorted(result.estimates, key=lambda e: not e.is_friction))
@@ -157,11 +159,11 @@ def _print_estimates(estimates: Sequence[Estimate]) -> None:
 
 
 def _residual_rows(result: Identification) -> list[tuple[str, list[tuple[str, list[float | None]]]]]:
-    fitted = [(side, [values.get(joint) for joint in result.joints]) for side, values in result.noise.items()]
+    fitted = [(COMPARED[side], [values.get(joint) for joint in result.joints]) for side, values in result.noise.items()]
     unit = result.units.over("Nm")
     tables = [(f"residual of the fit, {unit}", fitted)]
     for recording, arms in (result.validation or {}).items():
         sides = [(arm, side, values) for arm, by_side in arms.items() for side, values in by_side.items()]
-        rows = [(f"{arm}, {side}", [values.get(joint) for joint in result.joints]) for arm, side, values in sides]
+        rows = [(f"{arm}, {COMPARED[side]}", [*map(values.get, result.joints)]) for arm, side, values in sides]
         tables.append((f"validation on {recording}, {unit}", rows))
     return tables

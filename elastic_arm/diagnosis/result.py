@@ -242,7 +242,7 @@ class Proposal:
         }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Diagnosis(Result):
     """The gap between a recording and a model, explained as far as it can be.
 

@@ -172,13 +172,22 @@ def scale_sentence(found: Diagnosis) -> str:
 
 def summary(found: Diagnosis) -> list[str]:
     """Return what was found as sentences: verdict, each cause, how far the model is off without and with them."""
-    first, *more = [*(cause_sentence(cause, found.model) for cause in found.causes), _verdict_sentence(found)]
+    inertias = [
+        f"{_short(one.value, one.unit.replace('^2', '²'))} at {one.joint}"
+        for one in found.imperfections
+        if one.what == "rotor_inertia" and one.unit != "1" and one.value > 2.0 * one.std
+    ]
+    causes = [cause_sentence(cause, found.model) for cause in found.causes]
+    first, *more = [*causes, _verdict_sentence(found, " and the motor inertia" if inertias else "")]
+    more += [f"Motor inertia, which the description does not state: {listed(inertias)}."] if inertias else []
     return [f"{found.verdict}: {first}", *more]
 
 
-def _verdict_sentence(found: Diagnosis) -> str:
+def _verdict_sentence(found: Diagnosis, beside: str) -> str:
     if found.verdict == "none":
-        return "recording and model agree within the noise of the sensors."
+        gaps = any(share is not None for share in found.shrink_by_place.values())
+        usual = ", with numbers of the arm and its sensors no further off than is usual" if gaps else ""
+        return f"recording and model{beside.replace(' and', ' with')} agree within the noise of the sensors{usual}."
     if not found.causes:
         places = ", ".join(f"{p.joint} ({p.side} side)" for p in found.unexplained[:3])
         return f"recording and model differ, and no effect of the catalogue explains it; most at {places}."
@@ -189,8 +198,8 @@ def _verdict_sentence(found: Diagnosis) -> str:
     unit, verb = found.units.at(joint, "Nm"), "falls" if after < before else "rises"
     where = f"at {joint} ({side} side{f', noise {noise:.3g} {unit}' if noise else ''})"
     sentence = (
-        f"With {causes}, the model's largest error {motion} {verb} from {before:.3g} to {after:.3g} {unit} {where}; "
-        f"{percent(found.shrink)} of the gap is gone"
+        f"With {causes}{beside}, the model's largest error {motion} {verb} from {before:.3g} to {after:.3g} {unit} "
+        f"{where}; {percent(found.shrink)} of the gap is gone"
     )
     return f"{sentence}." if found.verdict == "explained" else f"{sentence}, and what is left has another cause."
 
@@ -220,9 +229,14 @@ def _short(value: Any, unit: str) -> str:
     """Return a number, or several, in words: three digits at most, and no deviation; small ones with a prefix."""
     values = list(value) if isinstance(value, list | tuple) else [value]
     prefix, factor = _prefix(max(map(abs, values))) if unit in ("rad", "m", "s") else ("", 1.0)
-    numbers = [f"{factor * v:.3g}" for v in values]
+    numbers = [_digits(factor * v) for v in values]
     number = numbers[0] if len(numbers) == 1 else f"({', '.join(numbers)})"
     return number if unit == "1" else f"{number} {prefix}{unit}"
+
+
+def _digits(value: float) -> str:
+    """Return three digits, and more where they would make one of what is not."""
+    return next((text for n in range(3, 9) if (text := f"{value:.{n}g}") != "1"), "1")
 
 
 def _richer(cause: Cause) -> str:

@@ -23,6 +23,14 @@ from elastic_arm.robot import Robot, save_robot
 
 SCHEMA = "elastic_arm/identification/1"
 ARMS = ("nominal", "identified", "consistent")
+# What the equations compare, in words.
+COMPARED = {
+    "link": "link side",
+    "motor": "motor side",
+    "drive": "drive",
+    "joint": "joint torque",
+    "whole": "motor torque",
+}
 
 
 @dataclass(frozen=True)
@@ -53,7 +61,7 @@ class Estimate:
         return ":" in self.name
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Identification(Result):
     """The result of identifying an arm.
 
@@ -156,7 +164,7 @@ class Identification(Result):
         found = [f"{words.count('well')} of {len(words)} parameters are well determined, {counts}."]
         for recording, arms in (self.validation or {}).items():
             worst = [max((e, j, s) for s, at in arms[arm].items() for j, e in at.items()) for arm in ARMS[:2]]
-            sizes = [f"{error:.3g} {self.units.at(joint, 'Nm')} ({joint}, {side})" for error, joint, side in worst]
+            sizes = [f"{e:.3g} {self.units.at(j, 'Nm')} ({j}, {COMPARED[s]})" for e, j, s in worst]
             errors = f"the nominal arm errs by up to {sizes[0]}, the identified one by up to {sizes[1]}"
             found.append(f"On {recording}, which no fit has seen, {errors}.")
         return found

@@ -156,8 +156,10 @@ def _reasons(statistics: MotionStatistics, groups: int, relative: Array, paramet
         )
     bad = np.count_nonzero(~(relative <= POORLY))
     if bad > POOR_SHARE * len(relative):
-        of = f"{bad} of {len(relative)} base parameters of the arm"
-        reasons.append(f"with {TORQUE_NOISE:g} Nm of noise, it determines {of} no better than a description has them")
+        reasons.append(
+            f"with {TORQUE_NOISE:g} Nm of noise, {bad} of the arm's {len(relative)} base parameters get standard "
+            f"deviations above {POORLY:.0%} of their usual size"
+        )
     return tuple(reasons)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -148,7 +149,7 @@ def _joints(
         if dynamics is None:
             dynamics = append_last(joint, "dynamics")
         dynamics.set(attribute, text_of(change.after[0]))
-        changes.append(change)
+        changes.append(replace(change, number=attribute))
     return changes
 
 

@@ -99,7 +99,10 @@ class TrajectoryGenerator(ArmNode):
         super().__init__("trajectory_generator")
         wanted = declared(self, PARAMETERS)
         if not wanted.trajectory:
-            raise GraphError("parameter trajectory is empty", "Name a trajectory file: -p trajectory:=FILE.")
+            raise GraphError(
+                "parameter trajectory is empty",
+                "Make one by `elastic-arm excite --out FILE`, and name it: -p trajectory:=FILE.",
+            )
         self._trajectory = load_trajectory(Path(wanted.trajectory))
         self._repeat, self._speed, self._points = wanted.repeat, wanted.approach_speed, wanted.points_per_message
         self._step_ns = round(NANOSECONDS / wanted.rate)

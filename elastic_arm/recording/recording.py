@@ -15,7 +15,7 @@ from elastic_arm.recording.timebase.joining import join
 from elastic_arm.robot import JointController
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Recording:
     """A recording of an arm, real or simulated.
 
@@ -66,6 +66,12 @@ class Recording:
                         f"{side_name} {channel} has {values.shape[1]} columns for {self.n} joints",
                         "Give one column per joint.",
                     )
+
+    def __repr__(self) -> str:
+        sides = self.sides().items()
+        channels = ", ".join(f"{name}.{channel}" for name, side in sides for channel in side.channels())
+        samples = f"{max((len(side) for _, side in sides), default=0)} samples of {channels or 'nothing'}"
+        return f"<Recording {self.source}: {', '.join(self.joints)}; {samples}>"
 
     @property
     def n(self) -> int:
@@ -137,9 +143,8 @@ class Recording:
             )
         if tuple(joints) == self.joints:
             return self
-        notes = self.notes
-        if called != list(joints):
-            notes = (*notes, f"{', '.join(called)} are {', '.join(joints)} by their names without what all share")
+        other = f"{', '.join(called)} are {', '.join(joints)} by their names without what all share"
+        notes = self.notes if called == list(joints) else (*self.notes, other)
         columns = [self.joints.index(name) for name in called]
         cut: dict[str, Any] = {
             side_name: Side(side.stamp_ns, **{name: values[:, columns] for name, values in side.channels().items()})
@@ -168,9 +173,7 @@ class Recording:
 
 def recordings_of(given: object, name: str = "recordings") -> list[Recording]:
     """Return what was given as recordings, one or several, as a list."""
-    several: Iterable[Any] = [given]
-    if isinstance(given, Iterable) and not isinstance(given, str | bytes):
-        several = given
+    several: Iterable[Any] = given if isinstance(given, Iterable) and not isinstance(given, str | bytes) else [given]
     found: list[Recording] = []
     for one in several:
         require_kind(one, Recording, name, RecordingError, "Give what read_recording or simulate returns.")

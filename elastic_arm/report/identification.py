@@ -13,6 +13,7 @@ from elastic_arm.estimation.motion import Motion
 from elastic_arm.formatting import rounded
 from elastic_arm.identification import Estimate, Identification
 from elastic_arm.identification.base_regression import BaseRegression
+from elastic_arm.identification.result import COMPARED
 from elastic_arm.identification.verdict import POORLY, WELL
 from elastic_arm.report.html import Block, Figure, Section, Table, Text, Written, fragment
 from elastic_arm.report.style import BLUE, GREEN, GREY, ORANGE, VERMILION, draw_signal, drawing
@@ -22,13 +23,6 @@ VERDICTS = {
     "well": f"well determined, up to {WELL:.0%}",
     "poorly": f"poorly, up to {POORLY:.0%}",
     "not": "not at all",
-}
-SIDES = {
-    "link": "link side",
-    "motor": "motor side",
-    "drive": "drive",
-    "joint": "joint torque",
-    "whole": "motor torque",
 }
 GAPS = " Gaps: where a joint sticks, any torque within its dry friction is right."
 
@@ -75,7 +69,7 @@ def torques(equations: BaseRegression, motion: Motion, result: Identification) -
                 draw_signal(ax, motion.t, measured[side][:, i], color=GREY, lw=2.4, alpha=0.6, label="measured")
                 draw_signal(ax, motion.t, nominal[side][:, i], color=ORANGE, lw=0.9, label="nominal arm")
                 draw_signal(ax, motion.t, found[side][:, i], color=BLUE, lw=0.9, label="identified")
-                ax.set_title(f"{joint}, {SIDES[side]} [{result.units.at(joint, 'Nm')}]", loc="left")
+                ax.set_title(f"{joint}, {COMPARED[side]} [{result.units.at(joint, 'Nm')}]", loc="left")
             axes[-1, column].set_xlabel("time [s]")
         figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
     return figure
@@ -94,7 +88,7 @@ def residuals(equations: BaseRegression, motion: Motion, result: Identification)
         for i, joint in enumerate(equations.joints):
             for side, colour in zip(equations.sides, (BLUE, VERMILION, GREEN), strict=False):
                 left = measured[side][:, i] - found[side][:, i]
-                draw_signal(axes[i, 0], motion.t, left, color=colour, lw=0.7, label=SIDES[side])
+                draw_signal(axes[i, 0], motion.t, left, color=colour, lw=0.7, label=COMPARED[side])
             axes[i, 0].set_title(f"{joint}, residual [{result.units.at(joint, 'Nm')}]", loc="left")
         axes[-1, 0].set_xlabel("time [s]")
         figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
@@ -158,7 +152,7 @@ def _parameters(estimates: Sequence[Estimate], caption: str = "") -> Table:
 
 
 def _noise(result: Identification) -> Table:
-    rows = [[SIDES[side], *map(by_joint.get, result.joints)] for side, by_joint in result.noise.items()]
+    rows = [[COMPARED[side], *map(by_joint.get, result.joints)] for side, by_joint in result.noise.items()]
     how = f"{result.samples:,} samples; derivatives: {', '.join(dict.fromkeys(result.derivatives))}; "
     unit = result.units.over("Nm")
     caption = how + f"condition number {result.condition:.3g}. Standard deviation of the residuals, {unit}."
@@ -167,7 +161,7 @@ def _noise(result: Identification) -> Table:
 
 def _validation(result: Identification) -> Table:
     rows = [
-        [recording, arm, SIDES[side], *map(by_joint.get, result.joints)]
+        [recording, arm, COMPARED[side], *map(by_joint.get, result.joints)]
         for recording, arms in (result.validation or {}).items()
         for arm, by_side in arms.items()
         for side, by_joint in by_side.items()

@@ -81,7 +81,7 @@ class Joint:
         return cls(name, link_name, link, after=dh.placement, dh=dh, **rest)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Robot:
     """A serial arm of n joints, revolute or prismatic."""
 
@@ -128,6 +128,9 @@ class Robot:
         for i, joint in enumerate(self.joints):
             _check_carriers(joint, self.carriers(i))
 
+    def __repr__(self) -> str:
+        return f"<Robot {self.name}: {', '.join(self.joint_names)}>"
+
     @property
     def n(self) -> int:
         """Number of joints."""
@@ -156,8 +159,8 @@ class Robot:
     @property
     def mass(self) -> float:
         """Total mass, base included, kg."""
-        components = (c.mass for j in self.joints if j.transmission for c, _ in j.transmission.components.values())
-        return self.base_mass + sum(j.link.mass for j in self.joints) + sum(components)
+        parts = (c.mass for j in self.joints if j.transmission for c, _ in j.transmission.components.values())
+        return self.base_mass + sum(j.link.mass for j in self.joints) + sum(parts)
 
     def carriers(self, i: int) -> tuple[str, str]:
         """Return the two bodies on which transmission i (from 0) can ride: the one before its joint and its link."""
@@ -169,8 +172,8 @@ class Robot:
 
     def with_joint(self, name: str, **changes: Any) -> Robot:
         """Return a copy in which these fields of joint `name` are changed."""
-        names = ", ".join(self.joint_names)
-        require(name in self.joint_names, f"robot {self.name} has no joint {name!r}", f"Use one of {names}.")
+        use = f"Use one of {', '.join(self.joint_names)}."
+        require(name in self.joint_names, f"robot {self.name} has no joint {name!r}", use)
         joints = tuple(replace(j, **changes) if j.name == name else j for j in self.joints)
         return self.with_(joints=joints)
 
@@ -195,10 +198,9 @@ class Robot:
             "Use one of these, or add it under total_ratios_studied",
         )
         belt, harmonic = self.total_ratios_studied[r_tot]
+        gears = [(j, j.transmission) for j in self.joints if j.transmission is not None]
         changed = [
-            replace(j, transmission=replace(j.transmission, belt_ratio=belt, harmonic_drive_ratio=harmonic))
-            for j in self.joints
-            if j.transmission is not None
+            replace(j, transmission=replace(gear, belt_ratio=belt, harmonic_drive_ratio=harmonic)) for j, gear in gears
         ]
         return self.with_(joints=tuple(changed))
 

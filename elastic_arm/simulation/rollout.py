@@ -48,7 +48,7 @@ def simulate(
     robot
         The true arm; the settings' `nominal`, if given, is what the controller and the recording know instead.
     trajectory
-        Reference of the motor side.
+        Reference of the motor side: what `load_trajectory` reads, or `excitation.random_trajectories` makes.
     settings
         Model, effects, sensors, controller, sample rate.
     duration

@@ -191,6 +191,8 @@ def test_a_cause_is_a_plain_sentence() -> None:
     assert "(or viscous_friction on joint_2: this recording does not separate them)" in cause_sentence(cause(), "mod3")
     gain = cause("joint_torque_gain:joint_1:gain=1.15", gain=ParameterEstimate(1.15, 0.01, "1"))
     assert cause_sentence(replace(gain, alternatives=()), "mod3") == "Joint 1 records 1.15 times its joint torque."
+    slight = replace(gain, parameters={"gain": ParameterEstimate(1.0023, 0.0004, "1")}, alternatives=())
+    assert cause_sentence(slight, "mod3") == "Joint 1 records 1.002 times its joint torque."
     coupling = replace(cause("inertia_coupling"), parameters={}, alternatives=())
     assert cause_sentence(coupling, "mod2").endswith("on the links that carry them, which mod2 lacks (mod3 has it).")
     play = cause("backlash:joint_1:half_gap=2e-5", half_gap=ParameterEstimate(2e-5, 1e-6, "rad"))
@@ -216,7 +218,13 @@ def test_the_summary_says_what_the_arm_has_and_how_right_the_model_is_then() -> 
     assert first.startswith("explained: Joint 2 loses 6 Nm of dry friction")
     assert "largest error on another motion" in last and "0.4 Nm at joint_2 (motor side, noise 0.1 Nm)" in last
     assert last.endswith("90.0 % of the gap is gone.")
-    (alone,) = summary(replace(diagnosis(), verdict="none"))
+    inertia = Imperfection("rotor_inertia", "joint_2", "kg m^2", 1.2, 0.01, 2.0, ordinary=True)
+    _, then, named = summary(replace(diagnosis(cause()), imperfections=(inertia,)))
+    assert then.startswith("With it and the motor inertia, the model") and "1.2 kg m² at joint_2" in named
+    assert repr(diagnosis(cause())) == f"{first}\n{last}"
+    (off,) = summary(replace(diagnosis(), verdict="none", shrink_by_place={("joint_2", "motor"): 0.9}))
+    assert off.endswith("of the sensors, with numbers of the arm and its sensors no further off than is usual.")
+    (alone,) = summary(replace(diagnosis(), verdict="none", shrink_by_place={}))
     assert alone == "none: recording and model agree within the noise of the sensors."
 
 

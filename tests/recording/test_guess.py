@@ -284,3 +284,12 @@ def test_names_with_and_without_a_prefix_are_those_of_one_arm(tmp_path: Path, ow
         assert "by their names without what all" in taken.notes[-1]
     with pytest.raises(RecordingError, match="no joint arm_1"):
         recorded.select(["arm_1", "arm_2", "arm_3"])
+
+
+def test_units_after_an_underscore_name_the_channel() -> None:
+    """`turn_Ist_deg` is an angle in degrees and `turn_Strom_A` a current, in a table of other languages, too."""
+    t = np.linspace(0.0, 10.0, 2001)
+    angle, current = 60.0 * np.sin(t), np.cos(t)
+    arrays = {"Zeit": t, **{f"{j}_Ist_deg": angle for j in "ab"}, **{f"{j}_Strom_A": current for j in "ab"}}
+    found = {(g.side, g.channel): g.unit for g in guess_mapping(arrays, ["a", "b"]).channels}
+    assert found == {("link", "position"): "deg", ("motor", "effort"): "A"}

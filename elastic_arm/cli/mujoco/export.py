@@ -41,9 +41,8 @@ def format_of(file: Path, asked: Format | None) -> Format:
     possible = by_ending.get(file.suffix.lower(), [] if asked is None else [asked])
     if not possible or (asked is not None and asked not in possible):
         what = "" if asked is None else f" as {asked.value}"
-        raise RobotError(
-            f"{file} cannot be written{what} by its ending", "Name it .urdf, .usda, or .xml or .mjcf for an MJCF."
-        )
+        remedy = "Name it .urdf (Gazebo makes SDF of it: `gz sdf -p`), .usda, or .xml or .mjcf for an MJCF."
+        raise RobotError(f"{file} cannot be written{what} by its ending", remedy)
     return possible[0] if asked is None else asked
 
 

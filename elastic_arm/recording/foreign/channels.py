@@ -45,8 +45,8 @@ _CALLED: dict[Unit, str] = {
     "rad": "rads radian radians",
     "deg": "degs degree degrees ° º",
     "turns": "turn rev revs",
-    "rad/s": "rads/s rad/sec rad*s^-1",
-    "deg/s": "degs/s degrees/s deg/sec °/s º/s",
+    "rad/s": "rads/s rad_s rad/sec rad*s^-1",
+    "deg/s": "degs/s deg_s degrees/s deg/sec °/s º/s",
     "turns/s": "rev/s",
     "rpm": "1/min rev/min u/min",
     "Nm": "n*m n·m n.m n-m",
@@ -57,8 +57,8 @@ _WRITTEN: dict[str, tuple[Unit, float]] = {unit.lower(): (unit, 1.0) for unit in
 _WRITTEN |= {word: (unit, 1.0) for unit, words in _CALLED.items() for word in words.split()}
 _WRITTEN |= {"mrad": ("rad", 1e-3), "mrad/s": ("rad/s", 1e-3), "ma": ("A", 1e-3)}
 _WRITTEN |= {"mnm": ("Nm", 1e-3), "knm": ("Nm", 1e3), "kn": ("N", 1e3)}
-# In a column's name what stands in brackets is its unit, unless it is a number; in parentheses it may be a remark.
-_IN_NAME = re.compile(r"\[\s*([^\]\d][^\]]*?)\s*\]|\(\s*([^()\d][^()]*?)\s*\)")
+# The unit in a column's name: in brackets, unless it is a number; in parentheses, unless it is a remark; at the end.
+_IN_NAME = re.compile(r"\[\s*([^\]\d][^\]]*?)\s*\]|\(\s*([^()\d][^()]*?)\s*\)|_((?:deg|rad)(?:_s)?|Nm|rpm|mm)$")
 _OF_A_RANGE = re.compile(r"%|‰|per ?cent|per ?mille?", re.I)
 DEFAULT_UNIT: dict[ChannelName, Unit] = {
     "position": "rad",
@@ -73,8 +73,8 @@ def stated_unit(name: str, row: str = "") -> str:
     if row:
         return row
     for match in _IN_NAME.finditer(name):
-        if match[1] or known_unit(match[2]) is not None:
-            return match[1] or match[2]
+        if match[1] or match[3] or known_unit(match[2]) is not None:
+            return match[1] or match[3] or match[2]
     share = _OF_A_RANGE.search(name)
     return "" if share is None else share[0]
 

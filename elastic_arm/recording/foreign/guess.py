@@ -48,17 +48,17 @@ _SPEEDS = {"rad/s": 1.0, "deg/s": np.pi / 180, "turns/s": 2 * np.pi, "rpm": 2 * 
 _WORDS = {
     "other": r"temp|volt|cmpt|error|status|mode(?!l?led)|noise|friction|grav|model|predict|simul|ff(?=_|\d|$)|init",
     "acceleration": r"acc|ddq|qdd|d2",
-    "velocity": r"vel|dq|qd|omega|speed|rpm|dtheta",
-    "effort": r"torq|tau|force|eff|cur|load|moment|(?<![a-z])i(?=_|\d|$)",
-    "position": r"pos|ang|theta|(?<![a-z])q(?=_|\d|$)|joint_state|(?<![a-z])state$",
+    "velocity": r"vel|drehzahl|dq|qd|omega|speed|rpm|dtheta",
+    "effort": r"torq|strom|tau|force|eff|cur|load|moment|(?<![a-z])i(?=_|\d|$)",
+    "position": r"pos|winkel|ang|theta|(?<![a-z])q(?=_|\d|$)|joint_state|(?<![a-z])state$",
 }
 # What the arm was told; without a further word its positions, as a dataset's `action`.
-_COMMAND = r"target|desired|des(?=_|\d|$)|ref(?!l)|cmd|command(ed)?|set_?point|(?<![a-z])action(?![a-z])"
+_COMMAND = r"target|soll|desired|des(?=_|\d|$)|ref(?!l)|cmd|command(ed)?|set_?point|(?<![a-z])action(?![a-z])"
 # Read in this order: a sensor of a motor's torque is rarer than a torque sensor.
 _SIDE_WORDS: dict[SideName, str] = {
     "command": _COMMAND,
     "link": r"link|(?<![a-z])se(?=_|\d|$)|second|output|load|sensor|torq\w*s(m|ens)|tau_?j|arm_side",
-    "motor": r"mot|rotor|theta|drive|actuat|cur(?!v)|tau_?m|(?<![a-z])i(?=_|\d|$)",
+    "motor": r"mot|strom|rotor|theta|drive|actuat|cur(?!v)|tau_?m|(?<![a-z])i(?=_|\d|$)",
 }
 # Of several arrays for one channel the one with more of these in its name is taken.
 _MEASURED = r"act(?=_|ual)|meas|rec|sens|raw|abs"
@@ -318,7 +318,8 @@ def _angle_unit(table: JointTable) -> tuple[str, str]:
 
 
 def _torque_unit(table: JointTable) -> tuple[str, str]:
-    if re.search(r"cur(?!v)|amp|(?<![a-z])i(?=_|\d|$)", table.name, re.I) and not re.search(r"torq", table.name, re.I):
+    current = re.search(r"cur(?!v)|strom|amp|(?<![a-z])i(?=_|\d|$)", table.name, re.I)
+    if current is not None and "torq" not in table.name.lower():
         return "A", "a current by its name"
     largest = float(np.abs(table.values).max())
     return "Nm", f"largest {largest:.3g}: taken as Nm at the joint (at the motor shaft: unit Nm_motor, with ratio)"
@@ -345,7 +346,6 @@ def _with_ratio(chosen: dict[tuple[SideName, ChannelName], Guess]) -> dict[tuple
         if guess is not None:
             of_angle = guess.unit.replace(motor.unit, unit)
             reasons = (*(r for r in guess.reasons if not r.startswith("largest")), why)
-            chosen["motor", guess.channel] = replace(
-                guess, unit=of_angle, reasons=reasons, scales={**guess.scales, **scales}
-            )
+            both = {**guess.scales, **scales}
+            chosen["motor", guess.channel] = replace(guess, unit=of_angle, reasons=reasons, scales=both)
     return chosen

@@ -192,8 +192,9 @@ def _check_stamps(topic: str, stamp_ns: Stamps, report: Report) -> None:
     gaps = np.flatnonzero(step > _GAP * usual)
     if len(gaps):
         longest = gaps[np.argmax(step[gaps])]
+        count, lost = len(gaps), int(np.sum(np.round(step[gaps] / usual) - 1))
         message = (
-            f"{topic} has {len(gaps)} gaps (about {int(np.sum(np.round(step[gaps] / usual) - 1))} samples lost), "
+            f"{topic} has {count} {'gap' if count == 1 else 'gaps'} (about {lost} samples lost), "
             f"the longest of {step[longest] * 1e-9:.4g} s after {moment(stamp_ns, int(longest))}"
         )
         report.add("warning", "gaps", message, topic=topic, time=float((stamp_ns[longest] - stamp_ns[0]) * 1e-9))

@@ -47,8 +47,8 @@ def followed(recording: Recording) -> Iterator[Finding]:
     if apart.any():
         words = f"{listed(joints, apart)} did not follow the recorded commands"
         yield warning("not_followed", words, "look for another joint's command, or one of another controller")
-    late = f"follow the commands by {span_of(1e3 * lag[good])} ms, delay and drive together"
-    size = f"at {span_of(gain[good])} of their size, {span_of(1e2 * left[good])} % of their spread apart"
+    late = f"are {span_of(1e3 * lag[good])} ms behind the commands (delay and drive together)"
+    size = f"{span_of(gain[good])} times as large and {span_of(1e2 * left[good])} % of their spread off"
     rate = f"commands come at {rates[0]:.4g} Hz, positions at {rates[1]:.4g} Hz"
     yield from about(joints, good, "commands", "positions", f"{late}, {size}; {rate}", severity="note")
     early = good & (lag < -0.5 / rates[1])
