@@ -83,7 +83,6 @@ def history_command(
 
         elastic-arm history archive/ --with coulomb_friction --scheduler tcp://10.0.0.2:8786
     """
-    keep_memory()
     check_gate(fail_on or ())
     paths = _bags(bags)
     options.require_bags(paths)
@@ -111,6 +110,7 @@ def history_command(
 
 
 def _asked(robot: Robot, model: str, refit: bool, known: Sequence[str], recordings: Sequence[Recording]) -> Diagnosis:
+    keep_memory()  # what was read and left out would leave holes
     given = known_effects(known, robot, Catalogue.default())
     return diagnose(recordings, Question(robot, model, refit=refit, given=given))
 
@@ -140,7 +140,6 @@ def _of_each(paths: Sequence[Path], read: Read, ask: Ask, workers: int, schedule
 
 def _alone(path: Path, read: Read, ask: Ask) -> tuple[int, Diagnosis] | str:
     """Return when a recording begins and its diagnosis, or why there is none."""
-    keep_memory()
     try:
         recording = read(path, report=lambda what, share: None, usual=DIAGNOSED)
         return recording.start_ns, replace(ask([recording]), context=None)
