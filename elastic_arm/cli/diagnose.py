@@ -91,9 +91,7 @@ def diagnose_command(
     csv: Csv = False,
     force: Force = False,
     json: options.Json = False,
-    quiet: Annotated[
-        bool, typer.Option("--quiet", help="Print nothing but errors, and JSON if that is asked for.")
-    ] = False,
+    quiet: options.Quiet = False,
     fail_on: FailOn = None,
 ) -> None:
     """Find where a recording and a model differ, which effect the model lacks, and how far the gap shrinks with it.

@@ -16,7 +16,7 @@ from elastic_arm.cli.options import ClockChoice, read_by_clock
 from elastic_arm.dynamics import build_model
 from elastic_arm.recording import Recording, Side, write_recording
 from elastic_arm.recording.inspection.check import check_bag
-from elastic_arm.recording.inspection.described_gravity import contradicted, contradicted_gravity, side_motions
+from elastic_arm.recording.inspection.described_gravity import contradicted, side_motions
 from elastic_arm.recording.inspection.report import Finding
 from elastic_arm.robot import Robot, save_robot
 from tests.helpers.random_arms import random_arm
@@ -56,6 +56,10 @@ def recorded(
     if side == "motor":
         return Recording(robot.joint_names, link=position, motor=effort)
     return Recording(robot.joint_names, link=position.beside(effort))
+
+
+def contradicted_gravity(recording: Recording, robot: Robot) -> list[Finding]:
+    return contradicted([*side_motions(recording, robot)], robot)
 
 
 @pytest.mark.parametrize("seed", range(4))

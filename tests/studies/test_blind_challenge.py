@@ -344,12 +344,12 @@ def test_servo_arms_are_drawn_answered_and_scored(tmp_path: Path) -> None:
 
 
 def test_a_history_is_recorded_and_its_change_told_where_it_happened(tmp_path: Path) -> None:
-    """Of four bags those from one on have more friction; a change told at another bag is a false one."""
+    """Of three bags those from one on have more friction; a change told at another bag is a false one."""
     settings = campaign.ChallengeSettings(
-        seed=1, effects=("coulomb_friction",), clean=0, pairs=0, seconds=(4.0,) * 4, level="history"
+        seed=1, effects=("coulomb_friction",), clean=0, pairs=0, seconds=(8.0,) * 3, level="history"
     )
     campaign.create(tmp_path, settings)
-    assert len(list((tmp_path / "bags").iterdir())) == 4
+    assert len(list((tmp_path / "bags").iterdir())) == 3
     assert campaign.solve(tmp_path) == {}
     (line,) = score(tmp_path)["items"]
     assert line["effect_right"] and not line["accused"]

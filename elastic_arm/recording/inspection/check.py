@@ -12,13 +12,7 @@ import numpy as np
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording.foreign.channels import ChannelMap
 from elastic_arm.recording.inspection.commands import followed
-from elastic_arm.recording.inspection.described_gravity import (
-    SideMotion,
-    contradicted,
-    contradicted_gravity,
-    misread_channels,
-    side_motions,
-)
+from elastic_arm.recording.inspection.described_gravity import Motions, contradicted, misread_channels, side_motions
 from elastic_arm.recording.inspection.magnitudes import beyond_limits
 from elastic_arm.recording.inspection.outliers import cleared, without_zeros
 from elastic_arm.recording.inspection.plausibility import implausible
@@ -57,12 +51,12 @@ def check_bag(
     A long bag is looked at in parts: what begins in a later one is said with its time. The description is compared with
     the motions of all of them.
     """
-    report, parts, motions = Report(str(path)), list[Report](), list[tuple[str, SideMotion]]()
+    report, parts, motions = Report(str(path)), list[Report](), Motions()
     # What is no bag at all is no finding.
     open_bag(path)
     try:
         for content in contents(path, channels, namespace, strict=False, most=CHECKED):
-            parts.append(_checked(content, channels, robot, Report(str(path)), motions))
+            parts.append(_checked(content, channels, robot, motions))
             report_share(f"checking {path}", content.share)
         _check_content(content, report)
     except RecordingError as error:
@@ -71,14 +65,9 @@ def check_bag(
     return report
 
 
-def _checked(
-    content: Content,
-    channels: ChannelMap | None,
-    robot: Robot | None,
-    report: Report,
-    motions: list[tuple[str, SideMotion]],
-) -> Report:
+def _checked(content: Content, channels: ChannelMap | None, robot: Robot | None, motions: Motions) -> Report:
     """Report what is wrong with a part of a bag, and add its motions."""
+    report = Report(content.source)
     recording = _read(content, channels, robot, report)
     if recording is not None:
         report.begin_ns = recording.start_ns if any(map(len, recording.measured().values())) else None
@@ -109,12 +98,10 @@ def _together(parts: Sequence[Report]) -> Iterator[Finding]:
         seen.update(words)
 
 
-def looked_through(
-    recording: Recording, robot: Robot | None = None, motions: list[tuple[str, SideMotion]] | None = None
-) -> list[Finding]:
+def looked_through(recording: Recording, robot: Robot | None = None, motions: Motions | None = None) -> list[Finding]:
     """Return what had to be done to use a recording, and what no sensors of a moving arm, or of this one, measure.
 
-    The motions that the description is to be compared with are added to those given.
+    What the description is to be compared with is added to `motions`.
     """
     whole, found = cleared(recording)
     found += [note(words) for words in whole.samples().notes if words not in recording.notes]
@@ -126,7 +113,7 @@ def looked_through(
 def doubts(recording: Recording, robot: Robot) -> list[str]:
     """Return in words what cannot be right of a recording to be fitted; fits look for the mounting themselves."""
     whole = cleared(recording)[0]
-    found = _seen(whole, recording, robot) + contradicted_gravity(whole, robot)
+    found = _seen(whole, recording, robot) + contradicted([*side_motions(whole, robot)], robot)
     return [finding.message for finding in found if finding.severity == "warning" and finding.code != "mounting"]
 
 

@@ -76,6 +76,9 @@ class SideMotion(NamedTuple):
     measured: list[int]
 
 
+Motions = list[tuple[str, SideMotion]]  # with the sides whose torques they hold
+
+
 class GravityFit(NamedTuple):
     """Torques of one side beside the described gravity, less what is not gravity.
 
@@ -99,13 +102,8 @@ class GravityFit(NamedTuple):
         return abs(self.correlation) > 0.5 and self.chance < CHANCE
 
 
-def contradicted_gravity(recording: Recording, robot: Robot) -> list[Finding]:
-    """Return which torques are at odds with the description, of a recording without damaged samples."""
-    return contradicted([*side_motions(recording, robot)], robot)
-
-
-def contradicted(motions: Sequence[tuple[str, SideMotion]], robot: Robot) -> list[Finding]:
-    """Return which torques are at odds with the description, of the motions of all parts of a recording.
+def contradicted(motions: Motions, robot: Robot) -> list[Finding]:
+    """Return which torques are at odds with the description, of the motions of a recording, or of all its parts.
 
     They belong to another joint, way to turn or zero, "exchanged", "mirrored", "other_zero"; run against gravity,
     "gravity_sign"; show another direction, "mounting"; are far larger or smaller, "gravity_size"; or hold no gravity,
@@ -132,18 +130,17 @@ def misread_channels(recording: Recording, robot: Robot, *, weight: bool) -> str
     return None
 
 
-def _fits(motions: Sequence[tuple[str, SideMotion]], robot: Robot) -> Iterator[tuple[str, SideMotion, GravityFit]]:
+def _fits(motions: Motions, robot: Robot) -> Iterator[tuple[str, SideMotion, GravityFit]]:
     """Yield the torques of each side, of all its motions together, beside the described gravity."""
     for side in SIDES.values():
         own = [motion for name, motion in motions if name == side]
         if not own:
             continue
         every = max(1, sum(len(motion.q) for motion in own) // ENOUGH)
-        q, dq, ddq, torque = (np.concatenate(rates)[::every] for rates in list(zip(*own, strict=True))[:4])
-        measured = sorted(set.intersection(*(set(motion.measured) for motion in own)))
-        whole = SideMotion(q, dq, ddq, torque, measured)
+        rates = (np.concatenate(parts)[::every] for parts in list(zip(*own, strict=True))[:4])
+        whole = SideMotion(*rates, sorted(set.intersection(*(set(motion.measured) for motion in own))))
         fit = _fit_gravity(whole, robot, motors=side == "motor")
-        if len(q) >= FEWEST and fit.gravity.any():
+        if len(whole.q) >= FEWEST and fit.gravity.any():
             yield side, whole, fit
 
 

@@ -227,9 +227,7 @@ def frozen(recording: Recording) -> list[Finding]:
 
 def _frozen(what: str, sides: list[Side], start_ns: int) -> list[Finding]:
     """Return the stretches in which the channels of sides with equal stamps stay as they are, at speed before them."""
-    columns = [
-        column for side in sides for values in side.channels().values() for column in values[:, joints_with(values)].T
-    ]
+    columns = [c for side in sides for values in side.channels().values() for c in values[:, joints_with(values)].T]
     t: Array = np.asarray((sides[0].stamp_ns - start_ns) * 1e-9, dtype=np.float64)
     moving = [(side.position, side.velocity) for side in sides if side.position is not None]
     if len(t) < FEWEST or not moving:

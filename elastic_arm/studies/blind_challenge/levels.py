@@ -159,7 +159,7 @@ HISTORY = replace(
     joints=(3,),
     points=0.0,
     foreign=(),
-    seconds=(6.0,) * 12,
+    seconds=(8.0,) * 12,
     changing=True,
 )  # fmt: skip
 LEVELS = {level.name: level for level in (LABORATORY, WORKSHOP, FIELD, SERVO, POSITION, HISTORY)}
