@@ -74,8 +74,8 @@ def history_command(
     is picked up and kept. Writes history.json, history.csv and report.html, with a
     plot of each size.
 
-    One diagnosis holds some tens of recordings; with --workers or --scheduler any
-    number is diagnosed, each alone.
+    One diagnosis holds six recordings of three joints, and fewer of more; more than
+    that, and all with --workers or --scheduler, are diagnosed each alone.
 
     Examples:
 
@@ -95,6 +95,7 @@ def history_command(
     read = partial(options.read_motion, channels=mapping, robot=robot, clock=clock, namespace=namespace)
     ask = partial(_asked, robot, model, refit, with_ or ())
     alone = workers is not None or scheduler is not None
+    alone |= len(paths) * SEGMENT > DIAGNOSED * min(1.0, 3.0 / robot.n)  # the motion that one diagnosis holds
     console = Console(quiet=True) if quiet else err
     follow = partial(_of_each, workers=workers or 1, scheduler=scheduler) if alone else _of_all
     found, all_of, dates = follow(paths, read, ask, console)

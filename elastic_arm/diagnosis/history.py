@@ -12,6 +12,9 @@ Of more recordings than one diagnosis holds, each is diagnosed alone. Sizes x of
 are likelier with a spread of their own, of a share w of the largest, than without:
 
     p(x | w) = N(x; a, S + w² max |x|²)        a anything, odds of a change and shares w by `evidence.priors`
+
+A cause that an explained recording does not have is there with its value of no effect, and a deviation of as much as
+odds of one cause may hide: sqrt(-2 ln EVENT) deviations where it was found.
 """
 
 from __future__ import annotations
@@ -28,9 +31,10 @@ from scipy.special import expit, logsumexp
 from elastic_arm.arrays import Array
 from elastic_arm.diagnosis.changes import SizedTerm, sizes_of
 from elastic_arm.diagnosis.result import Change, Diagnosis, plain_parameters
+from elastic_arm.effects import EFFECTS
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.evidence.changes import change_key, change_of
-from elastic_arm.evidence.priors import CHANGED, SCALES
+from elastic_arm.evidence.priors import CHANGED, EVENT, SCALES
 
 FEW = "a history needs two recordings or more"
 
@@ -108,19 +112,23 @@ def together(found: Sequence[Diagnosis], refused: Sequence[str] = ()) -> tuple[D
 
 
 def courses_of_each(found: Sequence[Diagnosis]) -> tuple[Course, ...]:
-    """Return every number that two diagnoses of single recordings or more hold, those that changed first."""
+    """Return every number that diagnoses of single recordings hold, those that changed first."""
     sizes: dict[tuple[str, str | None, str, str], dict[int, tuple[float, float]]] = {}
     for k, one in enumerate(found):
         causes = [(c.effect, c.joint, plain_parameters(c.parameters)) for c in one.causes]
         for effect, joint, parameters in [*((o["effect"], o["joint"], o["parameters"]) for o in one.known), *causes]:
             for name, size in list(parameters.items())[:1]:
-                if size["std"]:
+                if size["std"] and not np.ndim(size["std"]):
                     sizes.setdefault((effect, joint, name, size["unit"]), {})[k] = size["value"], size["std"]
     result = []
     for key, own in sizes.items():
-        where = np.array(list(own))
+        hidden = float(np.median([std for _, std in own.values()])) * np.sqrt(-2.0 * np.log(EVENT))
+        absent = EFFECTS[key[0]].parameter(key[2]).neutral if key[0] in EFFECTS else None
+        for k in (k for k, one in enumerate(found) if k not in own and one.verdict != "unknown" and absent is not None):
+            own[k] = absent, hidden
+        where = np.array(sorted(own))
         every = np.full((2, len(found)), np.nan)
-        every[:, where] = np.array(list(own.values())).T
+        every[:, where] = np.array([own[k] for k in where]).T
         values, variances = every[0, where], every[1, where] ** 2
         changed = changed_of_each(values, variances)
         step = step_of(values, np.diag(variances)) if changed > 0.5 else None

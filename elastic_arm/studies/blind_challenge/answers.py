@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from elastic_arm.diagnosis.history import courses
+from elastic_arm.diagnosis.history import together
 from elastic_arm.diagnosis.result import Diagnosis
 from elastic_arm.effects import EFFECTS, Effect, Role, Scope
 from elastic_arm.effects.model import MODELS
@@ -77,8 +77,8 @@ def score_answer(entry: Mapping[str, Any], answer: Mapping[str, Any], effects: M
     }
 
 
-def changes_told(found: Diagnosis) -> dict[str, Any]:
-    """Return what changed between recordings as the causes of an answer, with the recording and the size behind it."""
+def changes_told(found: Sequence[Diagnosis]) -> dict[str, Any]:
+    """Return what changed between recordings, each diagnosed alone, as causes with the recording and the size then."""
     causes = [
         {
             "effect": one.sized.effect,
@@ -89,7 +89,7 @@ def changes_told(found: Diagnosis) -> dict[str, Any]:
             "alternatives": [],
             "parameters": {one.sized.parameter: {"value": one.step.after_value, "std": one.step.after_std}},
         }
-        for one in courses(found)
+        for one in together(found)[1]
         if one.step is not None
     ]
     return {"verdict": "explained" if causes else "none", "causes": causes, "known": [], "imperfections": []}

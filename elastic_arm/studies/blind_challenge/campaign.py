@@ -236,10 +236,12 @@ def _diagnose(folder: Path, name: str, model: str, without: str, kind: str) -> t
         settings = load_manifest(folder)["settings"]
         level = level_of(settings["level"])
         bags = bags_of(folder, name, len(settings["seconds"] or level.seconds))
-        recordings, fitted = [read_recording(bag, mapping) for bag in bags], len(bags) if level.changing else 1
-        question = _question(folder, name, model, catalogue)
-        found, problem = diagnose(recordings[:fitted], question, recordings[fitted:]), ""
-        answer = found.to_dict() | (changes_told(found) if level.changing else {})
+        recordings, question = [read_recording(bag, mapping) for bag in bags], _question(folder, name, model, catalogue)
+        if level.changing:
+            found = [replace(diagnose([one], question), context=None) for one in recordings]
+            answer, problem = found[0].to_dict() | changes_told(found), ""
+        else:
+            answer, problem = diagnose(recordings[:1], question, recordings[1:]).to_dict(), ""
     except ElasticArmError as error:  # to refuse is an answer too, and counts as one
         answer, problem = REFUSED | {"notes": [str(error)]}, str(error)
     spent = {"seconds": time.perf_counter() - wall, "cpu_seconds": time.process_time() - cpu}
