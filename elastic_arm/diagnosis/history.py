@@ -124,8 +124,8 @@ def courses_of_each(found: Sequence[Diagnosis]) -> tuple[Course, ...]:
     for key, own in sizes.items():
         hidden = float(np.median([std for _, std in own.values()])) * np.sqrt(-2.0 * np.log(EVENT))
         absent = EFFECTS[key[0]].parameter(key[2]).neutral if key[0] in EFFECTS else None
-        for k in (k for k, one in enumerate(found) if k not in own and one.verdict != "unknown" and absent is not None):
-            own[k] = absent, hidden
+        if absent is not None:
+            own |= {k: (absent, hidden) for k, one in enumerate(found) if k not in own and one.verdict != "unknown"}
         where = np.array(sorted(own))
         every = np.full((2, len(found)), np.nan)
         every[:, where] = np.array([own[k] for k in where]).T

@@ -137,8 +137,9 @@ def _fits(motions: Motions, robot: Robot) -> Iterator[tuple[str, SideMotion, Gra
         if not own:
             continue
         every = max(1, sum(len(motion.q) for motion in own) // ENOUGH)
-        rates = (np.concatenate(parts)[::every] for parts in list(zip(*own, strict=True))[:4])
-        whole = SideMotion(*rates, sorted(set.intersection(*(set(motion.measured) for motion in own))))
+        q, dq, ddq, torque = (np.concatenate(parts)[::every] for parts in list(zip(*own, strict=True))[:4])
+        measured = sorted(set.intersection(*(set(motion.measured) for motion in own)))
+        whole = SideMotion(q, dq, ddq, torque, measured)
         fit = _fit_gravity(whole, robot, motors=side == "motor")
         if len(whole.q) >= FEWEST and fit.gravity.any():
             yield side, whole, fit

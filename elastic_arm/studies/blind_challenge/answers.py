@@ -79,7 +79,7 @@ def score_answer(entry: Mapping[str, Any], answer: Mapping[str, Any], effects: M
 
 def changes_told(found: Sequence[Diagnosis]) -> dict[str, Any]:
     """Return what changed between recordings, each diagnosed alone, as causes with the recording and the size then."""
-    causes = [
+    causes: list[dict[str, Any]] = [
         {
             "effect": one.sized.effect,
             "joint": one.sized.joint,
