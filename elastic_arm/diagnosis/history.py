@@ -13,8 +13,8 @@ are likelier with a spread of their own, of a share w of the largest, than witho
 
     p(x | w) = N(x; a, S + w² max |x|²)        a anything, odds of a change and shares w by `evidence.priors`
 
-A cause that an explained recording does not have is there with its value of no effect, and a deviation of as much as
-odds of one cause may hide: sqrt(-2 ln EVENT) deviations where it was found.
+A cause that some have, and all that are explained before them or after them have not, has its value of no effect in
+these, with a deviation of as much as odds of one cause may hide: sqrt(-2 ln EVENT) deviations where it was found.
 """
 
 from __future__ import annotations
@@ -124,8 +124,10 @@ def courses_of_each(found: Sequence[Diagnosis]) -> tuple[Course, ...]:
     for key, own in sizes.items():
         hidden = float(np.median([std for _, std in own.values()])) * np.sqrt(-2.0 * np.log(EVENT))
         absent = EFFECTS[key[0]].parameter(key[2]).neutral if key[0] in EFFECTS else None
-        if absent is not None:
-            own |= {k: (absent, hidden) for k, one in enumerate(found) if k not in own and one.verdict != "unknown"}
+        lacking = [k for k, one in enumerate(found) if k not in own and one.verdict != "unknown"]
+        apart = bool(lacking) and (max(lacking) < min(own) or min(lacking) > max(own))
+        if absent is not None and apart and len(own) > 1:
+            own |= dict.fromkeys(lacking, (absent, hidden))
         where = np.array(sorted(own))
         every = np.full((2, len(found)), np.nan)
         every[:, where] = np.array([own[k] for k in where]).T

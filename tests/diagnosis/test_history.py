@@ -86,8 +86,8 @@ def test_sizes_of_single_recordings_differ_by_more_than_their_deviations() -> No
     assert min(changed_of_each(values, np.full(10, 1e-4)) for values in noise) > 0.99
 
 
-def test_a_cause_that_appears_is_a_change_and_one_that_may_hide_is_none() -> None:
-    """2 kg from the third recording on; 0.5 kg of which each third recording cannot tell; nothing from `unknown`."""
+def test_a_cause_that_appears_for_good_is_a_change_and_one_that_may_hide_is_none() -> None:
+    """2 kg from the third recording on; 0.3 kg that the first cannot tell; one now and then; nothing from `unknown`."""
 
     def courses_of(*masses: float | None, std: float, verdict: str = "explained") -> tuple[Course, ...]:
         sizes = ({"mass": ParameterEstimate(mass, std, "kg")} if mass else None for mass in masses)
@@ -99,8 +99,9 @@ def test_a_cause_that_appears_is_a_change_and_one_that_may_hide_is_none() -> Non
     (payload,) = courses_of(None, None, 2.0, 2.0, std=0.01)
     assert payload.changed > 0.99 and payload.step is not None and payload.step.until == 2
     assert payload.step.before_value == pytest.approx(0.0, abs=1e-6)
-    (hidden,) = courses_of(0.5, 0.5, None, 0.5, 0.5, None, std=0.1)
-    assert hidden.changed < 0.5
+    (hidden,) = courses_of(None, None, 0.3, 0.3, std=0.1)
+    (now_and_then,) = courses_of(2.0, None, 2.0, None, 2.0, std=0.01)
+    assert hidden.changed < 0.5 and now_and_then.changed < 0.5
     (alone,) = courses_of(None, None, 2.0, 2.0, std=0.01, verdict="unknown")
     assert alone.changed < 0.5
 

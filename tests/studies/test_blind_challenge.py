@@ -343,6 +343,7 @@ def test_servo_arms_are_drawn_answered_and_scored(tmp_path: Path) -> None:
     assert line["effect_right"] and not line["accused"]
 
 
+@pytest.mark.slow(12)
 def test_a_history_is_recorded_and_its_change_told_where_it_happened(tmp_path: Path) -> None:
     """Of three bags those from one on have more friction; a change told at another bag is a false one."""
     settings = campaign.ChallengeSettings(
