@@ -14,7 +14,8 @@ are likelier with a spread of their own, of a share w of the largest, than witho
     p(x | w) = N(x; a, S + w² max |x|²)        a anything, odds of a change and shares w by `evidence.priors`
 
 A cause that some have, and all that are explained before them or after them have not, has its value of no effect in
-these, with a deviation of as much as odds of one cause may hide: sqrt(-2 ln EVENT) deviations where it was found.
+these, with a deviation of as much as odds of one cause may hide: sqrt(-2 ln EVENT) deviations where it was found. A
+recording of which something is unknown tells no change: its sizes hold a part of that.
 """
 
 from __future__ import annotations
@@ -99,6 +100,7 @@ def together(found: Sequence[Diagnosis], refused: Sequence[str] = ()) -> tuple[D
         raise DiagnosisError("; ".join((FEW, *refused[:1])), "Name them, or the folder that they are in.")
     recordings, followed = tuple(one.identify[0] for one in found), courses_of_each(found)
     verdicts = {one.verdict for one in found}
+    doubtful = [f"{one.identify[0]} is unknown, and tells no change" for one in found if one.verdict == "unknown"]
     whole = replace(
         found[0],
         identify=recordings,
@@ -106,7 +108,7 @@ def together(found: Sequence[Diagnosis], refused: Sequence[str] = ()) -> tuple[D
         causes=tuple(cause for one in found for cause in one.causes),
         changes=tuple(one.change(recordings) for one in followed if one.step is not None),
         unexplained=tuple(place for one in found for place in one.unexplained),
-        notes=(*refused, *(note for one in found for note in one.notes)),
+        notes=(*refused, *doubtful, *(note for one in found for note in one.notes)),
     )
     return whole, followed
 
@@ -128,11 +130,11 @@ def courses_of_each(found: Sequence[Diagnosis]) -> tuple[Course, ...]:
         apart = bool(lacking) and (max(lacking) < min(own) or min(lacking) > max(own))
         if absent is not None and apart and len(own) > 1:
             own |= dict.fromkeys(lacking, (absent, hidden))
-        where = np.array(sorted(own))
         every = np.full((2, len(found)), np.nan)
-        every[:, where] = np.array([own[k] for k in where]).T
+        every[:, list(own)] = np.array(list(own.values())).T
+        where = np.array([k for k in sorted(own) if found[k].verdict != "unknown"], np.intp)
         values, variances = every[0, where], every[1, where] ** 2
-        changed = changed_of_each(values, variances)
+        changed = changed_of_each(values, variances) if len(where) > 1 else CHANGED
         step = step_of(values, np.diag(variances)) if changed > 0.5 else None
         if step is not None:
             step = replace(step, after=int(where[step.after]), until=int(where[step.until]))

@@ -89,11 +89,11 @@ def test_sizes_of_single_recordings_differ_by_more_than_their_deviations() -> No
 def test_a_cause_that_appears_for_good_is_a_change_and_one_that_may_hide_is_none() -> None:
     """2 kg from the third recording on; 0.3 kg that the first cannot tell; one now and then; nothing from `unknown`."""
 
-    def courses_of(*masses: float | None, std: float, verdict: str = "explained") -> tuple[Course, ...]:
+    def courses_of(*masses: float | None, std: float, verdict: str = "explained", shown: int = 1) -> tuple[Course, ...]:
         sizes = ({"mass": ParameterEstimate(mass, std, "kg")} if mass else None for mass in masses)
         causes = ([SimpleNamespace(effect="payload", joint="joint_3", parameters=one)] if one else [] for one in sizes)
         return courses_of_each(
-            [SimpleNamespace(known=[], causes=c, verdict=verdict if not c else "explained") for c in causes]
+            [SimpleNamespace(known=[], causes=c, verdict="explained" if len(c) == shown else verdict) for c in causes]
         )  # type: ignore[misc]
 
     (payload,) = courses_of(None, None, 2.0, 2.0, std=0.01)
@@ -103,7 +103,8 @@ def test_a_cause_that_appears_for_good_is_a_change_and_one_that_may_hide_is_none
     (now_and_then,) = courses_of(2.0, None, 2.0, None, 2.0, std=0.01)
     assert hidden.changed < 0.5 and now_and_then.changed < 0.5
     (alone,) = courses_of(None, None, 2.0, 2.0, std=0.01, verdict="unknown")
-    assert alone.changed < 0.5
+    (doubtful,) = courses_of(1.0, 1.0, 2.0, 2.0, std=0.01, verdict="unknown", shown=0)
+    assert alone.changed < 0.5 and doubtful.changed < 0.5
 
 
 def test_a_folder_without_bags_is_refused(tmp_path: Path) -> None:
