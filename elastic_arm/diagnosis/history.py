@@ -15,7 +15,7 @@ are likelier with a spread of their own, of a share w of the largest, than witho
 
 A cause that some have, and all that are explained before them or after them have not, has its value of no effect in
 these, with a deviation of as much as odds of one cause may hide: sqrt(-2 ln EVENT) deviations where it was found. A
-recording of which something is unknown tells no change: its sizes hold a part of that.
+recording of which something is unknown shows no change: its sizes hold a part of that.
 """
 
 from __future__ import annotations
@@ -100,7 +100,7 @@ def together(found: Sequence[Diagnosis], refused: Sequence[str] = ()) -> tuple[D
         raise DiagnosisError("; ".join((FEW, *refused[:1])), "Name them, or the folder that they are in.")
     recordings, followed = tuple(one.identify[0] for one in found), courses_of_each(found)
     verdicts = {one.verdict for one in found}
-    doubtful = [f"{one.identify[0]} is unknown, and tells no change" for one in found if one.verdict == "unknown"]
+    doubtful = [f"{one.identify[0]} is unknown, and shows no change" for one in found if one.verdict == "unknown"]
     whole = replace(
         found[0],
         identify=recordings,
