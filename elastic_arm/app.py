@@ -6,13 +6,16 @@ quietly as one later on. SIGTERM is taken as Ctrl-C is: what a command has start
 
 from __future__ import annotations
 
+import atexit
 import os
 import signal
 import sys
+from contextlib import suppress
 from types import FrameType
 from typing import TYPE_CHECKING
 
 from elastic_arm.blas import one_blas_thread
+from elastic_arm.errors import ElasticArmError
 from elastic_arm.lazy_names import lazily
 from elastic_arm.memory import available_memory
 
@@ -54,8 +57,13 @@ def main() -> None:
         for number in heeded:
             signal.signal(number, signal.SIG_DFL)
         if interrupts.came is not None:
-            # Whatever a library made of it: one that is being imported may turn it into an ImportError.
-            raise SystemExit(128 + interrupts.came)
+            # Whatever a library made of it: one that is being imported may turn it into an ImportError. Taking all
+            # libraries down, and waiting for threads, would take ten times as long as all else.
+            atexit._run_exitfuncs()
+            for stream in (sys.stdout, sys.stderr):
+                with suppress(OSError, ElasticArmError):
+                    stream.flush()
+            os._exit(128 + interrupts.came)
 
 
 class _Interrupts:

@@ -91,9 +91,7 @@ def diagnose_command(
     csv: Csv = False,
     force: Force = False,
     json: options.Json = False,
-    quiet: Annotated[
-        bool, typer.Option("--quiet", help="Print nothing but errors, and JSON if that is asked for.")
-    ] = False,
+    quiet: options.Quiet = False,
     fail_on: FailOn = None,
 ) -> None:
     """Find where a recording and a model differ, which effect the model lacks, and how far the gap shrinks with it.
@@ -114,7 +112,6 @@ def diagnose_command(
 
         elastic-arm diagnose bag --refit --with coulomb_friction --with viscous_friction
     """
-    keep_memory()
     check_gate(fail_on or ())
     options.require_bags([*bags, *(validate or [])])
     claim_folder(out_dir, [*RESULTS, *(TABLES if csv else ())], force=force)
@@ -147,6 +144,7 @@ def diagnose_command(
     wrong = misread(recordings, robot, explained=True)
     sought = None if wrong is None else ()
     question = Question(robot, model, refit=refit, given=given, effects=sought, catalogue=catalogue, priors=priors)
+    keep_memory()  # what was read and left out would leave holes
     with working("diagnosing"):
         found = diagnose(recordings, question, judges)
     with working("predicting, comparing, proposing"):

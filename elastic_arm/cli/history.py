@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from rich.console import Console
 from rich.markup import escape
 
 from elastic_arm.cli import options
@@ -62,6 +63,7 @@ def history_command(
         str | None, typer.Option(help="The same on a Dask cluster, by its address; it must see the same files.")
     ] = None,
     json: options.Json = False,
+    quiet: options.Quiet = False,
     fail_on: FailOn = None,
 ) -> None:
     """Follow the numbers of one arm over recordings: what changed, when, by how much, how certain.
@@ -72,8 +74,8 @@ def history_command(
     is picked up and kept. Writes history.json, history.csv and report.html, with a
     plot of each size.
 
-    One diagnosis holds some tens of recordings; with --workers or --scheduler any
-    number is diagnosed, each alone.
+    One diagnosis holds six recordings of three joints, and fewer of more; more than
+    that, and all with --workers or --scheduler, are diagnosed each alone.
 
     Examples:
 
@@ -83,7 +85,6 @@ def history_command(
 
         elastic-arm history archive/ --with coulomb_friction --scheduler tcp://10.0.0.2:8786
     """
-    keep_memory()
     check_gate(fail_on or ())
     paths = _bags(bags)
     options.require_bags(paths)
@@ -94,7 +95,10 @@ def history_command(
     read = partial(options.read_motion, channels=mapping, robot=robot, clock=clock, namespace=namespace)
     ask = partial(_asked, robot, model, refit, with_ or ())
     alone = workers is not None or scheduler is not None
-    found, all_of, dates = _of_each(paths, read, ask, workers or 1, scheduler) if alone else _of_all(paths, read, ask)
+    alone |= len(paths) * SEGMENT > DIAGNOSED * min(1.0, 3.0 / robot.n)  # the motion that one diagnosis holds
+    console = Console(quiet=True) if quiet else err
+    follow = partial(_of_each, workers=workers or 1, scheduler=scheduler) if alone else _of_all
+    found, all_of, dates = follow(paths, read, ask, console)
     result = to_dict(found, all_of, dates)
     write_result(out_dir / RESULTS[0], json_text(result, indent=2, allow_nan=False) + "\n")
     write_result(out_dir / RESULTS[1], to_csv(result))
@@ -104,32 +108,35 @@ def history_command(
     write_history_report(out_dir / RESULTS[2], found, all_of, dates)
     if json:
         print_json(result)
-    else:
+    elif not quiet:
         print_history(found, all_of, dates)
         out.print(f"written: {escape(str(out_dir))}/{', '.join(RESULTS)}")
     pass_gate(found, fail_on or ())
 
 
 def _asked(robot: Robot, model: str, refit: bool, known: Sequence[str], recordings: Sequence[Recording]) -> Diagnosis:
+    keep_memory()  # what was read and left out would leave holes
     given = known_effects(known, robot, Catalogue.default())
     return diagnose(recordings, Question(robot, model, refit=refit, given=given))
 
 
-def _of_all(paths: Sequence[Path], read: Read, ask: Ask) -> Followed:
+def _of_all(paths: Sequence[Path], read: Read, ask: Ask, console: Console) -> Followed:
     """Diagnose all recordings together."""
     seconds = max(DIAGNOSED / len(paths), SEGMENT - 1.0)
-    with err.status("reading") as status:
+    with console.status("reading") as status:
         recordings = [read(path, report=shares_of(status), usual=seconds) for path in paths]
     recordings = sorted(recordings, key=lambda one: one.start_ns) if len(paths) > 1 else in_parts(recordings[0])
-    with err.status(f"diagnosing {len(recordings)} recordings"):
+    with console.status(f"diagnosing {len(recordings)} recordings"):
         found = ask(recordings)
         return found, courses(found), [_date(one.start_ns) for one in recordings]
 
 
-def _of_each(paths: Sequence[Path], read: Read, ask: Ask, workers: int, scheduler: str | None) -> Followed:
+def _of_each(
+    paths: Sequence[Path], read: Read, ask: Ask, console: Console, workers: int, scheduler: str | None
+) -> Followed:
     """Diagnose each recording alone, by processes; one that allows no diagnosis is a note."""
     done = count(1)
-    with err.status(f"diagnosing {len(paths)} recordings") as status:
+    with console.status(f"diagnosing {len(paths)} recordings") as status:
         advance = lambda: status.update(f"diagnosed {next(done)} of {len(paths)} recordings")  # noqa: E731
         with ProcessPool(min(workers, len(paths)), scheduler) as pool:
             answers = pool.run([partial(_alone, path.resolve(), read, ask) for path in paths], advance)
@@ -140,7 +147,6 @@ def _of_each(paths: Sequence[Path], read: Read, ask: Ask, workers: int, schedule
 
 def _alone(path: Path, read: Read, ask: Ask) -> tuple[int, Diagnosis] | str:
     """Return when a recording begins and its diagnosis, or why there is none."""
-    keep_memory()
     try:
         recording = read(path, report=lambda what, share: None, usual=DIAGNOSED)
         return recording.start_ns, replace(ask([recording]), context=None)

@@ -76,7 +76,6 @@ def identify(
 
         elastic-arm identify lwr_1 lwr_3 --robot lwr.urdf --with coulomb_friction:side=link --validate lwr_2
     """
-    keep_memory()
     options.require_bags([*bags, *(validate or [])])
     claim_folder(out_dir, [*RESULTS, *(TABLES if csv else ())], force=force)
     catalogue = Catalogue.default().with_files(effects_files or ())
@@ -94,6 +93,7 @@ def identify(
             return options.read_motion(path, mapping, robot, clock, namespace, says, IDENTIFIED, most)
 
         recordings, held_out = ([read(path) for path in paths] for paths in (bags, validate or []))
+        keep_memory()  # what was read and left out would leave holes
         result, identifier, motion = identify_with(recordings, robot, settings, validate=held_out, progress=says)
         says("report", 1.0)
         stated = any(law.effect.id == COMPENSATION.id for law in (*laws, *robot_effects(robot, catalogue)))

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 Model = Annotated[str, typer.Option(help="mod1, mod2 or mod3.")]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON, for scripts.")]
+Quiet = Annotated[bool, typer.Option("--quiet", help="Print nothing but errors, and JSON if that is asked for.")]
 Channels = Annotated[Path | None, typer.Option(help="Channel map (YAML) of foreign bags; see docs/channel_maps.md.")]
 Seed = Annotated[int, typer.Option(min=0, help="The same seed gives the same result.")]
 Refit = Annotated[bool, typer.Option("--refit", help="The description's numbers cannot be exact: fit them.")]

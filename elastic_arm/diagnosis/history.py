@@ -12,6 +12,10 @@ Of more recordings than one diagnosis holds, each is diagnosed alone. Sizes x of
 are likelier with a spread of their own, of a share w of the largest, than without:
 
     p(x | w) = N(x; a, S + w² max |x|²)        a anything, odds of a change and shares w by `evidence.priors`
+
+A cause that some have, and all that are explained before them or after them have not, has its value of no effect in
+these, with a deviation of as much as odds of one cause may hide: sqrt(-2 ln EVENT) deviations where it was found. A
+recording of which something is unknown shows no change: its sizes hold a part of that.
 """
 
 from __future__ import annotations
@@ -28,9 +32,10 @@ from scipy.special import expit, logsumexp
 from elastic_arm.arrays import Array
 from elastic_arm.diagnosis.changes import SizedTerm, sizes_of
 from elastic_arm.diagnosis.result import Change, Diagnosis, plain_parameters
+from elastic_arm.effects import EFFECTS
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.evidence.changes import change_key, change_of
-from elastic_arm.evidence.priors import CHANGED, SCALES
+from elastic_arm.evidence.priors import CHANGED, EVENT, SCALES
 
 FEW = "a history needs two recordings or more"
 
@@ -95,6 +100,7 @@ def together(found: Sequence[Diagnosis], refused: Sequence[str] = ()) -> tuple[D
         raise DiagnosisError("; ".join((FEW, *refused[:1])), "Name them, or the folder that they are in.")
     recordings, followed = tuple(one.identify[0] for one in found), courses_of_each(found)
     verdicts = {one.verdict for one in found}
+    doubtful = [f"{one.identify[0]} is unknown, and shows no change" for one in found if one.verdict == "unknown"]
     whole = replace(
         found[0],
         identify=recordings,
@@ -102,27 +108,33 @@ def together(found: Sequence[Diagnosis], refused: Sequence[str] = ()) -> tuple[D
         causes=tuple(cause for one in found for cause in one.causes),
         changes=tuple(one.change(recordings) for one in followed if one.step is not None),
         unexplained=tuple(place for one in found for place in one.unexplained),
-        notes=(*refused, *(note for one in found for note in one.notes)),
+        notes=(*refused, *doubtful, *(note for one in found for note in one.notes)),
     )
     return whole, followed
 
 
 def courses_of_each(found: Sequence[Diagnosis]) -> tuple[Course, ...]:
-    """Return every number that two diagnoses of single recordings or more hold, those that changed first."""
+    """Return every number that diagnoses of single recordings hold, those that changed first."""
     sizes: dict[tuple[str, str | None, str, str], dict[int, tuple[float, float]]] = {}
     for k, one in enumerate(found):
         causes = [(c.effect, c.joint, plain_parameters(c.parameters)) for c in one.causes]
         for effect, joint, parameters in [*((o["effect"], o["joint"], o["parameters"]) for o in one.known), *causes]:
             for name, size in list(parameters.items())[:1]:
-                if size["std"]:
+                if size["std"] and not np.ndim(size["std"]):
                     sizes.setdefault((effect, joint, name, size["unit"]), {})[k] = size["value"], size["std"]
     result = []
     for key, own in sizes.items():
-        where = np.array(list(own))
+        hidden = float(np.median([std for _, std in own.values()])) * np.sqrt(-2.0 * np.log(EVENT))
+        absent = EFFECTS[key[0]].parameter(key[2]).neutral if key[0] in EFFECTS else None
+        lacking = [k for k, one in enumerate(found) if k not in own and one.verdict != "unknown"]
+        apart = bool(lacking) and (max(lacking) < min(own) or min(lacking) > max(own))
+        if absent is not None and apart and len(own) > 1:
+            own |= dict.fromkeys(lacking, (absent, hidden))
         every = np.full((2, len(found)), np.nan)
-        every[:, where] = np.array(list(own.values())).T
+        every[:, list(own)] = np.array(list(own.values())).T
+        where = np.array([k for k in sorted(own) if found[k].verdict != "unknown"], np.intp)
         values, variances = every[0, where], every[1, where] ** 2
-        changed = changed_of_each(values, variances)
+        changed = changed_of_each(values, variances) if len(where) > 1 else CHANGED
         step = step_of(values, np.diag(variances)) if changed > 0.5 else None
         if step is not None:
             step = replace(step, after=int(where[step.after]), until=int(where[step.until]))

@@ -271,7 +271,7 @@ class WhitenedData:
 
     def shares(self) -> list[Array]:
         """Return which share of the noise's power is left (N', R) of each stretch without those torques."""
-        return [free.shares(*y.shape, self.band) for free, y in zip(self._free, self.y, strict=True)]
+        return [free.shares(len(y), y.shape[1], self.band) for free, y in zip(self._free, self.y, strict=True)]
 
     @property
     def seconds(self) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +12,8 @@ from typer.testing import CliRunner
 
 from elastic_arm.app import app
 from elastic_arm.diagnosis import Question, diagnose
-from elastic_arm.diagnosis.history import changed_of_each, courses, step_of
+from elastic_arm.diagnosis.history import Course, changed_of_each, courses, courses_of_each, step_of
+from elastic_arm.diagnosis.result import ParameterEstimate
 from elastic_arm.effects import EFFECTS
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.segments import in_parts
@@ -82,6 +84,27 @@ def test_sizes_of_single_recordings_differ_by_more_than_their_deviations() -> No
     assert max(changed_of_each(values, np.full(10, 1e-4)) for values in noise) < 0.5
     noise[:, 7:] += 0.1
     assert min(changed_of_each(values, np.full(10, 1e-4)) for values in noise) > 0.99
+
+
+def test_a_cause_that_appears_for_good_is_a_change_and_one_that_may_hide_is_none() -> None:
+    """2 kg from the third recording on; 0.3 kg that the first cannot tell; one now and then; nothing from `unknown`."""
+
+    def courses_of(*masses: float | None, std: float, verdict: str = "explained", shown: int = 1) -> tuple[Course, ...]:
+        sizes = ({"mass": ParameterEstimate(mass, std, "kg")} if mass else None for mass in masses)
+        causes = ([SimpleNamespace(effect="payload", joint="joint_3", parameters=one)] if one else [] for one in sizes)
+        return courses_of_each(
+            [SimpleNamespace(known=[], causes=c, verdict="explained" if len(c) == shown else verdict) for c in causes]
+        )  # type: ignore[misc]
+
+    (payload,) = courses_of(None, None, 2.0, 2.0, std=0.01)
+    assert payload.changed > 0.99 and payload.step is not None and payload.step.until == 2
+    assert payload.step.before_value == pytest.approx(0.0, abs=1e-6)
+    (hidden,) = courses_of(None, None, 0.3, 0.3, std=0.1)
+    (now_and_then,) = courses_of(2.0, None, 2.0, None, 2.0, std=0.01)
+    assert hidden.changed < 0.5 and now_and_then.changed < 0.5
+    (alone,) = courses_of(None, None, 2.0, 2.0, std=0.01, verdict="unknown")
+    (doubtful,) = courses_of(1.0, 1.0, 2.0, 2.0, std=0.01, verdict="unknown", shown=0)
+    assert alone.changed < 0.5 and doubtful.changed < 0.5
 
 
 def test_a_folder_without_bags_is_refused(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from elastic_arm.cli.options import ClockChoice, read_by_clock
 from elastic_arm.dynamics import build_model
 from elastic_arm.recording import Recording, Side, write_recording
 from elastic_arm.recording.inspection.check import check_bag
-from elastic_arm.recording.inspection.described_gravity import contradicted_gravity
+from elastic_arm.recording.inspection.described_gravity import contradicted, side_motions
 from elastic_arm.recording.inspection.report import Finding
 from elastic_arm.robot import Robot, save_robot
 from tests.helpers.random_arms import random_arm
@@ -58,6 +58,10 @@ def recorded(
     return Recording(robot.joint_names, link=position.beside(effort))
 
 
+def contradicted_gravity(recording: Recording, robot: Robot) -> list[Finding]:
+    return contradicted([*side_motions(recording, robot)], robot)
+
+
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("speed", [0.3, 1.0, 4.0])
 def test_right_signs_are_not_blamed(seed: int, speed: float) -> None:
@@ -73,6 +77,16 @@ def test_a_joint_of_the_wrong_sign_is_named(side: str, elastic: bool) -> None:
     words = finding.message
     assert finding.code == "gravity_sign"
     assert words.startswith(f"{side} side: the torque of joint_2 has the other sign than described")
+
+
+def test_the_parts_of_a_recording_are_judged_together() -> None:
+    """A wrong sign of which no part of two seconds tells is told by ten of them."""
+    robot = arm()
+    recording = recorded(robot, flipped=[1], noise=20.0)
+    each = [[*side_motions(recording.between(t, t + 2.0), robot)] for t in range(0, 20, 2)]
+    assert not any(contradicted(motion, robot) for motion in each)
+    (finding,) = contradicted([one for motion in each for one in motion], robot)
+    assert finding.code == "gravity_sign" and "joint_2" in finding.message
 
 
 @pytest.mark.parametrize("which", ["all signs", "the mounting"])

@@ -343,6 +343,25 @@ def test_servo_arms_are_drawn_answered_and_scored(tmp_path: Path) -> None:
     assert line["effect_right"] and not line["accused"]
 
 
+@pytest.mark.slow(12)
+def test_a_history_is_recorded_and_its_change_told_where_it_happened(tmp_path: Path) -> None:
+    """Of three bags those from one on have more friction; a change told at another bag is a false one."""
+    settings = campaign.ChallengeSettings(
+        seed=1, effects=("coulomb_friction",), clean=0, pairs=0, seconds=(8.0,) * 3, level="history"
+    )
+    campaign.create(tmp_path, settings)
+    assert len(list((tmp_path / "bags").iterdir())) == 3
+    assert campaign.solve(tmp_path) == {}
+    (line,) = score(tmp_path)["items"]
+    assert line["effect_right"] and not line["accused"]
+    (path,) = (tmp_path / campaign.ANSWERS).iterdir()
+    answer = json.loads(path.read_text())
+    answer["causes"][0]["recording"] += 1
+    path.write_text(json.dumps(answer))
+    (line,) = score(tmp_path)["items"]
+    assert not line["effect_right"] and line["accused"]
+
+
 def test_what_is_drawn_of_a_servo_arm_is_the_whole_difference() -> None:
     """Each effect of the levels, and what no catalogue has, changes its joint, or all joints, and no other."""
     stated = described(np.random.default_rng(0))

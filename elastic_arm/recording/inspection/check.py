@@ -12,7 +12,7 @@ import numpy as np
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording.foreign.channels import ChannelMap
 from elastic_arm.recording.inspection.commands import followed
-from elastic_arm.recording.inspection.described_gravity import contradicted_gravity, misread_channels
+from elastic_arm.recording.inspection.described_gravity import Motions, contradicted, misread_channels, side_motions
 from elastic_arm.recording.inspection.magnitudes import beyond_limits
 from elastic_arm.recording.inspection.outliers import cleared, without_zeros
 from elastic_arm.recording.inspection.plausibility import implausible
@@ -29,6 +29,7 @@ from elastic_arm.robot import Robot
 
 CHECKED = 1_200_000  # messages of a part of a long bag: ten minutes of two topics at 1 kHz
 _THROUGHOUT = ("short", "no_motion", "one_side")  # what nothing is wrong with in a part
+_ONCE = ("commands",)  # what is said of the first part that shows it, whichever joints move in the others
 _NUMBER = re.compile(r"(?<!\w)\d[\d.e+-]*")  # which findings of two parts may not share
 _STATES = (JOINT_STATES, MOTOR_STATES)
 _SIDES = {"link": JOINT_STATES, "motor": MOTOR_STATES, "reference": REFERENCE}
@@ -47,24 +48,26 @@ def check_bag(
 ) -> Report:
     """Look for everything that may be wrong with a bag: what readers refuse or mend, and what no arm measures.
 
-    A long bag is looked at in parts: what begins in a later one is said with its time.
+    A long bag is looked at in parts: what begins in a later one is said with its time. The description is compared with
+    the motions of all of them.
     """
-    report, parts = Report(str(path)), list[Report]()
+    report, parts, motions = Report(str(path)), list[Report](), Motions()
     # What is no bag at all is no finding.
     open_bag(path)
     try:
         for content in contents(path, channels, namespace, strict=False, most=CHECKED):
-            parts.append(_checked(content, channels, robot, Report(str(path))))
+            parts.append(_checked(content, channels, robot, motions))
             report_share(f"checking {path}", content.share)
         _check_content(content, report)
     except RecordingError as error:
         report.add("error", "undecodable", str(error))
-    report.findings += _together(parts)
+    report.findings += [*_together(parts), *(contradicted(motions, robot) if robot is not None else [])]
     return report
 
 
-def _checked(content: Content, channels: ChannelMap | None, robot: Robot | None, report: Report) -> Report:
-    """Report what is wrong with a part of a bag."""
+def _checked(content: Content, channels: ChannelMap | None, robot: Robot | None, motions: Motions) -> Report:
+    """Report what is wrong with a part of a bag, and add its motions."""
+    report = Report(content.source)
     recording = _read(content, channels, robot, report)
     if recording is not None:
         report.begin_ns = recording.start_ns if any(map(len, recording.measured().values())) else None
@@ -74,7 +77,7 @@ def _checked(content: Content, channels: ChannelMap | None, robot: Robot | None,
                 seen.add(stamps)
                 _check_stamps(_SIDES[name] if channels is None else f"the {name} side", side.stamp_ns, report)
         try:
-            report.findings += [*looked_through(recording, robot)]
+            report.findings += looked_through(recording, robot, motions)
         except RecordingError as error:
             report.add("error", "unusable", str(error))
     return report
@@ -87,7 +90,7 @@ def _together(parts: Sequence[Report]) -> Iterator[Finding]:
     first = next((part.begin_ns for part in parts if part.begin_ns is not None), 0)
     for k, part in enumerate(parts):
         offset = ((part.begin_ns or first) - first) * 1e-9
-        words = [_NUMBER.sub("", one.message) for one in part.findings]
+        words = [one.code if one.code in _ONCE else _NUMBER.sub("", one.message) for one in part.findings]
         for one, same in zip(part.findings, words, strict=True):
             if same not in seen and (one.code in every or one.code not in _THROUGHOUT):
                 time = None if one.time is None else one.time + offset
@@ -95,16 +98,22 @@ def _together(parts: Sequence[Report]) -> Iterator[Finding]:
         seen.update(words)
 
 
-def looked_through(recording: Recording, robot: Robot | None = None) -> list[Finding]:
-    """Return what had to be done to use a recording, and what no sensors of a moving arm, or of this one, measure."""
+def looked_through(recording: Recording, robot: Robot | None = None, motions: Motions | None = None) -> list[Finding]:
+    """Return what had to be done to use a recording, and what no sensors of a moving arm, or of this one, measure.
+
+    What the description is to be compared with is added to `motions`.
+    """
     whole, found = cleared(recording)
     found += [note(words) for words in whole.samples().notes if words not in recording.notes]
+    if robot is not None and motions is not None:
+        motions += side_motions(whole, robot)
     return found + _seen(whole, recording, robot)
 
 
 def doubts(recording: Recording, robot: Robot) -> list[str]:
     """Return in words what cannot be right of a recording to be fitted; fits look for the mounting themselves."""
-    found = _seen(cleared(recording)[0], recording, robot)
+    whole = cleared(recording)[0]
+    found = _seen(whole, recording, robot) + contradicted([*side_motions(whole, robot)], robot)
     return [finding.message for finding in found if finding.severity == "warning" and finding.code != "mounting"]
 
 
@@ -123,7 +132,7 @@ def misread(recordings: Sequence[Recording], robot: Robot, *, explained: bool = 
 
 def _seen(whole: Recording, recording: Recording, robot: Robot | None) -> list[Finding]:
     found = [*channel_findings(whole), *frozen(recording), *implausible(whole), *disagreeing(whole), *followed(whole)]
-    return found if robot is None else [*found, *beyond_limits(whole, robot), *contradicted_gravity(whole, robot)]
+    return found if robot is None else [*found, *beyond_limits(whole, robot)]
 
 
 def _read(content: Content, channels: ChannelMap | None, robot: Robot | None, report: Report) -> Recording | None:

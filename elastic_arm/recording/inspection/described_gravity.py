@@ -70,7 +70,7 @@ class _Change(NamedTuple):
         return np.asarray(values[..., self.order] * self.sign)
 
 
-class _SideMotion(NamedTuple):
+class SideMotion(NamedTuple):
     """Angles, rates, accelerations and torques (N, n) of a side, and the joints whose torque was measured."""
 
     q: Array
@@ -78,6 +78,9 @@ class _SideMotion(NamedTuple):
     ddq: Array
     torque: Array
     measured: list[int]
+
+
+Motions = list[tuple[str, SideMotion]]  # with the sides whose torques they hold
 
 
 class GravityFit(NamedTuple):
@@ -103,15 +106,15 @@ class GravityFit(NamedTuple):
         return abs(self.correlation) > 0.5 and self.chance < CHANCE
 
 
-def contradicted_gravity(recording: Recording, robot: Robot) -> list[Finding]:
-    """Return which torques are at odds with the description, of a recording without damaged samples.
+def contradicted(motions: Motions, robot: Robot) -> list[Finding]:
+    """Return which torques are at odds with the description, of the motions of a recording, or of all its parts.
 
     They belong to another joint, way to turn or zero, "exchanged", "mirrored", "other_zero"; run against gravity,
     "gravity_sign"; show another direction, "mounting"; are far larger or smaller, "gravity_size"; or hold no gravity,
     "gravity_missing".
     """
     found = []
-    for side, motion, fit in _fits(recording, robot):
+    for side, motion, fit in _fits(motions, robot):
         found += [one for stage in _told(motion, side, fit, robot) for one in stage]
     return found
 
@@ -121,7 +124,7 @@ def misread_channels(recording: Recording, robot: Robot, *, weight: bool) -> str
 
     weight: whether torques without gravity are among them.
     """
-    for side, motion, fit in _fits(recording, robot):
+    for side, motion, fit in _fits([*side_motions(recording, robot)], robot):
         told = _told(motion, side, fit, robot)
         confused = next(told)
         lacking = (one for one in (next(told) if weight else []) if one.code == MISSING)
@@ -130,8 +133,23 @@ def misread_channels(recording: Recording, robot: Robot, *, weight: bool) -> str
     return None
 
 
-def _fits(recording: Recording, robot: Robot) -> Iterator[tuple[str, _SideMotion, GravityFit]]:
-    """Yield the torques of each side, and beside the described gravity; none of a recording without motion."""
+def _fits(motions: Motions, robot: Robot) -> Iterator[tuple[str, SideMotion, GravityFit]]:
+    """Yield the torques of each side, of all its motions together, beside the described gravity."""
+    for side in SIDES.values():
+        own = [motion for name, motion in motions if name == side]
+        if not own:
+            continue
+        every = max(1, sum(len(motion.q) for motion in own) // ENOUGH)
+        q, dq, ddq, torque = (np.concatenate(parts)[::every] for parts in list(zip(*own, strict=True))[:4])
+        measured = sorted(set.intersection(*(set(motion.measured) for motion in own)))
+        whole = SideMotion(q, dq, ddq, torque, measured)
+        fit = _fit_gravity(whole, robot, motors=side == "motor")
+        if len(whole.q) >= FEWEST and fit.gravity.any():
+            yield side, whole, fit
+
+
+def side_motions(recording: Recording, robot: Robot) -> Iterator[tuple[str, SideMotion]]:
+    """Yield the sides that have torques with their motion; none of a recording without motion."""
     samples = recording.select(robot.joint_names).samples()
     position = samples.q if samples.q is not None else samples.theta
     # 1.0 s; the ends that differentiation spoils take 0.2 s
@@ -139,13 +157,10 @@ def _fits(recording: Recording, robot: Robot) -> Iterator[tuple[str, _SideMotion
         return
     for channel, side in SIDES.items():
         if getattr(samples, channel) is not None:
-            motion = _motion(samples, position, channel)
-            fit = _fit_gravity(motion, robot, motors=side == "motor")
-            if len(motion.q) >= FEWEST and fit.gravity.any():
-                yield side, motion, fit
+            yield side, _motion(samples, position, channel)
 
 
-def _motion(samples: Samples, position: Array, channel: str) -> _SideMotion:
+def _motion(samples: Samples, position: Array, channel: str) -> SideMotion:
     step = float(np.median(np.diff(samples.t)))
     # 0.1 s over which positions are differentiated: gravity changes more slowly
     width = max(round(0.1 / step) // 2 * 2 + 1, 5)
@@ -160,10 +175,10 @@ def _motion(samples: Samples, position: Array, channel: str) -> _SideMotion:
     lacking = [(channel, j) in samples.lacking for j in range(position.shape[1])]
     # 1e-9 Nm; what changes less is none
     measured = np.flatnonzero((np.ptp(torque, axis=0) > 1e-9) & ~np.array(lacking)).tolist()
-    return _SideMotion(position[rows], dq[rows], ddq[rows], torque[rows], measured)
+    return SideMotion(position[rows], dq[rows], ddq[rows], torque[rows], measured)
 
 
-def _fit_gravity(motion: _SideMotion, robot: Robot, *, motors: bool) -> GravityFit:
+def _fit_gravity(motion: SideMotion, robot: Robot, *, motors: bool) -> GravityFit:
     """Compare the torques of one side with described gravity, of all joints together."""
     states = (np.hstack([rate, rate]) if robot.elastic else rate for rate in motion[:3])
     moved, pull = ArmEquations(robot).moved_and_pulled(*states, motors=motors)
@@ -190,7 +205,7 @@ def _fit_gravity(motion: _SideMotion, robot: Robot, *, motors: bool) -> GravityF
     return GravityFit(left, gravity, weight, correlation, factor, chance, bool((most < 0.5).all()))
 
 
-def _own(motion: _SideMotion, j: int, *more: Array) -> Array:
+def _own(motion: SideMotion, j: int, *more: Array) -> Array:
     """Return an orthonormal basis (N, r) of a joint's zero, friction, motor inertia, and of further columns."""
     friction = np.tanh(motion.dq[:, j] / 0.01)  # 0.01 rad/s within which friction turns over; convention
     columns = [np.ones(len(friction)), friction, motion.dq[:, j], motion.ddq[:, j], *more]
@@ -213,10 +228,10 @@ class _Arm(NamedTuple):
     spread: Array
 
 
-def _told(motion: _SideMotion, side: str, fit: GravityFit, robot: Robot) -> Iterator[list[Finding]]:
+def _told(motion: SideMotion, side: str, fit: GravityFit, robot: Robot) -> Iterator[list[Finding]]:
     """Yield which channels were confused, and then, if none were, what else is not as described."""
     every = max(1, len(motion.q) // 500)  # so many samples are tried with every other arrangement
-    few = _SideMotion(*(rate[::every] for rate in motion[:4]), motion.measured)  # type: ignore[call-arg, arg-type]
+    few = SideMotion(*(rate[::every] for rate in motion[:4]), motion.measured)  # type: ignore[call-arg, arg-type]
     # A few thousand samples: compiling would take longer than all that is computed.
     n, model = robot.n, build_model(robot, engine="numpy")
 
@@ -247,7 +262,7 @@ def _spread(model: Model) -> Array:
     return np.array(sizes)
 
 
-def _sized(motion: _SideMotion, side: str, robot: Robot, arm: _Arm) -> list[Finding]:
+def _sized(motion: SideMotion, side: str, robot: Robot, arm: _Arm) -> list[Finding]:
     """Return the joint whose zero is not as described, or whose torque lacks a share of its weight, with the size.
 
     A turned last link is another mass. What a gain of the torque explains better is said nothing of.
@@ -297,7 +312,7 @@ def _sized(motion: _SideMotion, side: str, robot: Robot, arm: _Arm) -> list[Find
     return _named(tried, MISSING, side, TAKEN)
 
 
-def _arranged(motion: _SideMotion, side: str, robot: Robot, arm: _Arm) -> list[Finding]:
+def _arranged(motion: SideMotion, side: str, robot: Robot, arm: _Arm) -> list[Finding]:
     """Return which joints turn the other way, or have their channels exchanged."""
     found: list[Finding] = []
     n = robot.n
@@ -362,7 +377,7 @@ def _arrangements(joints: Sequence[str], measured: Sequence[int]) -> Iterator[tu
 
 
 def _likelihood(
-    motion: _SideMotion, torque: Array, arm: _Arm, free: Array | None = None, Y: Array | None = None
+    motion: SideMotion, torque: Array, arm: _Arm, free: Array | None = None, Y: Array | None = None
 ) -> tuple[float, Array]:
     """Return the logarithm of the torques' likelihood, and how many independent samples the rest of each is worth (n,).
 

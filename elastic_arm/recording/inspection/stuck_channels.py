@@ -266,12 +266,12 @@ def frozen(recording: Recording) -> list[Finding]:
 
 def _frozen(what: str, sides: list[Side], start_ns: int) -> list[Finding]:
     """Return the stretches in which the channels of sides with equal stamps stay as they are, at speed before them."""
-    columns = np.hstack([values for side in sides for values in side.channels().values()])
+    columns = [c for side in sides for values in side.channels().values() for c in values[:, joints_with(values)].T]
     t: Array = np.asarray((sides[0].stamp_ns - start_ns) * 1e-9, dtype=np.float64)
     moving = [(side.position, side.velocity) for side in sides if side.position is not None]
     if len(t) < FEWEST or not moving:
         return []
-    same = (np.diff(columns[:, joints_with(columns)], axis=0) == 0.0).all(axis=1)
+    same = np.logical_and.reduce([column[1:] == column[:-1] for column in columns])
     edges = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]]).astype(np.int8)))
     begin, end = edges[::2], edges[1::2]
     # Of an arm that stands still every sample is like the first.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import mmap
 import struct
 import zlib
@@ -210,7 +211,10 @@ def open_mcap(path: Path) -> McapFile:
                 content = mmap.mmap(opened.fileno(), 0, access=mmap.ACCESS_READ) if size else b""
             buffer = np.frombuffer(content, np.uint8)
     except OSError as error:
-        raise RecordingError(f"{path} cannot be read: {error}", "Check the path and its permissions.") from None
+        remedy = "Check the path and its permissions."
+        if error.errno == errno.ENOMEM:
+            remedy = f"It takes {path.stat().st_size / 1e6:.0f} MB of addresses: raise their limit (ulimit -v)."
+        raise RecordingError(f"{path} cannot be read: {error}", remedy) from None
     if not len(buffer):
         raise RecordingError(f"{path} is empty", "Record again: nothing was written.")
     if buffer[:8].tobytes() != MAGIC:

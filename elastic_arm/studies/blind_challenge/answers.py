@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from elastic_arm.diagnosis.history import together
+from elastic_arm.diagnosis.result import Diagnosis
 from elastic_arm.effects import EFFECTS, Effect, Role, Scope
 from elastic_arm.effects.model import MODELS
 from elastic_arm.studies.blind_challenge.effect_sampling import true_parameters
@@ -29,12 +31,16 @@ def score_answer(entry: Mapping[str, Any], answer: Mapping[str, Any], effects: M
     faults = [Fault(**{**one, "channels": tuple(one["channels"])}) for one in entry["faults"]]
     placed = [_placed(f, effects[f.effect], len(joints)) for f in faults]
     causes = answer["causes"]
-    hits = [_hit(fault, causes, joints) for fault in placed]
+    # A change is told right where it happened.
+    now = [c.get("recording", entry.get("since", 0)) == entry.get("since", 0) for c in causes]
+    hits = [_hit(fault, [c for c, there in zip(causes, now, strict=True) if there], joints) for fault in placed]
     # A poorer model lacks more than the one effect that was asked for: mod1 lacks S as well as the splines.
     lacking = {e.id for e in effects.values() if e.lacked_by != MODELS and entry["model"] in e.lacked_by}
     # What the whole level has beyond the ordinary is true of the arm, too.
     conditions = {(c["effect"], joints[c["joint"]]) for c in entry["conditions"]}
-    itself = [any(_is(f, c["effect"], c["joint"], joints) for f in placed) for c in causes]
+    itself = [
+        at and any(_is(f, c["effect"], c["joint"], joints) for f in placed) for c, at in zip(causes, now, strict=True)
+    ]
     allowed = [c["effect"] in lacking or (c["effect"], c["joint"]) in conditions for c in causes]
     right = [a or b for a, b in zip(itself, allowed, strict=True)]
     found = list(zip(faults, hits, strict=True))
@@ -69,6 +75,24 @@ def score_answer(entry: Mapping[str, Any], answer: Mapping[str, Any], effects: M
         "cpu_seconds": answer.get("cpu_seconds"),
         "code": answer.get("code"),
     }
+
+
+def changes_told(found: Sequence[Diagnosis]) -> dict[str, Any]:
+    """Return what changed between recordings, each diagnosed alone, as causes with the recording and the size then."""
+    causes: list[dict[str, Any]] = [
+        {
+            "effect": one.sized.effect,
+            "joint": one.sized.joint,
+            "confidence": one.changed,
+            "recording": one.step.until,
+            "sides": ("motor", "link"),
+            "alternatives": [],
+            "parameters": {one.sized.parameter: {"value": one.step.after_value, "std": one.step.after_std}},
+        }
+        for one in together(found)[1]
+        if one.step is not None
+    ]
+    return {"verdict": "explained" if causes else "none", "causes": causes, "known": [], "imperfections": []}
 
 
 def expected_unknown(line: Line) -> bool:

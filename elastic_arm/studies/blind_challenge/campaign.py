@@ -27,6 +27,7 @@ from elastic_arm.output_files import write_result
 from elastic_arm.processes import ProcessPool
 from elastic_arm.recording import load_channels, read_recording
 from elastic_arm.robot import load_robot
+from elastic_arm.studies.blind_challenge.answers import changes_told
 from elastic_arm.studies.blind_challenge.draw import (
     HIGHEST,
     LOWEST,
@@ -62,7 +63,7 @@ class ChallengeSettings:
     clean: int = 4
     pairs: int = 4
     triples: int = 0
-    seconds: tuple[float, float] | None = None  # of the two recordings of each arm; the level's own where None
+    seconds: tuple[float, ...] | None = None  # of the recordings of each arm; the level's own where None
     ratio: tuple[float, float] = (LOWEST, HIGHEST)  # range of sizes over the smallest that theory lets detect
     effects: tuple[str, ...] = ()  # ids; all where none is given
     effects_files: tuple[str, ...] = ()  # Python files with effects of the user
@@ -201,7 +202,7 @@ def recorded(folder: Path, request: Request, level: Level, catalogue: Catalogue)
         try:
             return record(folder, request, level, catalogue)
         except SimulationError:
-            for bag in bags_of(folder, request.name):
+            for bag in bags_of(folder, request.name, len(request.seconds)):
                 shutil.rmtree(bag, ignore_errors=True)
             request = replace(request, seed=(*request.seed[:2], draw))
     return record(folder, request, level, catalogue)
@@ -232,9 +233,15 @@ def _diagnose(folder: Path, name: str, model: str, without: str, kind: str) -> t
     try:
         channels = channels_path(folder, name)
         mapping = None if channels is None else load_channels(channels)
-        identify, validate = (read_recording(bag, mapping) for bag in bags_of(folder, name))
-        question = _question(folder, name, model, catalogue)
-        answer, problem = diagnose([identify], question, [validate]).to_dict(), ""
+        settings = load_manifest(folder)["settings"]
+        level = level_of(settings["level"])
+        bags = bags_of(folder, name, len(settings["seconds"] or level.seconds))
+        recordings, question = [read_recording(bag, mapping) for bag in bags], _question(folder, name, model, catalogue)
+        if level.changing:
+            found = [replace(diagnose([one], question), context=None) for one in recordings]
+            answer, problem = found[0].to_dict() | changes_told(found), ""
+        else:
+            answer, problem = diagnose(recordings[:1], question, recordings[1:]).to_dict(), ""
     except ElasticArmError as error:  # to refuse is an answer too, and counts as one
         answer, problem = REFUSED | {"notes": [str(error)]}, str(error)
     spent = {"seconds": time.perf_counter() - wall, "cpu_seconds": time.process_time() - cpu}

@@ -80,7 +80,7 @@ def create(
         clean=clean,
         pairs=pairs,
         triples=triples,
-        seconds=(seconds or own[0], validate_seconds or own[1]),
+        seconds=(seconds or own[0], *(validate_seconds or one for one in own[1:])),
         ratio=_range(ratio),
         effects=tuple(catalogue.find(e).id for e in effect or ()),
         effects_files=tuple(str(path) for path in effects_files or ()),

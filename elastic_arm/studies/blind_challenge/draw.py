@@ -60,7 +60,7 @@ from elastic_arm.studies.blind_challenge.hidden_arms.realistic_sensors import (
     measure_realistically,
 )
 from elastic_arm.studies.blind_challenge.information import SCALING, EffectDraft, SizedEffect, Sizing
-from elastic_arm.studies.blind_challenge.levels import FLOORS, FOREIGN_FLOORS, Floor, Level
+from elastic_arm.studies.blind_challenge.levels import CHANGE_FLOORS, FLOORS, FOREIGN_FLOORS, Floor, Level
 
 Run = Callable[[HiddenMotion, Sequence[Fault]], TrueChannels]
 
@@ -83,7 +83,7 @@ class Request:
     name: str
     effects: tuple[str, ...]  # ids, of the catalogue or of none; none for an arm with nothing more
     seed: tuple[int, ...]
-    seconds: tuple[float, float]  # of what is fitted and of what judges
+    seconds: tuple[float, ...]  # of each bag
     ratio: tuple[float, float] = (LOWEST, HIGHEST)  # range of sizes over their bounds
 
 
@@ -105,6 +105,7 @@ class Arm:
     bound: tuple[float | None, ...]  # smallest size that could be known, everything ordinary marginalised
     share: tuple[float, ...]  # what each effect alone is of the sum of all excesses
     visible: bool  # whether theory lets all be seen
+    since: int = 0  # first bag that has the effects
 
 
 @dataclass(frozen=True)
@@ -115,6 +116,7 @@ class Drawn:
     description: Robot
     motions: tuple[HiddenMotion, ...]
     run: Run
+    before: tuple[Fault, ...]  # what acts in the bags without the effects
 
 
 def draw(request: Request, level: Level, rng: np.random.Generator, catalogue: Catalogue) -> Drawn:
@@ -138,6 +140,10 @@ def draw(request: Request, level: Level, rng: np.random.Generator, catalogue: Ca
         drawing = _Effects(request, level, sizes, sensors, catalogue, sizing, run, motions, rng)
         chosen = [one for effect in effects for one in drawing.sized(effect)]
     faults = [one.fault for one in chosen] or [Fault(effect, None) for effect in effects]
+    since = int(rng.integers(1, len(motions))) if level.changing else 0
+    before = (*conditions, *ordinary)
+    if level.changing:
+        faults = [_changed(fault, ordinary, catalogue) for fault in faults]
     for fault in faults:
         ordinary = [o for o in ordinary if (o.effect, o.joint) != (fault.effect, fault.joint)]
         conditions = [c for c in conditions if (c.effect, c.joint) != (fault.effect, fault.joint)]
@@ -161,8 +167,18 @@ def draw(request: Request, level: Level, rng: np.random.Generator, catalogue: Ca
         bound=tuple(one.bound for one in chosen) or (None,) * len(faults),
         share=_shares([one.excess for one in chosen] or [1.0] * len(faults)),
         visible=min(multiples, default=np.inf) >= request.ratio[0],
+        since=since,
     )
-    return Drawn(arm, description, motions, _mover(real, description, effects, catalogue))
+    return Drawn(arm, description, motions, _mover(real, description, effects, catalogue), before)
+
+
+def _changed(fault: Fault, ordinary: Sequence[Fault], catalogue: Catalogue) -> Fault:
+    """Return an effect with what an arm ordinarily has of it added."""
+    own = next((o.parameters for o in ordinary if (o.effect, o.joint) == (fault.effect, fault.joint)), {})
+    neutral = {name: catalogue[fault.effect].parameter(name).neutral or 0.0 for name in own}
+    return replace(
+        fault, parameters={k: v + own.get(k, 0.0) - neutral.get(k, 0.0) for k, v in fault.parameters.items()}
+    )
 
 
 def record(
@@ -174,9 +190,11 @@ def record(
     arm, description = drawn.arm, drawn.description
     faults = (*arm.faults, *arm.foreign, *arm.conditions, *arm.ordinary)
     ratios = np.array([joint.transmission.r_tot for joint in description.joints if joint.transmission])
-    for bag, motion in zip(bags or bags_of(folder, request.name), drawn.motions, strict=True):
-        course = drawn.run(motion, faults)
-        recording = measure_realistically(course, arm.joints, faults, arm.sensors, ratios, rng)
+    bags = bags or bags_of(folder, request.name, len(request.seconds))
+    for k, (bag, motion) in enumerate(zip(bags, drawn.motions, strict=True)):
+        acting = faults if k >= arm.since else drawn.before
+        course = drawn.run(motion, acting)
+        recording = measure_realistically(course, arm.joints, acting, arm.sensors, ratios, rng)
         if not (bag / "metadata.yaml").is_file():
             shutil.rmtree(bag, ignore_errors=True)  # what a run that was broken off has left
             bag.parent.mkdir(parents=True, exist_ok=True)
@@ -192,9 +210,10 @@ def record(
     return asdict(arm)
 
 
-def bags_of(folder: Path, name: str) -> tuple[Path, Path]:
-    """Return the two bags of an arm."""
-    return folder / "bags" / f"{name}_identify", folder / "bags" / f"{name}_validate"
+def bags_of(folder: Path, name: str, count: int = 2) -> list[Path]:
+    """Return the bags of an arm: the two of a diagnosis, or those of a history."""
+    parts = ["identify", "validate"] if count == 2 else [f"{k:02d}" for k in range(count)]
+    return [folder / "bags" / f"{name}_{part}" for part in parts]
 
 
 def description_path(folder: Path, name: str) -> Path | None:
@@ -318,7 +337,7 @@ class _Effects:
 
 
 def _floor(effect: str) -> Floor | None:
-    return FLOORS.get(effect) or FOREIGN_FLOORS.get(effect)
+    return FLOORS.get(effect) or FOREIGN_FLOORS.get(effect) or CHANGE_FLOORS.get(effect)
 
 
 def _shares(amounts: Sequence[float]) -> tuple[float, ...]:

@@ -55,6 +55,8 @@ ITSELF = {
     "rotor_inertia_mismatch": ("rotor",),
     "stiffness_mismatch": ("stiffness",),
     "damping_mismatch": ("damping",),
+    "coulomb_friction": ("coulomb",),
+    "viscous_friction": ("viscous",),
     "thermal_friction": ("thermal", "thermal_viscous"),
     "torque_drift": ("drift_1", "drift_2", "drift_3"),
     "encoder_offset": ("encoder_offset",),

@@ -67,6 +67,8 @@ FOREIGN_FLOORS = {
     "sensor_crosstalk": Floor(0.02, False, _LINK),
 }
 assert set(FOREIGN_FLOORS) == set(FOREIGN)
+# What every arm has more or less of, and what only a change of tells.
+CHANGE_FLOORS = {"coulomb_friction": Floor(1.0, True, _MOTOR), "viscous_friction": Floor(2.0, True, _MOTOR)}
 
 
 @dataclass(frozen=True)
@@ -89,7 +91,8 @@ class Level:
     warming: float = 0.0  # largest relative change of all friction during the run
     urdf: bool = False  # whether arms are described by a URDF with their drives in an overlay
     foreign: tuple[str, ...] = ()
-    seconds: tuple[float, float] = (20.0, 10.0)  # of what is fitted and of what judges
+    seconds: tuple[float, ...] = (20.0, 10.0)  # of what is fitted and of what judges, or of each bag of a history
+    changing: bool = False  # whether bags are a history, and what is drawn begins with one of them
     asked: dict[str, Any] = field(default_factory=dict)  # the question: refit, effects that are known, and priors
     bits: int | None = None  # of the encoders of servo arms, recorded by commands and positions; None for other arms
 
@@ -146,7 +149,20 @@ SERVO = Level(
     bits=12,
 )  # fmt: skip
 POSITION = replace(SERVO, name="position", rates=(250.0, 500.0), bits=17)
-LEVELS = {level.name: level for level in (LABORATORY, WORKSHOP, FIELD, SERVO, POSITION)}
+HISTORY = replace(
+    WORKSHOP,
+    name="history",
+    effects=(
+        *CHANGE_FLOORS, "payload", "motor_torque_offset", "joint_torque_offset", "motor_torque_gain", "joint_zero",
+        "time_delay", "backlash", "stiffness_mismatch", "joint_spring",
+    ),
+    joints=(3,),
+    points=0.0,
+    foreign=(),
+    seconds=(8.0,) * 12,
+    changing=True,
+)  # fmt: skip
+LEVELS = {level.name: level for level in (LABORATORY, WORKSHOP, FIELD, SERVO, POSITION, HISTORY)}
 
 
 def level_of(name: str) -> Level:

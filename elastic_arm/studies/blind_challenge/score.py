@@ -29,16 +29,16 @@ NEIGHBOURS = 0.9  # a withheld effect whose gap the rest explains to this share 
 BINS = (0.0, 0.5, 0.8, 0.9, 0.95, 0.99, 1.0)
 LEAST = 1e-3  # probability that the logarithmic score takes for less
 NOMINAL = 0.95
-# To reach: laboratory, workshop, field, servo, position; at most where the question counts what is wrong.
+# To reach: laboratory, workshop, field, servo, position, history; at most where the question counts what is wrong.
 TARGETS = {
-    "effect right": (0.99, 0.95, 0.93, 0.75, 0.90),
-    "nothing more than ordinary: no cause": (0.99, 0.99, 0.99, 0.98, 0.98),
-    "arms with a false cause at confidence 0.9": (0.005, 0.01, 0.01, 0.01, 0.01),
-    "withheld or foreign: unknown": (0.92, 0.95, 0.90, None, None),
-    "two at once, both right": (0.98, 0.90, 0.80, None, None),
+    "effect right": (0.99, 0.95, 0.93, 0.75, 0.90, None),
+    "nothing more than ordinary: no cause": (0.99, 0.99, 0.99, 0.98, 0.98, 0.94),
+    "arms with a false cause at confidence 0.9": (0.005, 0.01, 0.01, 0.01, 0.01, 0.06),
+    "withheld or foreign: unknown": (0.92, 0.95, 0.90, None, None, None),
+    "two at once, both right": (0.98, 0.90, 0.80, None, None, None),
 }
 AT_MOST = ("arms with a false cause at confidence 0.9",)
-COLUMNS = {"laboratory": 0, "workshop": 1, "field": 2, "servo": 3, "position": 4}
+COLUMNS = {"laboratory": 0, "workshop": 1, "field": 2, "servo": 3, "position": 4, "history": 5}
 HEADINGS = ("question", "reached (95 % interval)", "to reach")
 EFFECT_HEADINGS = ("effect", "right", "joint", "side", "intervals cover", "median shrink", "largest multiple missed")
 SIMULATED = "moved by the suite's own simulator, which shares their laws with the diagnosis and so flatters it: {}"
