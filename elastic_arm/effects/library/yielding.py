@@ -153,7 +153,7 @@ EFFECTS: tuple[Effect, ...] = (
         signature="Torque is missing for a moment where the joint's load changes its sign, then the link strikes.",
         law=_nothing,
         change=_change,
-        parameters=(searched("half_gap", "rad", 1e-3, 0.05, "b", above=0.0, tried=25),),
+        parameters=(searched("half_gap", "rad", 1e-3, 0.05, "b", neutral=0.0, least=0.0, tried=25),),
         sides=("link",),
         regime="load",
         regressor=partial(YieldingJoint, _stopped),
