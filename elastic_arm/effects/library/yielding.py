@@ -90,8 +90,9 @@ class YieldingJoint:
 
     @property
     def acts(self) -> bool:
-        """Whether the arm is described as rigid."""
-        return not self.equations.robot.elastic
+        """Whether servos close on the motors' encoders of an arm that is described as rigid: elsewhere nobody says so."""
+        robot = self.equations.robot
+        return not robot.elastic and all(joint.controller is not None for joint in robot.joints)
 
     @cached_property
     def _model(self) -> Model:
