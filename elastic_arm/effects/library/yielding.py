@@ -90,7 +90,7 @@ class YieldingJoint:
 
     @property
     def acts(self) -> bool:
-        """Whether servos close on the motors' encoders of an arm that is described as rigid: elsewhere nobody says so."""
+        """Whether the arm is described as rigid, and controllers close on the encoders, which are the motors' then."""
         robot = self.equations.robot
         return not robot.elastic and all(joint.controller is not None for joint in robot.joints)
 
