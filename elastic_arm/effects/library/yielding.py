@@ -119,8 +119,7 @@ class YieldingJoint:
             inertia = np.maximum(model.mass_matrix(motion[0])[:, j, j] - motor, 1e-9)
             known[self] = rigid, inertia, (moved(SMALL, 0.0, 0.0) - rigid)[:, j] / SMALL
         rigid, inertia, slope = known[self]
-        now = np.column_stack([rigid[:, j], inertia, slope])
-        before = round(SETTLING / h)
+        now, before = np.column_stack([rigid[:, j], inertia, slope]), round(SETTLING / h)
         now = np.vstack([now[:1].repeat(before, axis=0), now, now[-1:]])
         pairs = np.hstack([now, np.vstack([now[1:], now[-1:]])])
         (size,) = (value for name, value in values.items() if name != "joints")
