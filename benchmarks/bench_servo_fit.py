@@ -123,18 +123,23 @@ def error(q: Array, told: Told) -> float:
     return 1e3 * float(np.sqrt(np.mean((q - told.q) ** 2)))
 
 
-def compared(kind: str, seed: int, evaluations: int) -> list[str]:
-    """Return a row of the table."""
+def recorded(kind: str, seed: int) -> tuple[str, list[Told]]:
+    """Return the description of an arm, and what was recorded of the true one."""
     rng = np.random.default_rng((seed, KINDS.index(kind)))
     stated = described(rng)[:3]
     built = ordinary(stated, rng)
     if kind in ("coulomb_friction", "command_delay"):
         built, _ = with_effect(built, kind, np.full(3, 2.0), rng)
-    text, true = mjcf(stated, STEP), true_arm(mjcf(built, STEP), kind, 1)
-    told = []
+    model, told = mujoco.MjModel.from_xml_string(true_arm(mjcf(built, STEP), kind, 1)), list[Told]()
     for seconds in SECONDS:
         r = commands(RATE, seconds, 3, rng)
-        told.append(Told(r, moved(mujoco.MjModel.from_xml_string(true), r)))
+        told.append(Told(r, moved(model, r)))
+    return mjcf(stated, STEP), told
+
+
+def compared(kind: str, seed: int, evaluations: int) -> list[str]:
+    """Return a row of the table."""
+    text, told = recorded(kind, seed)
     with tempfile.TemporaryDirectory() as folder:
         base, out = Path(folder, "arm.xml"), Path(folder, "corrected.xml")
         base.write_text(text)

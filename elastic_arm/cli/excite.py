@@ -61,7 +61,7 @@ def excite(
     floor: Annotated[float, typer.Option(help="Height of the floor above the ground frame, m.")] = 0.0,
     margin: Annotated[float, typer.Option(help="Gap that links keep to the floor and to each other, m.")] = MARGIN,
     json: options.Json = False,
-    csv: Annotated[Path | None, typer.Option(help="Also write set-points as a CSV file.")] = None,
+    csv: Annotated[Path | None, typer.Option(help="Also write set-points as CSV, or LeRobot's .parquet.")] = None,
     goal: Annotated[
         Path | None, typer.Option(help="Also write a goal of joint_trajectory_controller (YAML), for `ros2 action`.")
     ] = None,

@@ -62,6 +62,7 @@ class Parameter:
     # whether it is a whole number, such as a number of waves a turn: whole values are tried, and none between
     integer: bool = False
     scale: Scale | None = None  # of the values tried; None for LOG where the whole range is positive, else LINEAR
+    tried: int = 7  # how many values of it alone are tried first: more where the law changes fast with it
     inverse: bool = False  # whether the effect grows as the value falls, as the stiffness of what gives way
     # range from which the blind challenge draws it; None for the default, or the plausible range without one
     draw: tuple[float, float] | None = None

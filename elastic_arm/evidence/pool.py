@@ -22,7 +22,7 @@ from elastic_arm.evidence.term import Key, Term
 
 Columns = Callable[[Feature, Sequence[float]], Array]
 
-GRID, COARSE, ORDERS = 7, 5, 12  # values tried of one nonlinear number, of each of several, and of an order
+COARSE, ORDERS = 5, 12  # values tried of each of several nonlinear numbers, and of an order
 COEFFICIENTS = np.concatenate([s * np.geomspace(1e-8, 1e8, 2001) for s in (-1.0, 1.0)])  # where bounds are looked for
 
 
@@ -122,8 +122,7 @@ def starting_points(feature: Feature, linear: Linearisation) -> list[tuple[float
         return [()]
     if (middle := _middle(feature)) is not None:
         return [middle]
-    count = GRID if len(components) == 1 else COARSE
-    return list(product(*(_spread(p, count) for p in components)))
+    return list(product(*(_spread(p, p.tried if len(components) == 1 else COARSE) for p in components)))
 
 
 def _middle(feature: Feature) -> tuple[float, ...] | None:

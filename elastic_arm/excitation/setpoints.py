@@ -1,14 +1,15 @@
-"""A motion as set-points: a CSV file for a controller, and a goal of ROS's joint_trajectory_controller."""
+"""A motion as set-points: a table for a controller, and a goal of ROS's joint_trajectory_controller."""
 
 from __future__ import annotations
 
+import io
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import yaml
 
-from elastic_arm.errors import ExcitationError
+from elastic_arm.errors import ExcitationError, require_libraries
 from elastic_arm.excitation.fourier import FourierTrajectory, require
 from elastic_arm.output_files import write_result
 
@@ -16,7 +17,10 @@ REMEDY = "Give a file in a folder you may write to"
 
 
 def write_csv(path: Path, trajectory: FourierTrajectory, joints: Sequence[str], rate: float) -> None:
-    """Write time, positions, velocities and accelerations of every joint, `rate` rows a second."""
+    """Write time, positions, velocities and accelerations of every joint, `rate` rows a second; or an episode."""
+    if path.suffix.lower() == ".parquet":
+        _write_episode(path, trajectory, rate)
+        return
     t, *values = _sampled(trajectory, rate)
     units = ("position [rad]", "velocity [rad/s]", "acceleration [rad/s^2]")
     header = ",".join(["time [s]", *(f"{joint} {unit}" for unit in units for joint in joints)])
@@ -38,6 +42,20 @@ def write_goal(path: Path, trajectory: FourierTrajectory, joints: Sequence[str],
     goal = {"trajectory": {"joint_names": list(joints), "points": points}}
     text = yaml.safe_dump(goal, default_flow_style=True, sort_keys=False, width=10**9)
     write_result(path, text, ExcitationError, REMEDY)
+
+
+def _write_episode(path: Path, trajectory: FourierTrajectory, rate: float) -> None:
+    """Write the columns of a LeRobot episode that commands are: `action` (n,) rad, `timestamp` and its indices."""
+    require_libraries(".parquet files need", "pyarrow")
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    t, q, *_ = _sampled(trajectory, rate)
+    columns = {"action": q.astype(np.float32).tolist(), "timestamp": t.astype(np.float32)}
+    columns |= {"frame_index": np.arange(len(t)), "episode_index": np.zeros(len(t), dtype=int)}
+    content = io.BytesIO()
+    pq.write_table(pa.table(columns), content)
+    write_result(path, content.getvalue(), ExcitationError, REMEDY)
 
 
 def _sampled(trajectory: FourierTrajectory, rate: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

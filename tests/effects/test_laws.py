@@ -19,7 +19,7 @@ from tests.helpers.effect_samples import DURATION, INSTANCES, contribution, rand
 PAGE = (Path(__file__).parents[2] / "docs" / "contract.md").read_text(encoding="utf-8")
 CATALOGUE = PAGE.split("## Effects", 1)[1].split("\n## ", 1)[0]
 # What no value of a parameter turns off.
-NEVER_NEUTRAL = {"bearing_compliance", "torque_lowpass", "spline_inertia", "inertia_coupling"}
+NEVER_NEUTRAL = {"bearing_compliance", "joint_elasticity", "torque_lowpass", "spline_inertia", "inertia_coupling"}
 # Of arms that state controllers, which have tests of their own.
 CONTROLLERS = {effect.id for effect in EFFECTS.values() if isinstance(effect, ControllerEffect)}
 CONTRACT = set(re.findall(r"^\| `(\w+)` \|", CATALOGUE, re.MULTILINE))

@@ -15,6 +15,7 @@ from elastic_arm.excitation import FourierTrajectory
 from elastic_arm.excitation.setpoints import write_csv, write_goal
 from elastic_arm.identification import IdentificationSettings, identify
 from elastic_arm.identification.planned import judged
+from elastic_arm.recording.foreign.array_files import load_arrays
 from elastic_arm.recording.message_types import typestore
 from elastic_arm.robot import load_robot
 from elastic_arm.simulation import SimulationSettings, simulate
@@ -37,6 +38,15 @@ def test_a_csv_file_holds_the_motion(tmp_path: Path) -> None:
     t, *columns = np.loadtxt(tmp_path / "motion.csv", delimiter=",", skiprows=1).T
     assert t[1] == pytest.approx(0.01) and t[-1] == pytest.approx(15.0)
     np.testing.assert_allclose(np.transpose(columns), np.hstack(motion().evaluate(t)), atol=1e-8)
+
+
+def test_a_parquet_file_is_an_episode_of_commands(tmp_path: Path) -> None:
+    """Its `action` is the motion at its `timestamp`, to single precision, as datasets of LeRobot are read."""
+    pytest.importorskip("pyarrow")
+    write_csv(tmp_path / "motion.parquet", motion(), JOINTS, 50.0)
+    found = load_arrays(tmp_path / "motion.parquet")
+    np.testing.assert_allclose(found["action"], motion().evaluate(found["timestamp"])[0], atol=1e-5)
+    assert found["frame_index"][-1] == 750 and not found["episode_index"].any()
 
 
 def test_a_goal_is_a_message_whose_quintics_are_the_motion(tmp_path: Path) -> None:

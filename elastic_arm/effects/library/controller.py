@@ -137,7 +137,7 @@ EFFECTS = (
         signature="The motor residual follows the error of speed.",
         plain="is controlled with {gain} times the stated kd",
         law=_made(lambda motion, i, stated, p: (1.0 - p["gain"]) * _of_rate(motion, i, stated)),
-        parameters=(ratio("gain", 0.3, 3.0, "true / stated kd", least=0.0, draw=(0.5, 2.0)),),
+        parameters=(ratio("gain", 0.3, 3.0, "true / stated kd", above=0.0, draw=(0.5, 2.0)),),
         sides=("motor",),
         regime="high_speed",
         needs_motion=True,
