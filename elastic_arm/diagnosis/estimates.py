@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.stats import truncnorm
 
 from elastic_arm.arrays import Array
 from elastic_arm.effects.model import EffectInstance
@@ -40,7 +41,21 @@ def estimated(
         covariance = fit.number_covariance[np.ix_(moved_by, moved_by)]
         own = [parameters[int(k)] for k in moved_by]
         return _of(term, lambda x: _number_values(term, own, x), total[moved_by], covariance)
-    return _of(term, lambda x: _effect_values(term, x), *_coefficients(fit, term))
+    x, covariance = _coefficients(fit, term)
+    if term.kind == "effect":
+        x, covariance = within(x, covariance, term.low, term.high)
+    return _of(term, lambda x: _effect_values(term, x), x, covariance)
+
+
+def within(x: Array, covariance: Array, low: Array, high: Array) -> tuple[Array, Array]:
+    """Return mean (k,) and covariance (k, k) of a Gaussian within bounds, one coefficient after the other."""
+    for k in np.flatnonzero(np.isfinite(low) | np.isfinite(high)):
+        std = float(np.sqrt(covariance[k, k]))
+        mean, variance = truncnorm.stats((low[k] - x[k]) / std, (high[k] - x[k]) / std, loc=x[k], scale=std)
+        gain = covariance[:, k] / std**2
+        x = x + gain * (mean - x[k])
+        covariance = covariance - np.outer(gain, covariance[k]) * (1.0 - variance / std**2)
+    return x, covariance
 
 
 def _coefficients(fit: Fit, term: Term) -> tuple[Array, Array]:
