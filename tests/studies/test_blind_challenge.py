@@ -281,6 +281,8 @@ def test_a_refused_diagnosis_is_a_wrong_answer(tmp_path: Path, monkeypatch: pyte
     def refuse(*_: Any) -> None:
         raise DiagnosisError("too little motion", "Record longer")
 
+    settings = {"level": "laboratory", "seconds": None}
+    monkeypatch.setattr(campaign, "load_manifest", lambda folder: {"settings": settings})
     monkeypatch.setattr(campaign, "read_recording", refuse)
     name, problem = campaign._diagnose(tmp_path, "a", "mod3", "", campaign.ANSWERS)
     assert name == "a" and "too little motion" in problem
