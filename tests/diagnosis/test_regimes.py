@@ -37,8 +37,8 @@ SIGNALS: Any = SimpleNamespace(
 )
 DATA: Any = SimpleNamespace(
     layout=SimpleNamespace(n=1, sides=("link", "motor")),
-    band=SimpleNamespace(kept_rate=100.0, apply=lambda columns: columns),
-    parts=[SimpleNamespace(signals=SIGNALS, stretch=SimpleNamespace(kept=slice(None)))],
+    band=SimpleNamespace(kept_rate=100.0),
+    parts=[SimpleNamespace(signals=SIGNALS, stretch=SimpleNamespace(in_band=lambda values, band: values))],
 )
 
 

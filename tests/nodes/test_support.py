@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import signal
 from array import array
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -28,6 +29,16 @@ from elastic_arm.nodes.support.running import run
 from elastic_arm.nodes.support.wire import Form, Inbox
 from elastic_arm.nodes.trajectory_generator import Plan
 from elastic_arm.recording import ChannelMap, limits, load_channels
+
+
+@pytest.fixture(autouse=True)
+def signals_as_before() -> Iterator[None]:
+    """A node that has ended ignores signals; the tests after it do not."""
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
 
 MS = 1_000_000
 
