@@ -56,10 +56,13 @@ def _kept_bytes() -> int:
     except (AttributeError, OSError):
         return 0
     information.restype = _Information
-    return int(information().free)
+    return int(information().fordblks)
+
+
+_FIELDS = "arena ordblks smblks hblks hblkhd usmblks fsmblks uordblks fordblks keepcost"
 
 
 class _Information(ctypes.Structure):
     """struct mallinfo2 of malloc.h."""
 
-    _fields_ = tuple((name, ctypes.c_size_t) for name in (*"abcdefgh", "free", "top"))
+    _fields_ = tuple((name, ctypes.c_size_t) for name in _FIELDS.split())

@@ -178,7 +178,7 @@ def summary(found: Diagnosis) -> list[str]:
         if one.what == "rotor_inertia" and one.unit != "1" and one.value > 2.0 * one.std
     ]
     causes = [cause_sentence(cause, found.model) for cause in found.causes]
-    first, *more = [*causes, _verdict_sentence(found, " and the motor inertia" if inertias else "")]
+    first, *more = [*causes, _verdict_sentence(found, "the motor inertia" if inertias else "")]
     more += [f"Motor inertia, which the description does not state: {listed(inertias)}."] if inertias else []
     return [f"{found.verdict}: {first}", *more]
 
@@ -187,7 +187,7 @@ def _verdict_sentence(found: Diagnosis, beside: str) -> str:
     if found.verdict == "none":
         gaps = any(share is not None for share in found.shrink_by_place.values())
         usual = ", with numbers of the arm and its sensors no further off than is usual" if gaps else ""
-        return f"recording and model{beside.replace(' and', ' with')} agree within the noise of the sensors{usual}."
+        return f"recording and model{beside and f' with {beside}'} agree within the noise of the sensors{usual}."
     if not found.causes:
         places = ", ".join(f"{p.joint} ({p.side} side)" for p in found.unexplained[:3])
         return f"recording and model differ, and no effect of the catalogue explains it; most at {places}."
@@ -197,9 +197,10 @@ def _verdict_sentence(found: Diagnosis, beside: str) -> str:
     before, after, noise = found.before.rmse[place], found.after.rmse[place], found.noise.get(place)
     unit, verb = found.units.at(joint, "Nm"), "falls" if after < before else "rises"
     where = f"at {joint} ({side} side{f', noise {noise:.3g} {unit}' if noise else ''})"
+    added = f"{causes} and {beside}" if beside else causes
     sentence = (
-        f"With {causes}{beside}, the model's largest error {motion} {verb} from {before:.3g} to {after:.3g} {unit} "
-        f"{where}; {percent(found.shrink)} of the gap is gone"
+        f"With {added}, the model's largest error {motion} {verb} from {before:.3g} to {after:.3g} {unit} {where}; "
+        f"{percent(found.shrink)} of the gap is gone"
     )
     return f"{sentence}." if found.verdict == "explained" else f"{sentence}, and what is left has another cause."
 

@@ -33,7 +33,6 @@ STICKING = 0.01  # s; a reversal without sticking is shorter but for acceleratio
 # Convention: where the law holds, few rows that are noise give up to 2.4; true sticking gave 6.
 FAILS = 4.0
 NO_HOLES = np.empty((0, 2))
-Estimate = tuple[int, int, tuple[int, ...], bytes]  # row, first instant, shape of the basis, rows beside
 BESIDE, JITTER = 16, 1e-9  # rows beside a time without a law that tell the noise within, share of it; numerical
 AROUND = 0.03  # s before and after, in which the smoothed motion is none of either
 
@@ -120,7 +119,7 @@ class FreeTorque:
 
     row: int  # number of the residual
     instants: slice  # of the rows that the band's filter carries it to
-    basis: Array | None  # orthonormal (instants, m); None where it can be anything at all of these instants
+    basis: Array | None = None  # orthonormal (instants, m); None where it can be anything at all of these instants
     # Rows beside these instants that hold no such torque, and (m, instants + beside) what they and the instants
     # estimate of the torque: least squares by the noise, which goes on from the rows beside.
     beside: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, dtype=int))
@@ -130,7 +129,7 @@ class FreeTorque:
         """Take it off rows (N', …) of its residual, in place."""
         part = rows[self.instants]
         if self.basis is None or self.estimate is None:
-            part -= part if self.basis is None else self.basis @ (self.basis.T @ part)
+            part -= part
         else:
             part -= self.basis @ (self.estimate @ np.concatenate([part, rows[self.beside]]))
 
@@ -148,9 +147,9 @@ class FreeTorques:
     """
 
     found: tuple[FreeTorque, ...] = ()  # all of them
-    # those worked out, by what they depend on beside the band, and their estimates by row and instants, too
+    # those worked out, by what they depend on beside the band, and their estimates by row and rows beside, too
     bases: Mapping[FreeTimes, Array] = field(default_factory=dict, repr=False)
-    estimates: Mapping[Estimate, Array] = field(default_factory=dict, repr=False)
+    estimates: Mapping[tuple[FreeTimes, int, bytes], Array] = field(default_factory=dict, repr=False)
 
     @classmethod
     def of(
@@ -186,20 +185,27 @@ class FreeTorques:
         known = {} if near is None else near.bases
         bases: dict[FreeTimes, Array] = {}
         courses = {part: [_courses(stretch, band, one, bases, known) for one in when.T] for part, when in times.items()}
-        found = [
-            FreeTorque(row, instants, basis)
+        places = [
+            (row, instants, one)
             for row, (equation, joint) in enumerate(layout.entries)
             for part, of_joints in courses.items()
             if equation.combination[part] != 0
-            for instants, basis in of_joints[joint]
+            for instants, one in of_joints[joint]
         ]
-        estimates: dict[Estimate, Array] = {}
-        if noise is not None:
-            taken = np.zeros((len(stretch.t), layout.rows), dtype=bool)
-            for free in found:
-                taken[free.instants, free.row] = True
-            before = {} if near is None else near.estimates
-            found = [_estimated(free, taken[:, free.row], noise[:, free.row], estimates, before) for free in found]
+        taken = np.zeros((len(stretch.t), layout.rows), dtype=bool)
+        for row, instants, _ in places:
+            taken[instants, row] = True
+        noise = np.ones((1, layout.rows)) if noise is None else noise
+        estimates, before, found = {}, {} if near is None else near.estimates, []
+        for row, instants, one in places:
+            if one is None:
+                found.append(FreeTorque(row, instants))
+                continue
+            around = np.arange(max(instants.start - BESIDE, 0), min(instants.stop + BESIDE, len(taken)))
+            beside = around[~taken[around, row]]
+            key = one, row, beside.tobytes()
+            estimates[key] = before[key] if key in before else _estimate(bases[one], instants, beside, noise[:, row])
+            found.append(FreeTorque(row, instants, bases[one], beside, estimates[key]))
         return cls(tuple(found), bases, estimates)
 
     def remove(self, values: Array, *, in_place: bool = False) -> Array:
@@ -270,11 +276,11 @@ def _courses(
     when: NDArray[np.bool_],
     bases: dict[FreeTimes, Array],
     known: Mapping[FreeTimes, Array],
-) -> list[tuple[slice, Array | None]]:
-    """Return orthonormal bases (instants, m) of what a torque can be at certain times (N,), in the band.
+) -> list[tuple[slice, FreeTimes | None]]:
+    """Return in which rows a torque at certain times (N,) shows, and of which times' basis it is.
 
-    None where it can be anything: in rows that no other time reaches. when: (N,) the times; bases: of other times
-    of this stretch; those found are added.
+    None where it can be anything: in rows that no other time reaches. when: (N,) the times; bases: orthonormal
+    (instants, m) of other times of this stretch; those found are added.
     """
     step = float(stretch.quiet.t[1] - stretch.quiet.t[0])
     if not when.any():
@@ -285,14 +291,13 @@ def _courses(
         first, last = max(rows.start, stretch.kept.start), min(rows.stop, stretch.kept.stop)
         if first >= last:
             continue
-        basis = None
+        times = None
         if pieces:
             end = min(max(band.samples(rows).stop, pieces[-1].stop), len(when))
             times = FreeTimes(tuple((piece.start, piece.stop) for piece in pieces), end, (first, last), step)
             if times not in bases:
                 bases[times] = known[times] if times in known else _basis(times, band)
-            basis = bases[times]
-        found.append((slice(first - stretch.kept.start, last - stretch.kept.start), basis))
+        found.append((slice(first - stretch.kept.start, last - stretch.kept.start), times))
     return found
 
 
@@ -307,35 +312,20 @@ def _basis(times: FreeTimes, band: Band) -> Array:
     return np.asarray(left[:, singular > 0.02 * singular[0]])
 
 
-def _estimated(
-    free: FreeTorque,
-    taken: NDArray[np.bool_],
-    noise: Array,
-    estimates: dict[Estimate, Array],
-    known: Mapping[Estimate, Array],
-) -> FreeTorque:
-    """Return a torque with its estimate by the rows beside that hold none, which is added to the estimates.
+def _estimate(basis: Array, rows: slice, beside: NDArray[np.intp], noise: Array) -> Array:
+    """Return (m, rows + beside) what rows estimate of a torque that is in some of them.
 
     Noise of encoders grows with its frequency. Cut off at an instant it would be noise of all frequencies.
 
-    taken: (N',) which rows hold such torques; noise: (lags,) autocovariance of these rows' noise.
+    basis: (rows, m) of the torque; noise: (lags,) autocovariance of the rows' noise.
     """
-    if free.basis is None:
-        return free
-    around = np.arange(max(free.instants.start - BESIDE, 0), min(free.instants.stop + BESIDE, len(taken)))
-    beside = around[~taken[around]]
-    key = free.row, free.instants.start, free.basis.shape, beside.tobytes()
-    if key in known:
-        estimates[key] = known[key]
-    else:
-        instants = np.concatenate([np.arange(free.instants.start, free.instants.stop), beside])
-        lags = np.abs(instants[:, None] - instants)
-        covariance = np.where(lags < len(noise), noise[lags.clip(max=len(noise) - 1)], 0.0)
-        covariance[np.diag_indices_from(covariance)] *= 1.0 + JITTER
-        columns = np.concatenate([free.basis, np.zeros((len(beside), free.basis.shape[1]))])
-        weighted = cho_solve(cho_factor(covariance), columns)
-        estimates[key] = np.linalg.solve(columns.T @ weighted, weighted.T)
-    return replace(free, beside=beside, estimate=estimates[key])
+    instants = np.concatenate([np.arange(rows.start, rows.stop), beside])
+    lags = np.abs(instants[:, None] - instants)
+    covariance = np.where(lags < len(noise), noise[lags.clip(max=len(noise) - 1)], 0.0)
+    covariance[np.diag_indices_from(covariance)] *= 1.0 + JITTER
+    columns = np.concatenate([basis, np.zeros((len(beside), basis.shape[1]))])
+    weighted = cho_solve(cho_factor(covariance), columns)
+    return np.asarray(np.linalg.solve(columns.T @ weighted, weighted.T))
 
 
 def _clusters(pieces: Sequence[tuple[slice]], band: Band) -> Iterator[tuple[list[slice], slice]]:

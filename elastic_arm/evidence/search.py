@@ -57,7 +57,7 @@ class Search:
         while len(best.keys ^ first.keys) < most and (better := self._better(best, moves)) is not None:
             self.log.append(f"{better.score - best.score:+.1f}: {words_of(better, best)}")
             best = better
-        self.take((), best)
+        self._let_go(best)
         return best
 
     def _better(self, fit: Fit, count: int) -> Fit | None:
@@ -146,12 +146,13 @@ class Search:
         return fit
 
     def take(self, fits: Iterable[Fit], best: Fit) -> None:
-        """Take sets that were met elsewhere; those that are next to impossible beside the best one are let go.
-
-        Each holds a covariance, and those of elsewhere all the data there.
-        """
+        """Take sets that were met elsewhere."""
         for fit in fits:
             self._keep(fit)
+        self._let_go(best)
+
+    def _let_go(self, best: Fit) -> None:
+        """Drop sets that are next to impossible beside the best: each holds a covariance, or all data of elsewhere."""
         self.met = {keys: fit for keys, fit in self.met.items() if fit.score > best.score - NEAR or fit is best}
 
     def _rescaled(self, fit: Fit) -> Iterator[Fit]:

@@ -31,7 +31,7 @@ from elastic_arm.effects.regressor import MotionSignals
 from elastic_arm.errors import EffectError
 
 DAMPING = 0.1  # damping ratio of the link on its drive: of gears 0.05 to 0.2
-STOPPING = 0.02  # s, within which a link rests at the end of its play: servos' gears are soft, as MuJoCo's limits
+STOPPING = 0.02  # s, within which a link rests at the end of its play: as soft as MuJoCo's limits
 STEPS = 8  # between two samples; numerical
 SETTLING = 0.5  # s, for which the first sample is held before, as nobody knows how the link lay; numerical
 SMALL = 1e-4  # rad, of the derivative of the load by the angle; numerical
