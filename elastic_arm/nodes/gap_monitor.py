@@ -31,6 +31,8 @@ from elastic_arm.robot import load_robot
 
 # Residuals are measured over the last so many seconds: shorter, and filtering would leave too little.
 STRETCH = 3.0
+# Shorter recordings are not diagnosed; where no sample comes for so long, the data are over. Both s.
+LEAST, QUIET = 8.0, 2.0
 PARAMETERS = {
     "robot": ROBOT,
     "model": MODEL,
@@ -39,7 +41,7 @@ PARAMETERS = {
     "refit": Setting(False, "The description cannot be exact: its numbers are fitted too"),
     "channels": CHANNELS,
     "sides": SIDES,
-    "window": Setting(15.0, "Samples diagnosed, s; the last third of them judges", between=(8.0, 120.0)),
+    "window": Setting(15.0, "Samples diagnosed, s; the last third of them judges", between=(LEAST, 120.0)),
     "period": Setting(20.0, "From one diagnosis to the next, s; each takes some seconds", between=(1.0, 3600.0)),
     "save_to": Setting("diagnosis", "Folder of what ~/save writes"),
     "save_period": Setting(3600.0, "Between reports that it keeps by itself, s; 0: none", between=(0.0, 86400.0)),
@@ -69,7 +71,8 @@ class GapMonitorNode(ManagedNode):
         self._window = Window(robot.joint_names, wanted.window, source, channels.currents() if channels else ())
         self._output = self.output(topics.GAP, GapDiagnosis)
         self._residual_outputs: dict[tuple[str, str], Publisher] = {}
-        self._latest_ns = 0
+        self._latest_ns = self._diagnosed_ns = 0
+        self._arrived = time.monotonic()
         self._save_due = time.monotonic() + wanted.save_period
         self._last = ""
         self._count = self._restarts = 0
@@ -109,6 +112,7 @@ class GapMonitorNode(ManagedNode):
         samples = self.collector.take()
         if samples is not None and not self.paused:
             self._window.add(samples)
+            self._arrived = now
         if (answer := self._worker.answer()) is not None:
             self._publish(answer)
         if not self._worker.busy and not self.paused:
@@ -120,12 +124,12 @@ class GapMonitorNode(ManagedNode):
             self._worker.close()
 
     def _ask(self, now: float) -> None:
-        """Start the diagnosis that is due, of samples that none was made of yet."""
-        if self.collector.last_ns == self._latest_ns:
-            return
+        """Start the diagnosis that is due, of new samples; the last one at the end of the data."""
+        last, seconds, over = self.collector.last_ns, self._window.seconds, now > self._arrived + QUIET
+        enough = seconds >= LEAST if over else self._window.full and now >= self._diagnosis_due
         due = {
-            "diagnosis": self._window.full and now >= self._diagnosis_due,
-            "where": self._window.seconds >= STRETCH and now >= self._residuals_due,
+            "diagnosis": enough and last != self._diagnosed_ns,
+            "where": seconds >= STRETCH and now >= self._residuals_due and last != self._latest_ns,
         }
         # In turns where both are due: on a busy machine either takes longer than its period.
         what = next((w for w in sorted(due, key=lambda w: w == self._last) if due[w]), None)
@@ -133,11 +137,12 @@ class GapMonitorNode(ManagedNode):
             return
         if what == "diagnosis":
             self._diagnosis_due = now + self.settings.period
+            self._diagnosed_ns = last
         else:
             self._residuals_due = now + self.settings.residual_period
         self._last = what
         question = (what, self._window.recording(STRETCH if what == "where" else None))
-        self._latest_ns = self.collector.last_ns
+        self._latest_ns = last
         self._asked = (what, self._latest_ns, now)
         self._worker.ask(question)
 

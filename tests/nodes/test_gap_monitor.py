@@ -15,6 +15,7 @@ import pytest
 from elastic_arm_msgs.msg import GapDiagnosis, GapResidual
 from std_srvs.srv import SetBool, Trigger
 
+from elastic_arm import SimulationSettings, load_robot, simulate, write_recording
 from elastic_arm.diagnosis.estimates import ParameterEstimate
 from elastic_arm.diagnosis.live import ResidualLevels
 from elastic_arm.diagnosis.result import ResidualSizes
@@ -189,14 +190,21 @@ def test_residuals_between_diagnoses_are_plain_numbers() -> None:
 # The node
 
 
+EFFECT = f"coulomb_friction:joint_2:torque={TORQUE}"
+
+
+def swinging() -> FourierTrajectory:
+    """Return a motion of 20 s that shows friction."""
+    a, b = np.random.default_rng(5).normal(0.0, 0.3, (2, 3, 5))
+    return FourierTrajectory(2 * np.pi / 20.0, a, b, np.zeros(3), 20.0, 0.5, ("joint_1", "joint_2", "joint_3"))
+
+
 def start_arm(graph: Graph) -> None:
     """Start an arm that has more friction than its model and moves on and on."""
-    a, b = np.random.default_rng(5).normal(0.0, 0.3, (2, 3, 5))
-    motion = FourierTrajectory(2 * np.pi / 20.0, a, b, np.zeros(3), 20.0, 0.5, ("joint_1", "joint_2", "joint_3"))
-    motion.save(graph.folder / "trajectory.yaml")
+    swinging().save(graph.folder / "trajectory.yaml")
     graph.start(
         "simulator",
-        effects=f"['coulomb_friction:joint_2:torque={TORQUE}']",
+        effects=f"['{EFFECT}']",
         real_time_factor=0.8,
         initial_position="[0.0]",
     )
@@ -242,6 +250,19 @@ def test_the_friction_of_a_moving_arm_is_named(graph: Graph) -> None:
     graph.until(lambda: status["seconds kept"] == "0", "all is forgotten")
     assert monitor.stop() == 0, monitor.output
     assert "Traceback" not in monitor.output
+
+
+@pytest.mark.graph
+def test_a_replay_shorter_than_the_window_is_diagnosed_at_its_end(graph: Graph) -> None:
+    """12 s of samples for a window of 15 s: when no more come, what came is diagnosed, once."""
+    settings, rng = SimulationSettings(effects=[EFFECT]), np.random.default_rng(1)
+    write_recording(graph.folder / "short", simulate(load_robot(), swinging(), settings, duration=12.0, rng=rng))
+    found = graph.listen(GapDiagnosis, "/gap")
+    graph.start("gap_monitor")
+    graph.start("replayer", bag=graph.folder / "short", rate=3.0)
+    graph.until(lambda: found, "the bag is diagnosed", patience=120)
+    (cause,) = [c for c in found[0].causes if c.effect == "coulomb_friction"]
+    assert (cause.joint, cause.parameters[0].value[0]) == ("joint_2", pytest.approx(TORQUE, rel=0.05))
 
 
 @pytest.mark.graph
