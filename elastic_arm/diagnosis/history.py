@@ -106,7 +106,7 @@ def together(found: Sequence[Diagnosis], refused: Sequence[str] = ()) -> tuple[D
         raise DiagnosisError("; ".join((FEW, *refused[:1])), "Name them, or the folder that they are in.")
     recordings, followed = tuple(one.identify[0] for one in found), courses_of_each(found)
     verdicts = {one.verdict for one in found}
-    doubtful = [f"{one.identify[0]} is unknown: its sizes count half" for one in found if one.verdict == "unknown"]
+    doubtful = [f"{one.identify[0]} is unknown: its sizes count little" for one in found if one.verdict == "unknown"]
     whole = replace(
         found[0],
         identify=recordings,

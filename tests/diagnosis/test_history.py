@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -17,8 +18,8 @@ from elastic_arm.arrays import Array
 from elastic_arm.diagnosis import Question, diagnose
 from elastic_arm.diagnosis.changes import SizedTerm
 from elastic_arm.diagnosis.history import Course, course_of, courses, courses_of_each
-from elastic_arm.diagnosis.result import ParameterEstimate
-from elastic_arm.effects import EFFECTS
+from elastic_arm.diagnosis.result import ParameterEstimate, from_dict
+from elastic_arm.effects import EFFECTS, Catalogue
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.segments import in_parts
 from elastic_arm.evidence.priors import ODDS, SCATTER, STEP, UNSURE
@@ -101,6 +102,8 @@ def test_friction_that_rises_is_a_change_and_other_friction_is_none(tmp_path: Pa
     assert told["step"]["between"] == ["day_0", "day_1"] and told["unit"] == "Nm"
     page = write_history_report(tmp_path / "report.html", whole, found, ("2026-03-03 06:00:00",) * 2).read_text()
     assert "coulomb friction of joint_2 rose from" in page and page.count("<svg") == len(found)
+    again = from_dict(pickle.loads(pickle.dumps(whole.to_dict())), tmp_path, Catalogue.default())  # between processes
+    assert [c.effect for c in again.causes] == [c.effect for c in whole.causes] and again.causes
     with pytest.raises(DiagnosisError, match="two recordings"):
         courses(replace(whole, identify=("day_0",)))
 
