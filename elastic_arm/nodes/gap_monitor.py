@@ -20,9 +20,9 @@ from elastic_arm.effects.text import known_effects
 from elastic_arm.errors import ElasticArmError, GraphError
 from elastic_arm.nodes.support import graph
 from elastic_arm.nodes.support.gap_messages import diagnosis_message, in_words, residual_messages
-from elastic_arm.nodes.support.managed import ManagedNode
-from elastic_arm.nodes.support.parameters import AUTOSTART, CHANNELS, MODEL, ROBOT, SIDES, Setting, declared
+from elastic_arm.nodes.support.parameters import CHANNELS, MODEL, ROBOT, SIDES, Setting, declared
 from elastic_arm.nodes.support.running import run
+from elastic_arm.nodes.support.sampling import SamplingNode
 from elastic_arm.nodes.support.wire import NANOSECONDS
 from elastic_arm.nodes.support.worker_process import Answer, WorkerProcess
 from elastic_arm.output_files import write_result
@@ -44,25 +44,20 @@ PARAMETERS = {
     "save_to": Setting("diagnosis", "Folder of what ~/save writes"),
     "save_period": Setting(3600.0, "Between reports that it keeps by itself, s; 0: none", between=(0.0, 86400.0)),
     "residual_period": Setting(1.0, "Between two measurements of the residuals, s", between=(0.2, 3600.0)),
-    "autostart": AUTOSTART,
 }
 
 
-class GapMonitorNode(ManagedNode):
+class GapMonitorNode(SamplingNode):
     """Keeps the last seconds of samples, and has them diagnosed in a worker process."""
 
     def __init__(self) -> None:
         super().__init__("gap_monitor")
         self.settings = declared(self, PARAMETERS)
-        self.start("diagnosis", "diagnosing", self.settings.autostart)
-
-    def configure(self) -> None:
-        """Start the process that diagnoses; offer diagnoses and services."""
         wanted = self.settings
         robot = load_robot(wanted.robot or None)
         # A mistake is to be heard of here.
         known_effects(wanted.known, robot, Catalogue.default().with_files(wanted.effects_files))
-        channels = self.offer(robot)
+        channels = self.collect(robot)
         question = wanted.robot or None, wanted.model, wanted.known, wanted.refit, wanted.effects_files
         self._worker = WorkerProcess(answering, *question)
         source = " ".join(graph.resolved(self, topic) for topic in self.collector.inboxes)
@@ -74,7 +69,9 @@ class GapMonitorNode(ManagedNode):
         self._last = ""
         self._count = self._restarts = 0
         self._took = 0.0
+        self._residuals_due = time.monotonic()
         self.forget()
+        self.listen("diagnosis", "diagnosing")
 
     def forget(self) -> None:
         """Forget all samples, and what is being made of them."""
@@ -84,25 +81,6 @@ class GapMonitorNode(ManagedNode):
         self._found: dict[str, Any] | None = None
         self._sizes, self._changes, self._said = Sizes(), list[str](), ""
         self._diagnosis_due = time.monotonic()
-
-    def activate(self) -> None:
-        """Subscribe to the arm's samples."""
-        super().activate()
-        self._diagnosis_due = self._residuals_due = time.monotonic()
-
-    def deactivate(self) -> None:
-        """Unsubscribe, and forget the samples, which later ones do not follow, and the diagnosis under way."""
-        super().deactivate()
-        self.collector.reset()
-        self._window.clear()
-        self._asked = None
-
-    def cleanup(self) -> None:
-        """End the process that diagnoses; take diagnoses and services out of the graph."""
-        super().cleanup()
-        self._worker.close()
-        for publisher in (self._output, *self._residual_outputs.values()):
-            self.destroy_publisher(publisher)
 
     def work(self, now: float) -> None:
         """Take what has arrived, publish what was found, and start the next diagnosis."""
@@ -116,8 +94,7 @@ class GapMonitorNode(ManagedNode):
 
     def close(self) -> None:
         """End the process that diagnoses."""
-        if self.configured:
-            self._worker.close()
+        self._worker.close()
 
     def _ask(self, now: float) -> None:
         """Start the diagnosis that is due, of samples that none was made of yet."""

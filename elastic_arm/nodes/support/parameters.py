@@ -37,7 +37,6 @@ ROBOT = Setting("", "Nominal arm: file (YAML) or URDF; empty: the arm of the pac
 MODEL = Setting("mod3", "What the arm is taken to be", choices=("mod1", "mod2", "mod3"))
 CHANNELS = Setting("", "Channel map (YAML) of a driver's joint states: names, units")
 SIDES = Setting("both", "What the arm measures", choices=("both", "link", "motor"))
-AUTOSTART = Setting(True, "Configure and activate the node at once; false: wait for the transitions")
 
 
 def declared(node: Node, table: Mapping[str, Setting]) -> SimpleNamespace:
