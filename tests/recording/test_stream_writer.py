@@ -13,7 +13,6 @@ import pytest
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording import read_recording, write_recording
 from elastic_arm.recording.inspection.check import check_bag
-from elastic_arm.recording.inspection.info import bag_info
 from elastic_arm.recording.inspection.repair import repair_bag
 from elastic_arm.recording.storage.messages import read_messages
 from elastic_arm.recording.stream_writer import StreamWriter
