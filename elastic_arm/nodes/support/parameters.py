@@ -40,8 +40,8 @@ SIDES = Setting("both", "What the arm measures", choices=("both", "link", "motor
 
 
 def declared(node: Node, table: Mapping[str, Setting]) -> SimpleNamespace:
-    """Declare the parameters of a table, and return their values by name; a dot in a name becomes `_`."""
-    return SimpleNamespace(**{name.replace(".", "_"): _declare(node, name, row) for name, row in table.items()})
+    """Declare the parameters of a table, and return their values by name."""
+    return SimpleNamespace(**{name: _declare(node, name, row) for name, row in table.items()})
 
 
 def _declare(node: Node, name: str, row: Setting) -> Any:
