@@ -26,7 +26,7 @@ from elastic_arm.recording.spans import Bytes, Offsets, place
 from elastic_arm.recording.storage.bag import METADATA
 from elastic_arm.recording.storage.mcap_scan import MESSAGE_HEAD, lay_messages
 from elastic_arm.recording.storage.mcap_sink import Compression, McapSink, Packed, pack
-from elastic_arm.recording.storage.metadata import INSIDE, METADATA_KEY, FileSummary, Topic, metadata, offered_qos
+from elastic_arm.recording.storage.metadata import INSIDE, METADATA_KEY, Topic, metadata, offered_qos
 from elastic_arm.recording.topics import (
     JOINT_STATES,
     JOINT_TORQUES,
@@ -149,9 +149,9 @@ def standard_topic(name: str) -> Topic:
     return Topic(name, type_of(name), definition, type_hash, offered_qos(name))
 
 
-def finish_bag(sink: McapSink, before: Sequence[FileSummary] = (), currents: Sequence[str] = ()) -> None:
-    """Close the last file of a bag and write its metadata.yaml."""
-    information = metadata(sink.topics, [*before, sink.summary()], currents)
+def finish_bag(sink: McapSink, currents: Sequence[str] = ()) -> None:
+    """Close the file of a bag and write its metadata.yaml."""
+    information = metadata(sink.topics, sink.summary(), currents)
     # The same inside the file, for readers that are given it without its folder.
     inside = yaml.safe_dump(information, sort_keys=False)
     record, key = INSIDE

@@ -12,15 +12,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from elastic_arm_msgs.msg import GapDiagnosis, GapResidual
+from elastic_arm_msgs.msg import GapDiagnosis
 from std_srvs.srv import SetBool, Trigger
 
 from elastic_arm import SimulationSettings, load_robot, simulate, write_recording
 from elastic_arm.diagnosis.estimates import ParameterEstimate
-from elastic_arm.diagnosis.live import ResidualLevels
-from elastic_arm.diagnosis.result import ResidualSizes
 from elastic_arm.excitation import FourierTrajectory
-from elastic_arm.nodes.support.gap_messages import diagnosis_message, in_words, residual_messages
+from elastic_arm.nodes.support.gap_messages import diagnosis_message, in_words
 from elastic_arm.nodes.support.worker_process import Answer, WorkerProcess
 from tests.helpers.questions import halving
 from tests.helpers.ros_graph import Graph
@@ -177,16 +175,6 @@ def test_a_vector_has_its_components() -> None:
     assert list(position.std) == [0.01, 0.02, 0.03]
 
 
-def test_residuals_between_diagnoses_are_plain_numbers() -> None:
-    """One message a joint and side, with its noise and its size before any cause."""
-    place = ("joint_1", "motor")
-    messages = residual_messages(ResidualLevels(ResidualSizes({place: 3.0}, {place: 5.0}), {place: 0.3}))
-    assert list(messages) == [place]
-    message = messages[place]
-    assert (message.joint, message.side, message.noise, message.rmse_before) == ("joint_1", "motor", 0.3, 3.0)
-    assert math.isnan(message.rmse_after)
-
-
 # The node
 
 
@@ -213,12 +201,11 @@ def start_arm(graph: Graph) -> None:
 
 @pytest.mark.graph
 def test_the_friction_of_a_moving_arm_is_named(graph: Graph) -> None:
-    """While the arm moves, /gap names effect, joint and size, residuals come in between, and losses are counted aloud.
+    """While the arm moves, /gap names effect, joint and size, and losses are counted aloud.
 
     That none are lost is for `bench_live` to show: a machine that tests share may starve any subscriber.
     """
     found = graph.listen(GapDiagnosis, "/gap")
-    sizes = graph.listen(GapResidual, "/gap_monitor/residuals/joint_2/motor")
     status = graph.status("gap_monitor")
     window = 8.0
     monitor = graph.start("gap_monitor", window=window, period=5.0, save_to=graph.folder / "diagnosis")
@@ -239,9 +226,6 @@ def test_the_friction_of_a_moving_arm_is_named(graph: Graph) -> None:
     assert graph.call(Trigger, "/gap_monitor/save", Trigger.Request()).success
     saved = json.loads((graph.folder / "diagnosis" / "diagnosis.json").read_text())
     assert (saved["schema"], saved["model"]) == (found[0].schema, found[0].model)
-    count = len(sizes)
-    graph.until(lambda: len(sizes) > count + 1, "residuals after the diagnosis")
-    assert sizes[-1].rmse_before == pytest.approx(TORQUE, rel=0.3)
     assert graph.call(SetBool, "/gap_monitor/pause", SetBool.Request(data=True)).success
     graph.until(lambda: "paused" in status["said"], "the pause is reported")
     assert {status[f"samples {loss}"] for loss in ("late", "repeated")} == {"0"}
