@@ -69,14 +69,15 @@ def rows(folder: Path) -> Iterator[list[str]]:
     """Yield the rows of the table for one example."""
     times = _times(folder)
     if not _results(folder):
-        yield [folder.name, "checks alone", "", "its run.sh makes no fit", ""]
+        yield [folder.name, "checks alone", "", "", "its run.sh makes no fit", ""]
     for file in _results(folder):
         found, seconds = json.loads(file.read_text()), times.get(file.parent.resolve(), "")
         for model, side, values in residuals(found):
-            last = ["", seconds if model == "identified" else ""]
+            last = ["", "", seconds if model == "identified" else ""]
             if model in ("before", "after"):
                 causes = ", ".join(map(_cause, found["causes"])) or "no cause"
-                last = [f"{found['verdict']}: {causes}", seconds] if model == "after" else ["", ""]
+                said = [f"{found['verdict']}: {causes}", seconds] if model == "after" else ["", ""]
+                last = [_prediction(found, model), *said]
             yield [_case(folder, file), f"{_command(file)}: {model}, {side}", _numbers(values), *last]
 
 
@@ -190,9 +191,22 @@ def _numbers(values: Any) -> str:
     return " ".join("–" if value is None else f"{value:.3g}" for value in values)
 
 
+def _prediction(found: dict[str, Any], when: str) -> str:
+    """Return the largest prediction error over the joints at every horizon, or the reason why there is none."""
+    prediction = found.get("prediction") or {}
+    errors = prediction.get(when)
+    if not errors:
+        return prediction.get("reason") or "–"
+    horizons = prediction["horizons_s"]
+    sizes = [size for sides in errors.values() for size in sides.values()]
+    known = [k for k in range(len(horizons)) if all(size[k] is not None for size in sizes)]
+    each = [f"{1e3 * max(size[k] for size in sizes):.3g} at {1e3 * horizons[k]:.0f} ms" for k in known]
+    return ", ".join([*each, *(["beyond 1 rad later"] if len(known) < len(horizons) else [])])
+
+
 TABLES = {
     "real_robots.csv": (
-        ["robot", "model and side", "held-out rms a joint, Nm", "verdict", "s"],
+        ["robot", "model and side", "held-out rms a joint, Nm", "largest prediction error, mrad", "verdict", "s"],
         rows,
     ),
     "real_robots_parameters.csv": (

@@ -31,6 +31,7 @@ from elastic_arm.diagnosis.words import (
     listed,
     listed_alternatives,
     log_likelihood_text,
+    prediction_sentence,
     probability_text,
     scale_sentence,
     sides_text,
@@ -146,7 +147,7 @@ def diagnose_command(
     keep_memory()  # what was read and left out would leave holes
     with working("diagnosing"):
         found = diagnose(recordings, question, judges)
-    with working("comparing, proposing"):
+    with working("predicting, comparing, proposing"):
         found = follow_up(found, rng=np.random.default_rng(0) if propose else None)
         corrected = correct(found, robot, out_dir, correction) if wrong is None else wrong
         replays = replay_both(correction, out_dir, (judges or recordings)[0]) if replayed else []
@@ -226,6 +227,8 @@ def print_diagnosis(found: Diagnosis, folder: Path) -> None:
     for place in found.unexplained:
         size = f"{place.rmse:.3g} {found.units.at(place.joint, 'Nm')}"
         out.print(f"unexplained: {escape(place.joint)}, {place.side} side, {size}, follows {place.regime}")
+    if found.prediction is not None and (found.causes or found.prediction.reason):
+        out.print(f"prediction: {escape(prediction_sentence(found, found.prediction))}")
     if found.proposal is not None:
         _print_proposal(found.proposal)
     out.print(f"trust in the description: {escape(trust_text(found.trust))}")

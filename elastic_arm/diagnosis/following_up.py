@@ -1,4 +1,4 @@
-"""What follows a diagnosis: the motion to record next."""
+"""What follows a diagnosis: prediction errors, and the motion to record next."""
 
 from __future__ import annotations
 
@@ -7,11 +7,12 @@ from dataclasses import replace
 import numpy as np
 
 from elastic_arm.diagnosis.next_motion import propose
+from elastic_arm.diagnosis.prediction import predict
 from elastic_arm.diagnosis.result import Diagnosis
 
 
 def follow_up(found: Diagnosis, *, rng: np.random.Generator | None) -> Diagnosis:
-    """Return a diagnosis with, where causes are in doubt, a motion that separates them.
+    """Return a diagnosis with prediction errors and, where causes are in doubt, a motion that separates them.
 
     Parameters
     ----------
@@ -20,9 +21,13 @@ def follow_up(found: Diagnosis, *, rng: np.random.Generator | None) -> Diagnosis
     rng
         Draws the motions that are proposed; None to propose none.
     """
-    if found.context is None or rng is None:
+    if found.context is None:
         return found
-    proposal = propose(found.context, found.causes, rng=rng)
+    proposal = None if rng is None else propose(found.context, found.causes, rng=rng)
     decided = set() if proposal is None else proposal.decided
-    causes = tuple(cause.with_separating_file(decided) for cause in found.causes)
-    return replace(found, causes=causes, proposal=proposal)
+    return replace(
+        found,
+        causes=tuple(cause.with_separating_file(decided) for cause in found.causes),
+        prediction=predict(found.context, [cause.instance for cause in found.causes if cause.acts]),
+        proposal=proposal,
+    )

@@ -24,6 +24,7 @@ from elastic_arm.results import Result, Row
 
 if TYPE_CHECKING:
     from elastic_arm.diagnosis.context import DiagnosisContext
+    from elastic_arm.diagnosis.prediction import Prediction
     from elastic_arm.excitation import FourierTrajectory
 
 Place = tuple[str, str]  # joint and side
@@ -68,6 +69,11 @@ class Cause:
         if self.is_number:
             return "number"
         return "effect" if self.instance.effect.lacked_by == MODELS else "variant"
+
+    @property
+    def acts(self) -> bool:
+        """Whether a prediction with the causes adds its law."""
+        return not self.is_number
 
     def with_separating_file(self, decided: Collection[tuple[Any, Any]]) -> Cause:
         """Return it with the proposed file at the alternatives on which that motion is expected to decide."""
@@ -276,8 +282,8 @@ class Diagnosis(Result):
         Stretches of the recordings that are left out, as their rest contradicts them.
     notes
         What the reader should know besides.
-    proposal
-        The motion that separates causes from their alternatives.
+    prediction, proposal
+        How far ahead the model sees, and the motion that separates causes from their alternatives.
     context
         What figures are drawn from; not written.
     """
@@ -309,6 +315,7 @@ class Diagnosis(Result):
     known: tuple[Mapping[str, Any], ...] = ()
     events: tuple[Event, ...] = ()
     notes: tuple[str, ...] = ()
+    prediction: Prediction | None = None
     proposal: Proposal | None = None
     context: DiagnosisContext | None = field(default=None, repr=False, compare=False)
 
@@ -398,6 +405,7 @@ class Diagnosis(Result):
                 {**vars(one), **{k: _plain(getattr(one, k)) for k in ("begin", "end", "rmse")}} for one in self.events
             ],
             "notes": list(self.notes),
+            "prediction": None if self.prediction is None else self.prediction.to_dict(self.units.over("rad")),
             "next_motion": None if self.proposal is None else self.proposal.to_dict(SEPARATING),
         }
 
@@ -454,6 +462,9 @@ def _plain(value: Any) -> Any:
 
 
 def from_dict(data: Mapping[str, Any], folder: Path, catalogue: Catalogue) -> Diagnosis:
+    # Most results are made, not read: what they hold besides is slow to import.
+    from elastic_arm.diagnosis.prediction import Prediction
+
     def places(nested: Mapping[str, Any]) -> dict[Place, Any]:
         return {(joint, side): v for joint, by_side in nested.items() for side, v in by_side.items()}
 
@@ -462,7 +473,7 @@ def from_dict(data: Mapping[str, Any], folder: Path, catalogue: Catalogue) -> Di
         return ResidualSizes({p: v["rmse"] for p, v in there.items()}, {p: v["max"] for p, v in there.items()})
 
     noise = {place: v for place, v in places(data["noise"]).items() if v is not None}
-    recordings, interval = data["recordings"], data["shrink_interval"]
+    recordings, interval, prediction = data["recordings"], data["shrink_interval"], data["prediction"]
     changes = [{**one, "values": tuple(map(_change_value, one["values"]))} for one in data["changes"]]
     return Diagnosis(
         **{name: data[name] for name in ("model", "robot", "verdict", "trust", "shrink")},
@@ -485,6 +496,7 @@ def from_dict(data: Mapping[str, Any], folder: Path, catalogue: Catalogue) -> Di
         known=tuple(data["known"]),
         events=tuple(Event(**one) for one in data.get("events", ())),
         notes=tuple(data["notes"]),
+        prediction=None if prediction is None else Prediction.from_dict(prediction),
         proposal=None if data["next_motion"] is None else _proposal(data["next_motion"], folder),
     )
 

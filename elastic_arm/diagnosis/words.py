@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from elastic_arm.diagnosis.estimates import ParameterEstimate
     from elastic_arm.diagnosis.events import Event
     from elastic_arm.diagnosis.history import Course
+    from elastic_arm.diagnosis.prediction import Prediction
     from elastic_arm.diagnosis.result import Alternative, Cause, Change, Diagnosis
     from elastic_arm.effects import EffectInstance
     from elastic_arm.equations.formless import GeneralLaw
@@ -310,6 +311,20 @@ def share_at(found: Diagnosis, joint: str, side: str) -> str:
     if not found.causes:
         return "gap"
     return "larger" if percent(share).startswith("-") else f"{percent(share)} gone"
+
+
+def prediction_sentence(found: Diagnosis, prediction: Prediction) -> str:
+    """Return in a sentence how far the prediction error of the worst angle falls, or why that is not known."""
+    before, after = prediction.before or {}, prediction.after or {}
+    if prediction.reason:
+        return f"{prediction.reason[0].upper()}{prediction.reason[1:]}."
+    joint, side = max(before, key=lambda place: before[place][-1])
+    unit = found.units.at(joint, "rad")
+    errors = [_short(size[joint, side][-1], unit) for size in (before, after)]
+    horizon = f"{1e3 * prediction.horizons[-1]:g} ms"
+    sentence = f"Driven by the measured torque, the model errs by {errors[0]} after {horizon} at the worst angle"
+    added = f"; with the causes added, by {errors[1]}" if any(c.acts for c in found.causes) else ""
+    return f"{sentence} ({joint}, {side}){added}."
 
 
 def _prefix(value: float) -> tuple[str, float]:

@@ -94,7 +94,7 @@ class GapMonitorNode(SamplingNode):
         self._worker.close()
 
     def _ask(self, now: float) -> None:
-        """Start the diagnosis that is due, of samples that none was made of yet; the last one at the end of the data."""
+        """Start the diagnosis that is due, of new samples; the last one at the end of the data."""
         over = now > self._arrived + QUIET
         enough = self._window.seconds >= LEAST if over else self._window.full and now >= self._diagnosis_due
         if not enough or self.collector.last_ns == self._latest_ns:

@@ -21,6 +21,7 @@ from elastic_arm.diagnosis.words import (
     listed_alternatives,
     log_likelihood_text,
     percent,
+    prediction_sentence,
     probability_text,
     scale_sentence,
     share_at,
@@ -78,6 +79,8 @@ def sections(found: Diagnosis) -> list[Section]:
     shown.append(sizes)
     if determined := _determined(found):
         shown.append(Section("Numbers of arm and sensors", _numbers(determined), folded=True))
+    if found.prediction is not None:
+        shown.append(Section("How far ahead the model sees", _prediction(found), folded=True))
     if context is not None:
         shown.append(Section("What the residuals follow", [_regimes(found, context)], folded=True))
     shown.append(Section("What this rests on", _grounds(found), folded=True))
@@ -106,6 +109,8 @@ def _verdict(found: Diagnosis) -> list[Block]:
         header = ["cause", "where", "shows on", "size", "share of the gap", "probability"]
         blocks.append(Table(header, rows))
     blocks += [Text(f"Between recordings {change_text(change)}.", "warn") for change in found.changes]
+    if found.prediction is not None and found.prediction.before and found.causes:
+        blocks.append(Text(prediction_sentence(found, found.prediction)))
     others: list[list[object]] = []
     for cause in found.causes:
         name, (likely, faint) = effect_at(cause.effect, cause.joint), listed_alternatives(cause)
@@ -216,6 +221,28 @@ def _sizes(found: Diagnosis, context: DiagnosisContext | None) -> list[Block]:
         return [table]
     how = Text("On the longest stretch of validation data. Drag over a plot to zoom, double-click for the whole.")
     return [table, how, *figures.before_and_after(found, context)]
+
+
+def _prediction(found: Diagnosis) -> list[Block]:
+    prediction = found.prediction
+    if prediction is None or prediction.before is None or prediction.after is None:
+        return [Text(f"Not measured: {prediction.reason if prediction else ''}.", "warn")]
+    text = (
+        f"From {prediction.starts} instants of the validation data the arm is put into its measured state and driven "
+        "by the measured motor torque in simulation. The root mean square of predicted minus measured angle shows how "
+        "far ahead the model can be trusted."
+    )
+    acting = any(cause.acts for cause in found.causes)
+    shown = {", before": prediction.before, ", after": prediction.after} if acting else {"": prediction.before}
+    header = ["joint", "angle", *(f"{1e3 * h:g} ms{when}" for h in prediction.horizons for when in shown)]
+    rows = [
+        [joint, side, *(1e6 * size[joint, side][k] for k in range(len(prediction.horizons)) for size in shown.values())]
+        for joint, side in prediction.before
+    ]
+    unit = found.units.over("µrad")
+    drawing = Figure(figures.horizons(prediction, found.joints, unit))
+    gone = [Text(prediction_sentence(found, prediction), "warn")] if prediction.reason else []
+    return [Text(text), *gone, drawing, Table(header, rows, f"Prediction error, {unit}", 2)]
 
 
 def _next(found: Diagnosis) -> list[Block]:

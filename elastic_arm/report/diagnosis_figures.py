@@ -1,4 +1,4 @@
-"""The figures of a gap diagnosis: map, cumulative shrink, residuals, proposed motion."""
+"""The figures of a gap diagnosis: map, cumulative shrink, residuals, prediction errors, proposed motion."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from scipy.signal import welch
 
 from elastic_arm.arrays import Array
 from elastic_arm.diagnosis.context import DiagnosisContext
+from elastic_arm.diagnosis.prediction import Prediction
 from elastic_arm.diagnosis.result import Cause, Diagnosis
 from elastic_arm.estimation.equations import SIDES
 from elastic_arm.excitation import FourierTrajectory
@@ -152,6 +153,29 @@ def before_and_after(found: Diagnosis, context: DiagnosisContext) -> list[Plot]:
             noise = f"noise {found.noise[joint, side]:.3g} {unit}"
             shown.append(Plot(t, signals, unit, f"{joint}, {side} side; {noise}."))
     return shown
+
+
+def horizons(prediction: Prediction, joints: Sequence[str], unit: str) -> MplFigure:
+    """Draw prediction errors over the horizon, a joint a panel."""
+    before, after = prediction.before or {}, prediction.after or {}
+    ms = 1e3 * np.array(prediction.horizons)
+    drawn = [(before, BEFORE, 2.6, "before"), (after, AFTER, 1.0, "after")][: 1 if after == before else 2]
+    width = max(4.5, min(3.2 * len(joints), 12.0))
+    with drawing(1, len(joints), size=(width, 2.9), sharey=True) as (figure, axes):
+        for ax, joint in zip(axes[0], joints, strict=True):
+            ax.set_title(joint, loc="left")
+            for side, dash in (("motor", "-"), ("link", "--")):
+                for size, colour, width, word in drawn:
+                    if (joint, side) in size:
+                        values = 1e6 * np.array(size[joint, side])
+                        style_of = {"marker": "o", "ms": 2.5 * width**0.5, "color": colour, "lw": width}
+                        ax.loglog(ms, values, dash, **style_of, label=f"{side} angle, {word}")
+            ax.set_xticks(ms, [f"{v:g}" for v in ms])
+            ax.minorticks_off()
+            ax.set_xlabel("ahead [ms]")
+        axes[0, 0].set_ylabel(f"prediction error [{unit}]")
+        axes[0, -1].legend(fontsize=7)
+    return figure
 
 
 def motion(trajectory: FourierTrajectory, found: Diagnosis) -> MplFigure:

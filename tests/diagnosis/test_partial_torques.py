@@ -59,7 +59,7 @@ def test_friction_is_found_where_a_torque_shows_it(found: Diagnosis) -> None:
 
 
 def test_the_joint_without_a_torque_is_named_and_has_no_residual(found: Diagnosis) -> None:
-    """Residuals are those of two joints; what is known of the third stays as it is."""
+    """Residuals are those of two joints; what is known of the third stays as it is, and nothing drives a prediction."""
     assert {joint for joint, _ in found.before.rmse} == set(ROBOT.joint_names) - {BARE}
     assert any(note.startswith(f"{BARE}: without a torque") for note in found.notes)
     assert any("not seen" in note and BARE in note for note in found.notes)

@@ -85,7 +85,7 @@ def test_the_file_is_the_contracts(tmp_path: Path) -> None:
     assert set(data) == {
         "schema", "model", "robot", "recordings", "band_hz", "trust", "verdict", "noise", "gap", "shrink",
         "shrink_interval", "causes", "shrink_by_place", "imperfections", "changes", "unexplained", "known", "events",
-        "notes", "next_motion",
+        "notes", "prediction", "next_motion",
     }  # fmt: skip
     assert set(data["recordings"]) == {"identify", "validate", "independent_motion", "judged_s"}
     assert data["gap"]["before"]["joint_2"] == {"link": None, "drive": None, "motor": {"rmse": 0.4, "max": 1.2}}

@@ -52,7 +52,7 @@ def two_causes() -> Diagnosis:
 
 
 @pytest.mark.browser
-def test_report_shows_verdict_map_and_causes_in_a_browser(two_causes: Diagnosis, tmp_path: Path) -> None:
+def test_report_shows_verdict_map_causes_and_prediction_in_a_browser(two_causes: Diagnosis, tmp_path: Path) -> None:
     """A real browser shows verdict first, then where and each cause; all behind these is folded."""
     page = rendered_page(write_gap_report(tmp_path / "report.html", two_causes), tmp_path / "profile")
     folded = re.findall(r"<details><summary><h2>([^<]*)</h2>", page)
@@ -60,13 +60,13 @@ def test_report_shows_verdict_map_and_causes_in_a_browser(two_causes: Diagnosis,
     titles = re.findall(r"<h2>([^<]*)</h2>", page)
     assert titles[:2] == ["Verdict", "Where the gap lies"]
     assert {"coulomb friction, joint_2", "transmission error, joint_1"} < set(titles)
-    assert {"Before and after", "What the residuals follow"} < set(titles)
+    assert {"Before and after", "How far ahead the model sees", "What the residuals follow"} < set(titles)
     assert page.index("explained: ") < page.index("<svg")
-    # Map, and two causes are drawings; what is over time can be zoomed: two causes, and nine residuals.
-    assert (page.count("<svg"), page.count("<canvas")) == (3, 2 + 9)
+    # Map, two causes, horizons are drawings; what is over time can be zoomed: two causes, and nine residuals.
+    assert (page.count("<svg"), page.count("<canvas")) == (4, 2 + 9)
     assert len(page.encode()) < 3e6 and not re.findall(r'(?:src|href)="http', page)
-    for words in ("velocity [rad/s]", "wave generator angle", "frequency [Hz]", "Trust in the",
-                  "time [s]", "Nm/√Hz", "residual, Nm"):  # fmt: skip
+    for words in ("velocity [rad/s]", "wave generator angle", "frequency [Hz]", "ahead [ms]", "Trust in the",
+                  "time [s]", "Nm/√Hz", "prediction error [µrad]", "residual, Nm"):  # fmt: skip
         assert words in page
 
 
@@ -75,7 +75,15 @@ def test_every_column_of_the_report_is_explained(two_causes: Diagnosis) -> None:
     tables = [block for part in sections(two_causes) for block in part.blocks if isinstance(block, Table)]
     named = {"joint", *(regime.replace("_", " ") for regime in REGIMES)}
     bare = [head for table in tables for head in table.header if not meaning(head) and head not in named]
-    assert len(tables) >= 4 and not bare
+    assert len(tables) >= 5 and not [head for head in bare if " ms" not in head]
+
+
+def test_prediction_is_written_as_numbers(two_causes: Diagnosis, tmp_path: Path) -> None:
+    """What follows a diagnosis stands beside the contract's fields."""
+    data = json.loads(two_causes.save(tmp_path / "diagnosis.json").read_text())
+    assert data["prediction"]["horizons_s"] == [0.01, 0.02, 0.05, 0.1, 0.2]
+    before, after = (data["prediction"][when]["joint_2"]["motor"] for when in ("before", "after"))
+    assert before[-1] > 10 * after[-1] and data["next_motion"] is None
 
 
 def test_report_of_a_clean_arm_speaks_of_no_cause(tmp_path: Path) -> None:
@@ -119,7 +127,7 @@ def test_command_writes_the_motion_that_the_simulator_takes(tmp_path: Path) -> N
     assert {p.name for p in folder.iterdir()} == {"diagnosis.json", "report.html", "robot.yaml", SEPARATING, *tables}
     check_residuals(folder / "residuals.csv", tmp_path)
     words = " ".join(told.stdout.split())
-    assert f"told apart by: {SEPARATING}" in words
+    assert f"told apart by: {SEPARATING}" in words and "prediction: Driven by the measured torque" in words
     told = run("simulate", "--out", tmp_path / "next", "--trajectory", folder / SEPARATING, "--duration", 1.0)
     assert told.exit_code == 0, told.output
     assert read_recording(tmp_path / "next").duration == pytest.approx(1.0, abs=0.01)

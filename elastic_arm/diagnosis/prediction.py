@@ -1,0 +1,272 @@
+"""Short-horizon prediction error: how far ahead the model predicts the angles, without and with the causes.
+
+From many instants of the validation data the arm is put into its measured state, driven by the measured motor torque,
+and its angles after 10 to 200 ms are compared with those measured. Channels are those that the columns of effects are
+made of, smoothed alike, so that a torque and the motion that it makes still belong together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from elastic_arm.arrays import Array
+from elastic_arm.diagnosis.context import DiagnosisContext
+from elastic_arm.dynamics import Model
+from elastic_arm.effects import EffectInstance
+from elastic_arm.effects.equations import ArmEquations
+from elastic_arm.effects.model import Plant
+from elastic_arm.estimation.effect_columns import SENSED
+from elastic_arm.estimation.motion import CompletedMotion, drive_constants
+from elastic_arm.formatting import JointUnits
+from elastic_arm.sensors import Sensors
+from elastic_arm.simulation.batch_prediction import BatchPrediction
+
+Place = tuple[str, str]
+
+HORIZONS = (0.01, 0.02, 0.05, 0.1, 0.2)  # s
+STARTS = 64
+BARE = 1e-12  # inertia of a joint over the largest one's, below which it is rounding
+# An angle that is further off than this, rad, is no prediction: the model has left the motion.
+FARTHEST = 1.0
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Root mean squares, over the starts, of predicted minus measured angles."""
+
+    horizons: tuple[float, ...] = HORIZONS  # (H,) s
+    starts: int = 0  # how many
+    # before, after: (joint, side) -> (H,) rad for "link" (q) and "motor" (theta), with the model and with the causes
+    # added; NaN where the model leaves the motion
+    before: Mapping[Place, tuple[float, ...]] | None = None
+    after: Mapping[Place, tuple[float, ...]] | None = None
+    reason: str = ""  # why there is no prediction, or not everywhere; empty where there is one
+
+    def to_dict(self, unit: str = "rad") -> dict[str, Any]:
+        """Return it as plain data, with the unit of positions; null where there is no prediction."""
+        sizes = {"before": self.before, "after": self.after}
+        return {
+            "horizons_s": list(self.horizons),
+            "starts": self.starts,
+            "unit": unit,
+            **{name: None if size is None else _nested(size) for name, size in sizes.items()},
+            "reason": self.reason or None,
+        }
+
+    @staticmethod
+    def from_dict(data: Mapping[str, Any]) -> Prediction:
+        """Return what :meth:`to_dict` wrote."""
+        before, after = (None if data[name] is None else _flat(data[name]) for name in ("before", "after"))
+        return Prediction(tuple(data["horizons_s"]), data["starts"], before, after, data["reason"] or "")
+
+
+def _flat(nested: Mapping[str, Mapping[str, Sequence[float | None]]]) -> dict[Place, tuple[float, ...]]:
+    values = {(joint, side): v for joint, by_side in nested.items() for side, v in by_side.items()}
+    return {place: tuple(np.nan if v is None else v for v in row) for place, row in values.items()}
+
+
+def _nested(size: Mapping[Place, tuple[float, ...]]) -> dict[str, dict[str, list[float | None]]]:
+    found: dict[str, dict[str, list[float | None]]] = {}
+    for (joint, side), values in size.items():
+        found.setdefault(joint, {})[side] = [float(f"{v:.4g}") if np.isfinite(v) else None for v in values]
+    return found
+
+
+def predict(context: DiagnosisContext, causes: Sequence[EffectInstance], starts: int = STARTS) -> Prediction:
+    """Measure the short-horizon prediction error on the validation data, without and with the causes.
+
+    context: of the diagnosis; what counted as part of the model acts in both predictions; starts: instants from
+    which is predicted, spread evenly over the validation data.
+    """
+    if context.model.robot.elastic and "motor" not in context.validate.layout.sides:
+        return Prediction(reason="motor torque and motor angle are not both recorded: there is nothing to drive with")
+    if bare := _undriven(context):
+        return Prediction(reason=f"the torque that drives {', '.join(bare)} was not recorded")
+    if context.seen[0].made_by:
+        return Prediction(reason="no torque was measured that could drive it; `elastic-arm replay` takes the commands")
+    begins = _begins(context, starts)
+    if not any(len(b) for b in begins):
+        return Prediction(reason=f"no stretch of the validation data is {HORIZONS[-1]:g} s long")
+    if light := _without_inertia(context):
+        return Prediction(reason=f"the model has no inertia for {', '.join(light)}: it would accelerate without limit")
+    first = context.seen[0].pieces[0]
+    sides = [s for s, recorded in (("link", first.q), ("motor", first.theta)) if recorded is not None]
+    if not context.model.robot.elastic:
+        sides = sides[:1]
+    before = _errors(context, (), causes, begins, sides)
+    after = _errors(context, causes, (), begins, sides) if causes else before
+    horizons = _horizons(1.0 / context.seen[0].rate)
+    units = context.model.robot.units
+    reason = _left(before, horizons, "the model", units) or _left(after, horizons, "the model with the causes", units)
+    return Prediction(horizons, sum(len(b) for b in begins), before, after, reason)
+
+
+def _undriven(context: DiagnosisContext) -> list[str]:
+    """Return the joints without the torque that a prediction is driven by, while others have it."""
+    channel = "tau_m" if "motor" in context.validate.layout.sides else "tau_J"
+    lacking = {joint for piece in context.seen[0].pieces for own, joint in piece.lacking if own == channel}
+    return [context.model.robot.joint_names[joint] for joint in sorted(lacking)]
+
+
+def _without_inertia(context: DiagnosisContext) -> list[str]:
+    """Return the joints that nothing in the model is heavy for: a point on the last axis, motors without inertia."""
+    model = context.model
+    if model.robot.elastic:
+        return []
+    poses = context.validate.parts[0].stretch.quiet.q[:1]
+    heaviness = np.diagonal(model.mass_matrix(poses)[0])
+    return [name for name, own in zip(model.robot.joint_names, heaviness, strict=True) if own < BARE * heaviness.max()]
+
+
+def _left(size: Mapping[Place, tuple[float, ...]], horizons: Sequence[float], what: str, units: JointUnits) -> str:
+    """Return where the model leaves the motion, in words; empty where it follows everywhere."""
+    first = {place: int(np.argmax(np.isnan(values))) for place, values in size.items() if np.isnan(values).any()}
+    if not first:
+        return ""
+    (joint, side), k = min(first.items(), key=lambda found: found[1])
+    far = f"{FARTHEST:g} {units.at(joint, 'rad')}"
+    return (
+        f"driven by the measured torque, {what} is more than {far} off within {1e3 * horizons[k]:g} ms "
+        f"({joint}, {side}), as where friction that it lacks takes most of the torque, or an inertia is far too small"
+    )
+
+
+def _horizons(period: float) -> tuple[float, ...]:
+    """Return the horizons that samples so far apart can resolve."""
+    return tuple(h for h, step in zip(HORIZONS, _steps(period), strict=True) if step)
+
+
+def _steps(period: float) -> list[int]:
+    """Return the number of samples in each horizon; 0 where it has less than one."""
+    return [int(h / period + 1e-6) for h in HORIZONS]
+
+
+def _errors(
+    context: DiagnosisContext,
+    causes: Sequence[EffectInstance],
+    lacking: Sequence[EffectInstance],
+    begins: Sequence[NDArray[np.intp]],
+    sides: Sequence[str],
+) -> dict[Place, tuple[float, ...]]:
+    """Return the root mean square errors with some causes in the plant, those of sensors corrected before use.
+
+    A lag or a gain among the causes that are lacking is in the channels again, where the calibration took it out.
+    """
+    own = {(one.effect.id, one.joint) for one in causes}  # in the place of what the description states of them
+    known = [one for one in context.known if (one.effect.id, one.joint) not in own]
+    plant = _with(Plant(context.model.robot, Sensors.exact()), (*known, *causes))
+    taken = taken_out(context, _with(plant, lacking).sensors)
+    period = 1.0 / max(o.rate for o in context.seen)
+    begin, end = context.validate.parts[0].stretch.quiet.span or (0.0, 1.0)
+    predictor = _predictor(context.model, plant, period, end - begin)
+    steps = [step for step in _steps(period) if step]
+    motored = "motor" in context.validate.layout.sides
+    found: dict[str, list[Array]] = {"link": [], "motor": []}
+    for part, starts in zip(context.validate.parts, begins, strict=True):
+        if not len(starts):
+            continue
+        motion = corrected(part.stretch.quiet, plant.sensors, taken)
+        # Without transmissions a joint torque sensor reads what drives the arm as well.
+        motion = motion if motored else replace(motion, tau_m=motion.tau_J)
+        with np.errstate(over="ignore", invalid="ignore"):
+            q, theta = predictor.angles(motion, starts, steps)
+        ends = starts[:, None] + np.array(steps)
+        found["link"].append(q - motion.q[ends])
+        found["motor"].append(theta - motion.theta[ends])
+    names = context.model.robot.joint_names
+    rms = {side: _rms(found[side]) for side in sides}
+    return {(joint, side): tuple(rms[side][:, i].tolist()) for i, joint in enumerate(names) for side in sides}
+
+
+def _with(plant: Plant, effects: Sequence[EffectInstance]) -> Plant:
+    """Return a plant with effects."""
+    for instance in effects:
+        plant = instance.effect.added_to(plant, instance)
+    return plant
+
+
+def taken_out(context: DiagnosisContext, sensors: Sensors) -> dict[str, tuple[Array, Array]]:
+    """Return the gains and lags, (n,) s, by channel, that the calibration took out of it.
+
+    sensors: with all causes: of what is ordinary, nothing is a cause, and it stays taken out.
+    """
+    n, found = len(context.model.robot.joints), {}
+    for channel in ("joint_torque", "motor_torque", "link_encoder"):
+        own = getattr(sensors, channel)
+        delayed, scaled = own.row("delay", n) != 0.0, getattr(own, "gain", 1.0) != np.ones(n)
+        gain, late = context.seen[0].gains.get(SENSED[channel], 1.0), context.judging.late.get(channel, 0.0)
+        found[channel] = np.where(scaled, gain, 1.0), np.where(delayed, late, 0.0)
+    return found
+
+
+def _begins(context: DiagnosisContext, starts: int) -> list[NDArray[np.intp]]:
+    """Return the samples of each stretch from which is predicted."""
+    stretches = [part.stretch for part in context.validate.parts]
+    spans = [max(0.0, s.t[-1] - s.t[0] - HORIZONS[-1]) for s in stretches]
+    total = sum(spans)
+    found = []
+    for stretch, span in zip(stretches, spans, strict=True):
+        count = round(starts * span / total) if total else 0
+        instants = stretch.t[0] + span * (np.arange(count) + 0.5) / max(1, count)
+        found.append(np.searchsorted(stretch.quiet.t, instants))
+    return found
+
+
+def _rms(errors: Sequence[Array]) -> Array:
+    """Root mean square (H, n) of errors (starts, H, n) of all stretches; NaN where it is no prediction any more."""
+    with np.errstate(over="ignore"):
+        size = np.sqrt(np.mean(np.concatenate(errors) ** 2, axis=0))
+    return np.where(size < FARTHEST, size, np.nan)
+
+
+def _predictor(model: Model, plant: Plant, period: float, duration: float) -> BatchPrediction:
+    """Return the arm of a plant with what was fitted to the model's parameters."""
+    equations = ArmEquations(plant.robot, model.name, bearings=plant.bearings)
+    fitted = dict(zip((p.name for p in model.parameters), model.Psi - _nominal(model), strict=True))
+    Psi = equations.nominal + [fitted.get(p.name, 0.0) for p in equations.bodies.parameters]
+    return BatchPrediction(equations, plant.laws, Psi, drive_constants(model)[0], period, duration)
+
+
+def _nominal(model: Model) -> Array:
+    return np.array([p.nominal for p in model.parameters])
+
+
+def corrected(
+    motion: CompletedMotion, sensors: Sensors, taken: Mapping[str, tuple[Array, Array]] | None = None
+) -> CompletedMotion:
+    """Return what the channels would be without the gains, offsets, eccentricities and delays of these sensors.
+
+    taken: gains and lags, s, by channel, that are out of them already.
+    """
+    n, taken = motion.q.shape[1], taken or {}
+
+    def early(values: Array, delay: Array) -> Array:
+        if not delay.any():
+            return values
+        columns = zip(values.T, delay, strict=True)
+        return np.stack([CubicSpline(motion.t, column)(motion.t + late) for column, late in columns], axis=1)
+
+    def torque(values: Array, name: str) -> Array:
+        sensor = getattr(sensors, name)
+        gain, late = taken.get(name, (1.0, 0.0))
+        return early((values * gain - sensor.row("offset", n)) / sensor.row("gain", n), sensor.row("delay", n) - late)
+
+    encoder = sensors.link_encoder
+    delay = encoder.row("delay", n) - taken.get("link_encoder", (1.0, 0.0))[1]
+    amplitude, phase = encoder.row("eccentricity", n), encoder.row("phase", n)
+    q = motion.q - encoder.row("offset", n)
+    q = q - amplitude * np.sin(q + phase)
+    return replace(
+        motion,
+        q=early(q, delay),
+        dq=early(motion.dq / (1.0 + amplitude * np.cos(q + phase)), delay),
+        ddq=early(motion.ddq, delay),
+        tau_J=torque(motion.tau_J, "joint_torque"),
+        tau_m=torque(motion.tau_m, "motor_torque"),
+    )
