@@ -331,7 +331,7 @@ class WhitenedData:
         """Frequencies of the whitened rows of one residual, Hz; they ascend."""
         return np.concatenate(self._of_each)[self._order]
 
-    def of_stretches(self, values: Sequence[Any]) -> NDArray[Any]:
+    def of_stretches(self, values: Sequence[Any] | Array) -> NDArray[Any]:
         """Return a value of each stretch at the whitened rows of one residual."""
         return np.repeat(values, [len(own) for own in self._of_each])[self._order]
 
