@@ -3,6 +3,8 @@
 #   docker build -t elastic_arm . && docker run -it --rm elastic_arm elastic-arm
 FROM ros:jazzy-ros-base
 
+# ROS's archive keeps the latest versions alone, so that none can be pinned.
+# hadolint ignore=DL3008
 RUN apt-get update \
     && apt-get install --yes --no-install-recommends build-essential python3-venv \
     && rm -rf /var/lib/apt/lists/*

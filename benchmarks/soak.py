@@ -112,7 +112,7 @@ def soak(folder: Path, minutes: float, rate: float) -> tuple[list[dict[str, floa
     nodes = {
         "identifier": node("identifier", save_to=folder / "online"),
         "gap_monitor": node("gap_monitor", save_to=folder / "diagnosis"),
-        "recorder": node("recorder", bag=folder / "bag", max_duration=600.0),
+        "recorder": node("recorder", bag=folder / "bag"),
         "simulator": node("simulator", rate=rate, effects="['coulomb_friction:joint_2:torque=13.9']"),
         "trajectory_generator": node("trajectory_generator", trajectory=folder / "trajectory.yaml", repeat=0),
     }

@@ -11,7 +11,7 @@ from importlib.util import find_spec
 # Packages of ROS 2 that nodes import.
 _ROS = (
     *("rclpy", "builtin_interfaces", "control_msgs", "diagnostic_msgs", "elastic_arm_msgs", "rcl_interfaces"),
-    *("rosbag2_interfaces", "rosgraph_msgs", "sensor_msgs", "std_msgs", "std_srvs", "trajectory_msgs"),
+    *("rosgraph_msgs", "sensor_msgs", "std_msgs", "std_srvs", "trajectory_msgs"),
 )
 _LONGEST = 1000  # characters of a problem, a remedy or a finding
 

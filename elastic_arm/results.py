@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 from elastic_arm.errors import OutputError, require_libraries
 from elastic_arm.output_files import csv_text, write_result
@@ -32,15 +32,16 @@ class Result:
     def __repr__(self) -> str:
         return "\n".join(self.summary())
 
-    def to_dataframe(self, table: str = "") -> Any:
-        """Return a table, the first one by default, as a pandas DataFrame; an OutputError where it is not there."""
-        require_libraries("a data frame needs", "pandas")
-        import pandas
-
+    def to_dataframe(self, table: str = "", library: Literal["pandas", "polars"] = "pandas") -> Any:
+        """Return a table, the first one by default, as a data frame; an OutputError where it is not there."""
+        require_libraries("a data frame needs", library)
         tables = self.tables()
         if table and table not in tables:
             raise OutputError(f"there is no table {table!r}", f"Take one of {', '.join(tables)}.")
-        return pandas.DataFrame(list(tables[table or next(iter(tables))]))
+        rows = tables[table or next(iter(tables))]
+        mixed = {"strict": False} if library == "polars" else {}  # a column holds whole numbers and others
+        columns = {name: [row[name] for row in rows] for name in (rows[0] if rows else ())}
+        return import_module(library).DataFrame(columns, **mixed)
 
     def to_csv(self, folder: str | Path) -> list[Path]:
         """Write every table that has rows as a CSV file into a folder; an OutputError where that cannot be."""

@@ -95,7 +95,7 @@ def demo(folder: Path, seed: int, speed: float) -> None:
     out.print(f"{offline.samples} samples, derivatives by {', '.join(offline.derivatives)}")
     _heading("4  estimates and the truth")
     _compare(offline, online, np.array([parameter.true for parameter in compare(offline, true_arm)]))
-    report = _report(folder / "report.html", search, offline)
+    report = _report(folder / "report.html", offline)
     _heading("5  another arm has an effect that the diagnosis is not told")
     _diagnose_withheld(folder / "withheld", nominal, search.trajectory, np.random.default_rng(seed))
     out.print(f"\nbag:     {escape(str(folder / 'bag'))}   (ros2 bag info, Foxglove, PlotJuggler)")
@@ -268,19 +268,13 @@ def _compare(offline: Identification, live: dict[str, Any], truth: np.ndarray) -
     out.print(f"online and offline apart: at most {apart.max():.2f} standard deviations")
 
 
-def _report(path: Path, search: ExcitationResult, offline: Identification) -> Path:
-    """Write the report of the identification, with the search for the motion."""
+def _report(path: Path, offline: Identification) -> Path:
+    """Write the report of the identification."""
     # Matplotlib is slow to import, and only this needs it.
-    from elastic_arm.report.excitation import condition_against_random, search_course
-    from elastic_arm.report.html import Figure, Section, write_report
+    from elastic_arm.report.html import write_report
     from elastic_arm.report.identification import sections
 
-    drawn = [
-        Figure(search_course(search), "Course of the pattern search."),
-        Figure(condition_against_random(search), "Random motions and the optimised one."),
-    ]
-    parts = [*sections(offline), Section("Excitation", drawn)]
-    return write_report(path, "The live arm", parts, subtitle=f"{offline.robot}, {offline.model}")
+    return write_report(path, "The live arm", sections(offline), subtitle=f"{offline.robot}, {offline.model}")
 
 
 def _diagnose_withheld(folder: Path, nominal: Robot, motion: FourierTrajectory, rng: np.random.Generator) -> None:

@@ -15,7 +15,7 @@ PACKAGE = ROOT / "elastic_arm"
 
 # Outside libraries that belong to one package, or to some, alone.
 ROS = ("rclpy", "ament_index_python", "builtin_interfaces", "diagnostic_msgs", "elastic_arm_msgs", "rcl_interfaces")
-ROS += ("control_msgs", "rosbag2_interfaces", "rosgraph_msgs", "sensor_msgs", "std_msgs", "std_srvs", "trajectory_msgs")
+ROS += ("control_msgs", "rosgraph_msgs", "sensor_msgs", "std_msgs", "std_srvs", "trajectory_msgs")
 KEPT_TO: dict[str, tuple[str, ...]] = {
     **dict.fromkeys(ROS, ("nodes",)),
     "rosbags": ("recording",),

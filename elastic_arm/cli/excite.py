@@ -15,7 +15,7 @@ from rich.table import Table
 from elastic_arm.cli import options
 from elastic_arm.cli.console import new_table, out, print_json, progress_bar, reports_errors
 from elastic_arm.cli.describe import base_of
-from elastic_arm.cli.outputs import Force, claim_file, claim_folder
+from elastic_arm.cli.outputs import Force, claim_file
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.excitation import (
     MARGIN,
@@ -31,7 +31,6 @@ from elastic_arm.formatting import JointUnits
 from elastic_arm.identification.base_parameters import BaseParameters
 from elastic_arm.identification.planned import judged
 from elastic_arm.identification.verdict import Excitation
-from elastic_arm.robot import Robot
 
 Limit = Annotated[float | None, typer.Option(help="Lower the limit of all joints to this.", show_default=False)]
 
@@ -66,20 +65,17 @@ def excite(
         Path | None, typer.Option(help="Also write a goal of joint_trajectory_controller (YAML), for `ros2 action`.")
     ] = None,
     rate: Annotated[float, typer.Option(help="Set-points a second of these files.")] = 20.0,
-    report: Annotated[Path | None, typer.Option(help="Write report.html with figures into this folder.")] = None,
     force: Force = False,
 ) -> None:
     """Find a Fourier trajectory whose motion separates the arm's parameters best, within all limits.
 
     Examples:
 
-        elastic-arm excite --out traj.yaml --report excitation/
+        elastic-arm excite --out traj.yaml --csv traj.csv
 
         elastic-arm excite --robot my_arm.urdf --criterion d_optimal --velocity 1.0
     """
     claim_file(file, force=force)
-    if report is not None:
-        claim_folder(report, ["report.html"], force=force, option="--report")
     for further, option in ((csv, "--csv"), (goal, "--goal")):
         if further is not None:
             claim_file(further, force=force, option=option)
@@ -103,8 +99,6 @@ def excite(
     for further, write in ((csv, write_csv), (goal, write_goal)):
         if further is not None:
             write(further, result.trajectory, robot.joint_names, rate)
-    if report is not None:
-        _write_report(report, robot, limits, result, indistinct_words(result, base, told))
     if json:
         said = {"periods": done, "poor": judgement.poor, "reasons": list(judgement.reasons)}
         arm = {"robot": robot.name, "model": model, "trajectory": str(file)}
@@ -112,8 +106,6 @@ def excite(
     else:
         _print_result(result, limits, base, told, file)
         _print_judgement(judgement, done)
-        if report is not None:
-            out.print(f"report: {escape(str(report / 'report.html'))}")
 
 
 def _print_judgement(judgement: Excitation, periods: int) -> None:
@@ -188,14 +180,3 @@ def _limit_table(result: ExcitationResult, units: JointUnits) -> Table:
         cells = ["–" if share is None else f"{100 * share:.0f} %" for share in shares]
         table.add_row(escape(joint), *cells, f"{use.peak_torque[i]:.4g} {units.at(joint, 'Nm')}")
     return table
-
-
-def _write_report(
-    folder: Path, robot: Robot, limits: MotionLimits, result: ExcitationResult, left_out: list[str]
-) -> None:
-    # Matplotlib is slow to import, and only reports need it.
-    from elastic_arm.report.excitation import sections
-    from elastic_arm.report.html import write_report
-
-    parts = sections(result, limits, robot, left_out)
-    write_report(folder / "report.html", f"Excitation of {robot.name}", parts, subtitle=f"by {result.criterion}")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from datetime import UTC, datetime
 from functools import partial
 from itertools import count
@@ -20,8 +19,8 @@ from elastic_arm.cli.console import err, new_table, out, print_json, reports_err
 from elastic_arm.cli.gate import FailOn, check_gate, pass_gate
 from elastic_arm.cli.outputs import Force, claim_folder
 from elastic_arm.diagnosis import Question, diagnose
-from elastic_arm.diagnosis.history import Course, courses, together
-from elastic_arm.diagnosis.result import Diagnosis
+from elastic_arm.diagnosis.history import Course, courses, together, with_steps
+from elastic_arm.diagnosis.result import Diagnosis, from_dict
 from elastic_arm.diagnosis.words import size_text, step_text
 from elastic_arm.effects import Catalogue
 from elastic_arm.effects.text import known_effects
@@ -128,7 +127,8 @@ def _of_all(paths: Sequence[Path], read: Read, ask: Ask, console: Console) -> Fo
     recordings = sorted(recordings, key=lambda one: one.start_ns) if len(paths) > 1 else in_parts(recordings[0])
     with console.status(f"diagnosing {len(recordings)} recordings"):
         found = ask(recordings)
-        return found, courses(found), [_date(one.start_ns) for one in recordings]
+        followed = courses(found)
+        return with_steps(found, followed), followed, [_date(one.start_ns) for one in recordings]
 
 
 def _of_each(
@@ -140,16 +140,18 @@ def _of_each(
         advance = lambda: status.update(f"diagnosed {next(done)} of {len(paths)} recordings")  # noqa: E731
         with ProcessPool(min(workers, len(paths)), scheduler) as pool:
             answers = pool.run([partial(_alone, path.resolve(), read, ask) for path in paths], advance)
-    found = sorted((one for one in answers if not isinstance(one, str)), key=lambda one: one[0])
+    catalogue = Catalogue.default()
+    told = sorted((one for one in answers if not isinstance(one, str)), key=lambda one: one[0])
     refused = [one for one in answers if isinstance(one, str)]
-    return *together([one for _, one in found], refused), [_date(begin) for begin, _ in found]
+    found, followed = together([from_dict(one, Path(), catalogue) for _, one in told], refused)
+    return found, followed, [_date(begin) for begin, _ in told]
 
 
-def _alone(path: Path, read: Read, ask: Ask) -> tuple[int, Diagnosis] | str:
-    """Return when a recording begins and its diagnosis, or why there is none."""
+def _alone(path: Path, read: Read, ask: Ask) -> tuple[int, dict[str, Any]] | str:
+    """Return when a recording begins and its `diagnosis.json`, as laws do not pass between processes; or why not."""
     try:
         recording = read(path, report=lambda what, share: None, usual=DIAGNOSED)
-        return recording.start_ns, replace(ask([recording]), context=None)
+        return recording.start_ns, ask([recording]).to_dict()
     except (ElasticArmError, MemoryError) as error:
         return f"left out: {str(error) or f'{path}: memory is used up'}"
 

@@ -1,33 +1,38 @@
 """One arm over time: the size of each number in each recording, and where it changed.
 
-The recordings share one posterior (:mod:`.answer`). A size whose change between them is likelier there than not has
-changed; every other one is shown as it would be with a size of its own in each recording. Where a change happened
-follows from these sizes x with their covariance C: for a step after recording k, x = a up to k and b from there on,
+A number has the sizes x_k, with variances s_k² (:mod:`.answer`), in the recordings k = 1 … n, and a level a, which may
+step to b after recording m. Two things besides noise set sizes apart:
 
-    ln p(x | k) = -1/2 |x - X_k (a, b)|² in C⁻¹ - 1/2 ln |X_k' C⁻¹ X_k|        a, b anything
+- *scatter* from recording to recording (temperature, a tool, noise that is in no model), of a variance that is the same
+  all along, v_k(t) = s_k² + t² (s_k² + (SCATTER R)²), with t from an exponential distribution of mean 1: scatter as
+  large as the deviations and a relative SCATTER is ordinary, ten times as much is told by the sizes themselves;
+- recordings whose size is *wrong*, each with a probability q_k, by w_k R: of those that were diagnosed alone a false
+  cause (w = 1) is as likely as ODDS, shared by the arm's N numbers, and where something is unknown as UNSURE; of those
+  that were diagnosed together, with the same causes, a size may hold a part of what is unknown, w² = 1 - shrink.
 
-each k as likely beforehand.
+R, the largest distance of a size from that of no effect x_0, is the range of levels and of what is wrong:
 
-Of more recordings than one diagnosis holds, each is diagnosed alone. Sizes x of variances S then differ as far as they
-are likelier with a spread of their own, of a share w of the largest, than without:
+    p(x_k | a, t) = (1 - q_k) N(x_k; a, v_k) + q_k N(x_k; a, v_k + (w_k R)²)    a, b ~ N(x_0, R²), independent
+    p(x | no step) = ∫dt e⁻ᵗ ∫da p(a) Π_k p(x_k | a, t)
+    p(x | m) = ∫dt e⁻ᵗ [∫da p(a) Π_{k ≤ m} p(x_k | a, t)] [∫db p(b) Π_{k > m} p(x_k | b, t)]
 
-    p(x | w) = N(x; a, S + w² max |x|²)        a anything, odds of a change and shares w by `evidence.priors`
+With prior odds STEP / (N (n - 1)) for each number and place, that one of an arm's numbers steps, these give the
+posterior of every place; the number has changed with the sum of theirs. The integrals are sums over a grid that is as
+fine as the deviations near every size. A variance that all sizes share, as in one diagnosis of all recordings, moves
+both levels alike: it is taken out first, and widens them in the end.
 
-A cause that some have, and all that are explained before them or after them have not, has its value of no effect in
-these, with a deviation of as much as odds of one cause may hide: sqrt(-2 ln EVENT) deviations where it was found. A
-recording of which something is unknown shows no change: its sizes hold a part of that.
+A cause that a recording lacks has its value of no effect there, with a deviation of as much as the search leaves out:
+z s with z² / 2 = ln(R / s) - ln ODDS.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
-from operator import eq
 from typing import Any
 
 import numpy as np
-from scipy.special import expit, logsumexp
+from scipy.special import logsumexp
 
 from elastic_arm.arrays import Array
 from elastic_arm.diagnosis.changes import SizedTerm, sizes_of
@@ -35,9 +40,10 @@ from elastic_arm.diagnosis.result import Change, Diagnosis, plain_parameters
 from elastic_arm.effects import EFFECTS
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.evidence.changes import change_key, change_of
-from elastic_arm.evidence.priors import CHANGED, EVENT, SCALES
+from elastic_arm.evidence.priors import EVENT, ODDS, SCATTER, STEP, UNSURE
 
 FEW = "a history needs two recordings or more"
+TIMES = np.append(0.0, np.geomspace(0.03, 300.0, 32))  # of scatter, over the ordinary one
 
 
 @dataclass(frozen=True)
@@ -52,7 +58,7 @@ class Step:
     before_std: float
     after_value: float
     after_std: float
-    probability: float  # that it happened there, if there was one change
+    probability: float  # that it happened there, if it did
 
 
 @dataclass(frozen=True)
@@ -100,17 +106,21 @@ def together(found: Sequence[Diagnosis], refused: Sequence[str] = ()) -> tuple[D
         raise DiagnosisError("; ".join((FEW, *refused[:1])), "Name them, or the folder that they are in.")
     recordings, followed = tuple(one.identify[0] for one in found), courses_of_each(found)
     verdicts = {one.verdict for one in found}
-    doubtful = [f"{one.identify[0]} is unknown, and shows no change" for one in found if one.verdict == "unknown"]
+    doubtful = [f"{one.identify[0]} is unknown: its sizes count little" for one in found if one.verdict == "unknown"]
     whole = replace(
         found[0],
         identify=recordings,
         verdict=next(verdict for verdict in ("unknown", "explained", "none") if verdict in verdicts),
         causes=tuple(cause for one in found for cause in one.causes),
-        changes=tuple(one.change(recordings) for one in followed if one.step is not None),
         unexplained=tuple(place for one in found for place in one.unexplained),
         notes=(*refused, *doubtful, *(note for one in found for note in one.notes)),
     )
-    return whole, followed
+    return with_steps(whole, followed), followed
+
+
+def with_steps(found: Diagnosis, followed: Sequence[Course]) -> Diagnosis:
+    """Return a diagnosis whose changes are these steps."""
+    return replace(found, changes=tuple(one.change(found.identify) for one in followed if one.step is not None))
 
 
 def courses_of_each(found: Sequence[Diagnosis]) -> tuple[Course, ...]:
@@ -124,32 +134,16 @@ def courses_of_each(found: Sequence[Diagnosis]) -> tuple[Course, ...]:
                     sizes.setdefault((effect, joint, name, size["unit"]), {})[k] = size["value"], size["std"]
     result = []
     for key, own in sizes.items():
-        hidden = float(np.median([std for _, std in own.values()])) * np.sqrt(-2.0 * np.log(EVENT))
-        absent = EFFECTS[key[0]].parameter(key[2]).neutral if key[0] in EFFECTS else None
-        lacking = [k for k, one in enumerate(found) if k not in own and one.verdict != "unknown"]
-        apart = bool(lacking) and (max(lacking) < min(own) or min(lacking) > max(own))
-        if absent is not None and apart and len(own) > 1:
-            own |= dict.fromkeys(lacking, (absent, hidden))
-        every = np.full((2, len(found)), np.nan)
-        every[:, list(own)] = np.array(list(own.values())).T
-        where = np.array([k for k in sorted(own) if found[k].verdict != "unknown"], np.intp)
-        values, variances = every[0, where], every[1, where] ** 2
-        changed = changed_of_each(values, variances) if len(where) > 1 else CHANGED
-        step = step_of(values, np.diag(variances)) if changed > 0.5 else None
-        if step is not None:
-            step = replace(step, after=int(where[step.after]), until=int(where[step.until]))
-        result.append(Course(SizedTerm(*key, every[0], np.diag(every[1] ** 2)), changed, step))
-    return tuple(sorted(result, key=lambda one: -one.changed))
-
-
-def changed_of_each(values: Array, variances: Array) -> float:
-    """Return the probability that sizes (n,) of these variances are not all the same."""
-    spread = np.append(0.0, SCALES * np.abs(values).max())[:, None] ** 2
-    weights = 1.0 / (variances + spread)
-    total = weights.sum(axis=1)
-    left = np.sum(weights * (values - (weights @ values / total)[:, None]) ** 2, axis=1)
-    scores = 0.5 * (np.log(weights).sum(axis=1) - np.log(total) - left)
-    return float(expit(np.log(CHANGED) + logsumexp(scores[1:]) - np.log(len(SCALES)) - scores[0]))
+        values, stds = np.full((2, len(found)), np.nan)
+        values[list(own)], stds[list(own)] = np.array(list(own.values())).T
+        if (absent := _absent(key[0], key[2])) is not None:
+            std = float(np.nanmedian(stds))
+            relative = max(1.0, float(np.nanmax(np.abs(values - absent))) / std)
+            hidden = std * np.sqrt(2.0 * np.log(relative / ODDS))
+            values, stds = np.nan_to_num(values, nan=absent), np.nan_to_num(stds, nan=hidden)
+        result.append(SizedTerm(*key, values, np.diag(stds**2)))
+    wrong = np.array([UNSURE if one.verdict == "unknown" else ODDS / max(1, len(result)) for one in found])
+    return _followed(result, wrong, 1.0)
 
 
 def courses(found: Diagnosis) -> tuple[Course, ...]:
@@ -162,30 +156,67 @@ def courses(found: Diagnosis) -> tuple[Course, ...]:
     for term in best.terms:
         if term.kind not in ("effect", "number") or not term.linear:
             continue
-        key = change_key(term)
-        present = next((t for t in best.optional if t.key == key), None)
+        present = next((t for t in best.optional if t.key == change_key(term)), None)
         change = present or change_of(linear, term)
         fit = best if present is not None else model.fit((*best.optional, change), near=best)
-        sized = sizes_of(explanation, linear.problem, fit, change)
-        changed = explanation.search.probability(partial(eq, key))
-        result.append(Course(sized, changed, step_of(sized.values, sized.covariance) if changed > 0.5 else None))
-    return tuple(sorted(result, key=lambda one: -one.changed))
+        result.append(sizes_of(explanation, linear.problem, fit, change))
+    unknown = found.verdict == "unknown"
+    wrong = np.full(len(found.identify), UNSURE if unknown else EVENT)
+    return _followed(result, wrong, float(np.sqrt(1.0 - (found.shrink or 0.0))) if unknown else 1.0)
 
 
-def step_of(values: Array, covariance: Array) -> Step:
-    """Return the most probable step in values (n,) with their covariance (n, n)."""
-    inverse = np.linalg.pinv(covariance, hermitian=True)
-    scores, fits = [], []
-    for k in range(1, len(values)):
-        later = (np.arange(len(values)) >= k).astype(float)
-        X = np.stack([1.0 - later, later], axis=1)
-        information = X.T @ inverse @ X
-        S = np.linalg.inv(information)
-        levels = S @ X.T @ inverse @ values
-        left = values - X @ levels
-        scores.append(-0.5 * float(left @ inverse @ left) - 0.5 * float(np.linalg.slogdet(information)[1]))
-        fits.append((levels, np.sqrt(np.diag(S))))
-    weights = np.exp(np.array(scores) - max(scores))
-    best = int(np.argmax(weights))
-    (a, b), (a_std, b_std) = fits[best][0].tolist(), fits[best][1].tolist()
-    return Step(best, best + 1, a, a_std, b, b_std, float(weights[best] / weights.sum()))
+def _followed(sizes: Sequence[SizedTerm], wrong: Array, by: float) -> tuple[Course, ...]:
+    found = [course_of(one, wrong, by, STEP / len(sizes)) for one in sizes]
+    return tuple(sorted(found, key=lambda one: -one.changed))
+
+
+def _absent(effect: str, parameter: str) -> float | None:
+    return EFFECTS[effect].parameter(parameter).neutral if effect in EFFECTS else None
+
+
+def course_of(sized: SizedTerm, wrong: Array, by: float, odds: float) -> Course:
+    """Return where a number steps most probably: `wrong`, q (n,), `by` w; `odds`, that it steps at all."""
+    shown = np.flatnonzero(np.isfinite(sized.values))
+    n, absent = len(shown), _absent(sized.effect, sized.parameter) or 0.0
+    if n < 2:
+        return Course(sized, odds / (1.0 + odds), None)
+    x, C, q = sized.values[shown] - absent, sized.covariance[np.ix_(shown, shown)], wrong[shown, None]
+    S = np.diag(C)
+    common = float(np.clip((C.sum() - S.sum()) / (n * (n - 1)), 0.0, 0.999 * S.min()))
+    S = (S - common)[:, None]
+    R = max(float(np.abs(x).max()), float(np.sqrt(S.max())))
+    away = np.concatenate([np.arange(0.0, 2.0, 0.25), np.geomspace(2.0, 4.0 * R / np.sqrt(S.min()), 40)])
+    near = x[:, None] + np.sqrt(S) * np.concatenate([-away, away])
+    grid = np.unique(np.quantile(near, np.linspace(0.0, 1.0, 1000)))
+    prior = _log_normal(grid, R**2) + np.log(np.gradient(grid))
+    none, before, after = -np.inf, *np.full((2, n - 1, len(grid)), -np.inf)
+    for t, width in zip(TIMES, np.gradient(TIMES), strict=True):
+        v, left = S + t**2 * (S + (SCATTER * R) ** 2), x[:, None] - grid
+        each = np.logaddexp(np.log1p(-q) + _log_normal(left, v), np.log(q) + _log_normal(left, v + (by * R) ** 2))
+        until = np.cumsum(each, axis=0)
+        first, second = until[:-1] + prior, until[-1] - until[:-1] + prior
+        weight = np.log(width) - t
+        none = np.logaddexp(none, weight + logsumexp(until[-1] + prior))
+        before = np.logaddexp(before, weight + first + logsumexp(second, axis=1)[:, None])
+        after = np.logaddexp(after, weight + second + logsumexp(first, axis=1)[:, None])
+    steps = logsumexp(before, axis=1) + np.log(odds / (n - 1))
+    changed = float(np.exp(logsumexp(steps) - logsumexp([*steps, none])))
+    if changed <= 0.5:
+        return Course(sized, changed, None)
+    m = int(np.argmax(steps))
+    a, b = (
+        (absent + level, float(np.sqrt(var + common))) for level, var in (_moments(grid, w[m]) for w in (before, after))
+    )
+    probability = float(np.exp(steps[m] - logsumexp(steps)))
+    return Course(sized, changed, Step(int(shown[m]), int(shown[m + 1]), *a, *b, probability))
+
+
+def _log_normal(x: Array, variance: Array | float) -> Array:
+    return -0.5 * (x**2 / variance + np.log(2.0 * np.pi * variance))
+
+
+def _moments(grid: Array, log_weights: Array) -> tuple[float, float]:
+    """Return mean and variance."""
+    weights = np.exp(log_weights - logsumexp(log_weights))
+    mean = float(weights @ grid)
+    return mean, float(weights @ (grid - mean) ** 2)

@@ -1,7 +1,7 @@
-"""The diagnosis while the arm moves: where at short intervals, which now and then, over the samples of the last while.
+"""The diagnosis while the arm moves, over the samples of the last while.
 
-The node that publishes `/gap` feeds a :class:`Window` and hands its recordings to a :class:`LiveDiagnosis`, which runs
-in a process of its own; there is no physics in the node.
+The node that publishes `/gap` feeds a :class:`Window` and hands its recordings to what :func:`answering` makes in a
+process of its own; there is no physics in the node.
 """
 
 from __future__ import annotations
@@ -16,20 +16,11 @@ from scipy.stats import norm, t
 
 from elastic_arm.arrays import Array
 from elastic_arm.diagnosis.answer import diagnose
-from elastic_arm.diagnosis.common_equations import common_band
-from elastic_arm.diagnosis.preprocessing import usable
 from elastic_arm.diagnosis.question import Question
-from elastic_arm.diagnosis.result import Diagnosis, ResidualSizes
 from elastic_arm.diagnosis.words import effect_at, size_text
-from elastic_arm.dynamics import build_model
 from elastic_arm.effects import Catalogue
 from elastic_arm.effects.text import known_effects
 from elastic_arm.errors import DiagnosisError
-from elastic_arm.estimation.band import LowPass
-from elastic_arm.estimation.equations import EquationSet
-from elastic_arm.estimation.observation import observe
-from elastic_arm.estimation.residuals import residuals
-from elastic_arm.estimation.whitening import noise_models
 from elastic_arm.evidence.priors import CHANGED
 from elastic_arm.recording import Recording, Samples, Side
 from elastic_arm.recording.sides import SAMPLED
@@ -82,89 +73,20 @@ class Window:
         """Whether as much is there as is kept."""
         return self.seconds > 0.95 * self.length
 
-    def recording(self, last: float | None = None) -> Recording:
-        """Return the last seconds (or all that is kept) as a recording.
+    def recording(self) -> Recording:
+        """Return all that is kept as a recording.
 
         Raises a DiagnosisError if there is nothing.
         """
         if not self._batches:
             raise DiagnosisError("no samples yet", "Start the arm, or look for it on /joint_states and /motor_states")
         stamps = np.concatenate([batch.stamp_ns for batch in self._batches])
-        first = 0 if last is None else int(np.searchsorted(stamps, stamps[-1] - round(last * 1e9)))
         channels: dict[str, dict[str, Array]] = {}
         for name in self._batches[0].recorded():
             side, channel = SAMPLED[name]
-            values = np.concatenate([getattr(batch, name) for batch in self._batches])[first:]
-            channels.setdefault(side, {})[channel] = values
-        sides: dict[str, Any] = {side: Side(stamps[first:], **own) for side, own in channels.items()}
+            channels.setdefault(side, {})[channel] = np.concatenate([getattr(batch, name) for batch in self._batches])
+        sides: dict[str, Any] = {side: Side(stamps, **own) for side, own in channels.items()}
         return Recording(self.joints, **sides, source=self.source, currents=self.currents)
-
-
-@dataclass(frozen=True)
-class ResidualLevels:
-    """How large each residual is, and its noise, Nm, by joint and side; a missing equation is missing here."""
-
-    size: ResidualSizes
-    noise: dict[tuple[str, str], float]
-
-
-class LiveDiagnosis:
-    """Diagnoses of an arm that moves."""
-
-    def __init__(self, question: Question) -> None:
-        self.question = question
-        self._model = build_model(question.robot, question.model)
-
-    @staticmethod
-    def of(
-        robot: str | None, model: str, known: Sequence[str], refit: bool, effects_files: Sequence[str] = ()
-    ) -> LiveDiagnosis:
-        """Make one from a file (the package's arm where None), and known effects as text.
-
-        Raises a RobotError or an EffectError if there is no such arm or effect.
-        """
-        arm = load_robot(robot)
-        catalogue = Catalogue.default().with_files(effects_files)
-        given = known_effects(known, arm, catalogue)
-        return LiveDiagnosis(Question(arm, model, refit=refit, given=given, catalogue=catalogue))
-
-    def where(self, recording: Recording) -> ResidualLevels:
-        """Measure the residuals of a stretch of a few seconds against the model: cheap, and fits nothing.
-
-        With `refit`, the model is that of the last diagnosis.
-
-        Raises a DiagnosisError if there is too little motion.
-        """
-        model = self._model
-        observation = observe(usable(recording.select(self.question.robot.joint_names)))
-        layout = EquationSet.of(observation.pieces[0], model)
-        band = common_band(layout, model, observation.rate)
-        stretches = residuals(model, observation, layout, band)
-        if not stretches:
-            raise DiagnosisError("too little motion is left after filtering", "Wait some seconds")
-        values = np.concatenate([stretch.values for stretch in stretches])
-        (model_noise,) = noise_models(model, observation, layout, band, (0.0,))
-        noise = model_noise.std(LowPass(band.cutoff, band.kept_rate))
-        places = layout.places(model.robot.joint_names)
-
-        def named(numbers: Array) -> dict[tuple[str, str], float]:
-            return dict(zip(places, numbers[layout.live].tolist(), strict=True))
-
-        rmse, peak = np.sqrt(np.mean(values**2, axis=0)), np.abs(values).max(axis=0)
-        return ResidualLevels(ResidualSizes(named(rmse), named(peak)), named(noise))
-
-    def diagnose(self, recording: Recording) -> Diagnosis:
-        """Diagnose a window.
-
-        Raises
-        ------
-        ElasticArmError
-            If it is too short, or holds no motion yet.
-        """
-        found = diagnose([recording], self.question)
-        if self.question.refit and found.context is not None:
-            self._model = found.context.model
-        return found
 
 
 @dataclass
@@ -220,16 +142,14 @@ class Sizes:
 
 def answering(
     robot: str | None, model: str, known: Sequence[str], refit: bool, effects_files: Sequence[str] = ()
-) -> Callable[[tuple[str, Recording]], Any]:
-    """Return what answers ("where", recording) and ("diagnosis", recording) in a process of its own.
+) -> Callable[[Recording], dict[str, Any]]:
+    """Return what diagnoses recordings in a process of its own: each gives the content of `diagnosis.json`.
 
-    The one answer is a :class:`ResidualLevels`, the other the content of `diagnosis.json`; arguments are those of
-    :meth:`LiveDiagnosis.of`.
+    robot: file of the arm, the package's where None; known: effects as text.
+
+    Raises a RobotError or an EffectError if there is no such arm or effect.
     """
-    live = LiveDiagnosis.of(robot, model, known, refit, effects_files)
-
-    def answer(question: tuple[str, Recording]) -> Any:
-        what, recording = question
-        return live.where(recording) if what == "where" else live.diagnose(recording).to_dict()
-
-    return answer
+    arm, catalogue = load_robot(robot), Catalogue.default().with_files(effects_files)
+    given = known_effects(known, arm, catalogue)
+    question = Question(arm, model, refit=refit, given=given, catalogue=catalogue)
+    return lambda recording: diagnose([recording], question).to_dict()

@@ -431,7 +431,7 @@ class Diagnosis(Result):
         if not isinstance(data, dict) or data.get("schema") != SCHEMA:
             raise DiagnosisError(f"{path} is no diagnosis", f"Its schema must be {SCHEMA}.")
         try:
-            return _from_dict(data, Path(path).parent, Catalogue.default() if catalogue is None else catalogue)
+            return from_dict(data, Path(path).parent, Catalogue.default() if catalogue is None else catalogue)
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             what = f"{path} is no whole diagnosis ({type(error).__name__}: {error})"
             raise DiagnosisError(what, remedy) from None
@@ -461,7 +461,7 @@ def _plain(value: Any) -> Any:
     return float(f"{number:.7g}") if np.isfinite(number) else None
 
 
-def _from_dict(data: Mapping[str, Any], folder: Path, catalogue: Catalogue) -> Diagnosis:
+def from_dict(data: Mapping[str, Any], folder: Path, catalogue: Catalogue) -> Diagnosis:
     # Most results are made, not read: what they hold besides is slow to import.
     from elastic_arm.diagnosis.prediction import Prediction
 

@@ -306,7 +306,7 @@ class WhitenedData:
         return self.layout.combine(thin.dense())
 
     def whiten(self, columns: Sequence[Array]) -> Array:
-        """Whiten columns (N', R, k) of all stretches: (rows, k), all rows of the first residual first.
+        """Whiten columns (N', R, k) of all stretches: (rows, k), all rows of the first residual first, slow ones first.
 
         Rows are harmonics. Equations are made independent in their order: null before the first in which it shows.
         """
@@ -314,8 +314,26 @@ class WhitenedData:
             filtered_circularly(values, part.noise.whitening_gains(len(values), self.band))
             for values, part in zip(columns, self.parts, strict=True)
         ]
-        # Each column stands in memory as a whole.
-        return (white[0] if len(white) == 1 else np.concatenate(white, axis=2)).reshape(len(white[0]), -1).T
+        together = white[0] if len(white) == 1 else np.concatenate(white, axis=2)[:, :, self._order]
+        return together.reshape(len(together), -1).T  # each column stands in memory as a whole
+
+    @cached_property
+    def _of_each(self) -> list[Array]:
+        """Frequencies of the rows of one residual, of each stretch, Hz."""
+        return [np.repeat(frequencies(own, self.band.kept_rate), 2) for own in self.harmonics]
+
+    @cached_property
+    def _order(self) -> NDArray[np.intp]:
+        return np.argsort(np.concatenate(self._of_each), kind="stable")
+
+    @property
+    def frequencies(self) -> Array:
+        """Frequencies of the whitened rows of one residual, Hz; they ascend."""
+        return np.concatenate(self._of_each)[self._order]
+
+    def of_stretches(self, values: Sequence[Any] | Array) -> NDArray[Any]:
+        """Return a value of each stretch at the whitened rows of one residual."""
+        return np.repeat(values, [len(own) for own in self._of_each])[self._order]
 
     @property
     def density(self) -> float:
@@ -325,10 +343,6 @@ class WhitenedData:
             f = frequencies(own, self.band.kept_rate)
             found += float(np.interp(f, part.noise.f, part.noise.density).sum())
         return found
-
-    def of_stretches(self, values: Sequence[Any]) -> NDArray[Any]:
-        """Return a value of each stretch at its whitened rows, (rows,)."""
-        return np.tile(np.repeat(values, [own.size for own in self.harmonics]), self.layout.rows)
 
     @property
     def harmonics(self) -> list[Harmonics]:

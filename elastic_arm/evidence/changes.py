@@ -22,7 +22,7 @@ def change_key(term: Term) -> Key:
 def change_of(linear: Linearisation, term: Term) -> Term:
     """Return what a term adds in each recording beside its common size."""
     data, count = linear.data, len(linear.problem.observed[linear.which])
-    recording = data.of_stretches([part.recording for part in data.parts])
+    recording = np.tile(data.of_stretches([part.recording for part in data.parts]), data.layout.rows)
     own, own_std = term.columns[:, : term.linear], term.std[: term.linear]
     if bends(term):
         own = term.columns

@@ -12,7 +12,6 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from elastic_arm.arrays import Array
-from elastic_arm.estimation.convolution import frequencies
 from elastic_arm.estimation.whitening import WhitenedData
 from elastic_arm.evidence.term import Ident, Term
 
@@ -47,21 +46,30 @@ class Bands:
     def __init__(self, *each: WhitenedData) -> None:
         octaves, self.places, found, told = len(OCTAVES) + 1, each[0].layout.rows, [], []
         for data in each:
-            f = np.concatenate([np.repeat(frequencies(h, data.band.kept_rate), 2) for h in data.harmonics])
-            own, sizes = np.searchsorted(OCTAVES, f, side="right"), [h.size for h in data.harmonics]
+            own = np.searchsorted(OCTAVES, data.frequencies, side="right")
             shares = np.array([left.mean(axis=0) for left in data.shares()])
             for place in range(self.places):
                 found.append(place * octaves + own)
-                told.append(np.repeat(shares[:, place], sizes))
+                told.append(data.of_stretches(shares[:, place]))
         self.of_rows = np.concatenate(found)
         self.counts = np.bincount(self.of_rows, minlength=self.places * octaves)
-        self.order = np.argsort(self.of_rows, kind="stable")
-        ends = np.searchsorted(self.of_rows[self.order], np.arange(len(self.counts) + 1))
+        self._order = None if len(each) == 1 else np.argsort(self.of_rows, kind="stable")
+        ends = np.concatenate([[0], np.cumsum(self.counts)])
         self.used = np.flatnonzero(self.counts)
         self.slices = [slice(int(ends[b]), int(ends[b + 1])) for b in self.used]
         # Of rows in which torques of no law were, what is left tells less.
         self.n = np.maximum(np.bincount(self.of_rows, np.concatenate(told), len(self.counts))[self.used], 1.0)
         self.place, self.octave = np.divmod(self.used, octaves)
+
+    @property
+    def in_order(self) -> bool:
+        """Whether rows are in the order of the bands."""
+        return self._order is None
+
+    def side_by_side(self, each: Sequence[Array]) -> Array:
+        """Return columns (rows, k) of several, rows in the order of the bands; each column in memory as a whole."""
+        found = each[0].T if len(each) == 1 else np.concatenate([one.T for one in each])
+        return (np.ascontiguousarray(found) if self._order is None else found.take(self._order, axis=1)).T
 
     def products(self, A: Array, B: Array) -> Array:
         """Return (bands, a, b) of columns whose rows are in the order of the bands."""
@@ -80,7 +88,7 @@ class Grams:
 
     def __init__(self, y: Array, N: Array, bands: Bands, basis: Array) -> None:
         self.bands, self.basis = bands, basis
-        self.base = np.column_stack([y, N @ basis])[bands.order]
+        self.base = bands.side_by_side([y[:, None], N @ basis])
         self.G0 = bands.products(self.base, self.base)
         rows, columns = np.tril_indices(self.G0.shape[1] - 1)
         self._base_half = self.G0[:, 1 + rows, 1 + columns]
@@ -95,8 +103,7 @@ class Grams:
     def columns(self, term: Term) -> Array:
         """Return the columns (rows, [1 +] k) of a term in the order of the bands, its offset first where it has one."""
         if term.ident not in self._columns:
-            own = term.columns if term.offset is None else np.column_stack([term.offset, term.columns])
-            self._columns[term.ident] = own[self.bands.order]
+            self._columns[term.ident] = self.bands.side_by_side(term.parts)
         return self._columns[term.ident]
 
     def less(self, term: Term, lacking: Sequence[Term]) -> Term:

@@ -153,22 +153,27 @@ class Screen:
 
     def __init__(self, grams: Grams, terms: Sequence[Term]) -> None:
         self.grams, self.terms = grams, list(terms)
-        bands, order = grams.bands, grams.bands.order
-        blocks = [t.columns if t.offset is None else np.column_stack([t.offset, t.columns]) for t in self.terms]
-        self.sizes = np.array([b.shape[1] for b in blocks], dtype=int)
+        bands = grams.bands
+        self.sizes = np.array([t.count + (t.offset is not None) for t in self.terms], dtype=int)
         self.at = np.concatenate([[0], np.cumsum(self.sizes)])
-        self.X = np.hstack(blocks)[order] if blocks else np.zeros((len(order), 0))
+        self.X = bands.side_by_side([part for t in self.terms for part in t.parts] or [grams.base[:, :0]])
+        if bands.in_order:  # The same memory holds the terms' columns.
+            first = [i + (t.offset is not None) for t, i in zip(self.terms, self.at, strict=False)]
+            self.terms = [
+                replace(t, columns=self.X[:, i:j], offset=None if t.offset is None else self.X[:, i - 1])
+                for t, i, j in zip(self.terms, first, self.at[1:], strict=True)
+            ]
         self.with_base = bands.products(grams.base, self.X)
         own = [bands.products(self.X[:, i:j], self.X[:, i:j]) for i, j in zip(self.at[:-1], self.at[1:], strict=True)]
         # Terms of as many columns side by side.
-        self.place = np.zeros(len(blocks), dtype=int)
+        self.place = np.zeros(len(self.terms), dtype=int)
         self.own: dict[int, Array] = {}
         for k in np.unique(self.sizes):
             alike = np.flatnonzero(self.sizes == k)
             self.place[alike] = np.arange(len(alike))
             self.own[int(k)] = np.stack([own[t] for t in alike])
         self.squares = np.zeros((len(bands.n), 0))
-        if blocks:
+        if own:
             self.squares = np.concatenate([np.einsum("bii->bi", one) for one in own], axis=1)
         self.chosen: dict[int, float] = {}
         self._with: dict[object, Array] = {}

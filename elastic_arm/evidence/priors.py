@@ -48,6 +48,9 @@ LARGER = (
     1e8  # range of the power of an event over the ordinary one of a residual: from noise to all that an arm carries
 )
 CHANGED = 1e-2  # prior odds that a size is not the same in all recordings of one arm
+STEP = 0.1  # prior odds that one of an arm's numbers steps in a history, shared by them; asked where it may have
+SCATTER = 0.01  # relative, of a size from recording to recording: friction changes by about 1 % a kelvin
+UNSURE = 0.9  # probability that a size is wrong where something is unknown: of 23 causes at such joints 21 were
 MOTION = 8.0  # Hz; above, what is left is the encoders'
 NOISY = 2.0  # power that a place may keep over its sensors' noise, in that noise: how badly a noise is known
 LISTED = 0.01  # probability of an alternative that is listed (contract)

@@ -54,6 +54,11 @@ class Term:
             object.__setattr__(self, "ident", (self.kind, *self.key, self.theta, self.tangents, size, k))
 
     @property
+    def parts(self) -> list[Array]:
+        """What it adds whatever the coefficients, (rows, 1), where it does, and its columns."""
+        return [self.columns] if self.offset is None else [self.offset[:, None], self.columns]
+
+    @property
     def count(self) -> int:
         """Number of coefficients."""
         return self.columns.shape[1]

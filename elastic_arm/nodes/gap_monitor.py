@@ -3,34 +3,33 @@
 from __future__ import annotations
 
 import json
-import re
 import sys
 import time
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from elastic_arm_msgs.msg import GapDiagnosis, GapResidual
-from rclpy.publisher import Publisher
+from elastic_arm_msgs.msg import GapDiagnosis
 from std_srvs.srv import Trigger
 
-from elastic_arm.diagnosis.live import ResidualLevels, Sizes, Window, answering
+from elastic_arm.diagnosis.live import Sizes, Window, answering
 from elastic_arm.effects import Catalogue
 from elastic_arm.effects.text import known_effects
 from elastic_arm.errors import ElasticArmError, GraphError
 from elastic_arm.nodes.support import graph
-from elastic_arm.nodes.support.gap_messages import diagnosis_message, in_words, residual_messages
-from elastic_arm.nodes.support.managed import ManagedNode
-from elastic_arm.nodes.support.parameters import AUTOSTART, CHANNELS, MODEL, ROBOT, SIDES, Setting, declared
+from elastic_arm.nodes.support.gap_messages import diagnosis_message, in_words
+from elastic_arm.nodes.support.parameters import CHANNELS, MODEL, ROBOT, SIDES, Setting, declared
 from elastic_arm.nodes.support.running import run
+from elastic_arm.nodes.support.sampling import SamplingNode
 from elastic_arm.nodes.support.wire import NANOSECONDS
 from elastic_arm.nodes.support.worker_process import Answer, WorkerProcess
 from elastic_arm.output_files import write_result
 from elastic_arm.recording import topics
 from elastic_arm.robot import load_robot
 
-# Residuals are measured over the last so many seconds: shorter, and filtering would leave too little.
-STRETCH = 3.0
+# Shorter recordings are not diagnosed; where no sample comes for so long, the data are over. Both s.
+LEAST, QUIET = 8.0, 2.0
+
 PARAMETERS = {
     "robot": ROBOT,
     "model": MODEL,
@@ -39,76 +38,52 @@ PARAMETERS = {
     "refit": Setting(False, "The description cannot be exact: its numbers are fitted too"),
     "channels": CHANNELS,
     "sides": SIDES,
-    "window": Setting(15.0, "Samples diagnosed, s; the last third of them judges", between=(8.0, 120.0)),
+    "window": Setting(15.0, "Samples diagnosed, s; the last third of them judges", between=(LEAST, 120.0)),
     "period": Setting(20.0, "From one diagnosis to the next, s; each takes some seconds", between=(1.0, 3600.0)),
     "save_to": Setting("diagnosis", "Folder of what ~/save writes"),
     "save_period": Setting(3600.0, "Between reports that it keeps by itself, s; 0: none", between=(0.0, 86400.0)),
-    "residual_period": Setting(1.0, "Between two measurements of the residuals, s", between=(0.2, 3600.0)),
-    "autostart": AUTOSTART,
 }
 
 
-class GapMonitorNode(ManagedNode):
+class GapMonitorNode(SamplingNode):
     """Keeps the last seconds of samples, and has them diagnosed in a worker process."""
 
     def __init__(self) -> None:
         super().__init__("gap_monitor")
         self.settings = declared(self, PARAMETERS)
-        self.start("diagnosis", "diagnosing", self.settings.autostart)
-
-    def configure(self) -> None:
-        """Start the process that diagnoses; offer diagnoses and services."""
         wanted = self.settings
         robot = load_robot(wanted.robot or None)
         # A mistake is to be heard of here.
         known_effects(wanted.known, robot, Catalogue.default().with_files(wanted.effects_files))
-        channels = self.offer(robot)
+        channels = self.collect(robot)
         question = wanted.robot or None, wanted.model, wanted.known, wanted.refit, wanted.effects_files
         self._worker = WorkerProcess(answering, *question)
         source = " ".join(graph.resolved(self, topic) for topic in self.collector.inboxes)
         self._window = Window(robot.joint_names, wanted.window, source, channels.currents() if channels else ())
         self._output = self.output(topics.GAP, GapDiagnosis)
-        self._residual_outputs: dict[tuple[str, str], Publisher] = {}
         self._latest_ns = 0
+        self._arrived = time.monotonic()
         self._save_due = time.monotonic() + wanted.save_period
-        self._last = ""
         self._count = self._restarts = 0
         self._took = 0.0
         self.forget()
+        self.listen("diagnosis", "diagnosing")
 
     def forget(self) -> None:
         """Forget all samples, and what is being made of them."""
         self._window.clear()
-        # The question under way: what was asked, the stamp of its last sample, when; None when it no longer matters.
-        self._asked: tuple[str, int, float] | None = None
+        # The question under way: the stamp of its last sample, and when it was asked; None when it no longer matters.
+        self._asked: tuple[int, float] | None = None
         self._found: dict[str, Any] | None = None
         self._sizes, self._changes, self._said = Sizes(), list[str](), ""
         self._diagnosis_due = time.monotonic()
-
-    def activate(self) -> None:
-        """Subscribe to the arm's samples."""
-        super().activate()
-        self._diagnosis_due = self._residuals_due = time.monotonic()
-
-    def deactivate(self) -> None:
-        """Unsubscribe, and forget the samples, which later ones do not follow, and the diagnosis under way."""
-        super().deactivate()
-        self.collector.reset()
-        self._window.clear()
-        self._asked = None
-
-    def cleanup(self) -> None:
-        """End the process that diagnoses; take diagnoses and services out of the graph."""
-        super().cleanup()
-        self._worker.close()
-        for publisher in (self._output, *self._residual_outputs.values()):
-            self.destroy_publisher(publisher)
 
     def work(self, now: float) -> None:
         """Take what has arrived, publish what was found, and start the next diagnosis."""
         samples = self.collector.take()
         if samples is not None and not self.paused:
             self._window.add(samples)
+            self._arrived = now
         if (answer := self._worker.answer()) is not None:
             self._publish(answer)
         if not self._worker.busy and not self.paused:
@@ -116,46 +91,30 @@ class GapMonitorNode(ManagedNode):
 
     def close(self) -> None:
         """End the process that diagnoses."""
-        if self.configured:
-            self._worker.close()
+        self._worker.close()
 
     def _ask(self, now: float) -> None:
-        """Start the diagnosis that is due, of samples that none was made of yet."""
-        if self.collector.last_ns == self._latest_ns:
+        """Start the diagnosis that is due, of new samples; the last one at the end of the data."""
+        over = now > self._arrived + QUIET
+        enough = self._window.seconds >= LEAST if over else self._window.full and now >= self._diagnosis_due
+        if not enough or self.collector.last_ns == self._latest_ns:
             return
-        due = {
-            "diagnosis": self._window.full and now >= self._diagnosis_due,
-            "where": self._window.seconds >= STRETCH and now >= self._residuals_due,
-        }
-        # In turns where both are due: on a busy machine either takes longer than its period.
-        what = next((w for w in sorted(due, key=lambda w: w == self._last) if due[w]), None)
-        if what is None:
-            return
-        if what == "diagnosis":
-            self._diagnosis_due = now + self.settings.period
-        else:
-            self._residuals_due = now + self.settings.residual_period
-        self._last = what
-        question = (what, self._window.recording(STRETCH if what == "where" else None))
+        self._diagnosis_due = now + self.settings.period
         self._latest_ns = self.collector.last_ns
-        self._asked = (what, self._latest_ns, now)
-        self._worker.ask(question)
+        self._asked = (self._latest_ns, now)
+        self._worker.ask(self._window.recording())
 
     def _publish(self, answer: Answer) -> None:
         if self._asked is None:
             return
-        what, stamp_ns, began = self._asked
+        stamp_ns, began = self._asked
         self.problem = answer.problem
-        if answer.problem:
-            if self._worker.restarts > self._restarts:
-                self._restarts = self._worker.restarts
-                self.get_logger().error(answer.problem)
-            return
-        if what == "diagnosis":
+        if not answer.problem:
             self._took = time.monotonic() - began
             self._publish_diagnosis(answer.value, stamp_ns)
-        else:
-            self._publish_residuals(answer.value)
+        elif self._worker.restarts > self._restarts:
+            self._restarts = self._worker.restarts
+            self.get_logger().error(answer.problem)
 
     def _publish_diagnosis(self, found: dict[str, Any], stamp_ns: int) -> None:
         self._found = found
@@ -167,14 +126,6 @@ class GapMonitorNode(ManagedNode):
         if (said := in_words(found)) != self._said:
             self.get_logger().info(said)
             self._said = said
-
-    def _publish_residuals(self, where: ResidualLevels) -> None:
-        """Publish each residual on a topic of its own: what a plot takes without knowing joints by number."""
-        for place, message in residual_messages(where).items():
-            if place not in self._residual_outputs:
-                name = "/".join(re.sub(r"\W", "_", part) for part in place)
-                self._residual_outputs[place] = self.create_publisher(GapResidual, f"~/residuals/{name}", graph.STREAM)
-            self._residual_outputs[place].publish(message)
 
     def save(self, request: Trigger.Request) -> str:
         """Write the last diagnosis as diagnosis.json."""

@@ -20,9 +20,9 @@ from elastic_arm.formatting import rounded
 from elastic_arm.identification import identifier_of, parse_laws
 from elastic_arm.identification.least_squares import Fit
 from elastic_arm.nodes.support import graph
-from elastic_arm.nodes.support.managed import ManagedNode
-from elastic_arm.nodes.support.parameters import AUTOSTART, CHANNELS, MODEL, ROBOT, SIDES, Setting, declared
+from elastic_arm.nodes.support.parameters import CHANNELS, MODEL, ROBOT, SIDES, Setting, declared
 from elastic_arm.nodes.support.running import run
+from elastic_arm.nodes.support.sampling import SamplingNode
 from elastic_arm.nodes.support.screening import StreamScreen
 from elastic_arm.nodes.support.wire import NANOSECONDS
 from elastic_arm.output_files import plain
@@ -39,42 +39,24 @@ PARAMETERS = {
     "save_to": Setting("identified", "Folder of what ~/save writes"),
     "save_at_exit": Setting(False, "Save also when the node stops"),
     "print": Setting(False, "Print each estimate as a line of JSON on stdout"),
-    "autostart": AUTOSTART,
 }
 
 
-class IdentifierNode(ManagedNode):
+class IdentifierNode(SamplingNode):
     """Feeds what arrives to the estimator, and publishes what it finds."""
 
     def __init__(self) -> None:
         super().__init__("identifier")
         self.settings = declared(self, PARAMETERS)
-        self.start("estimate", "identifying", self.settings.autostart)
-
-    def configure(self) -> None:
-        """Compile the model's equations; offer estimates and services."""
         robot = load_robot(self.settings.robot or None)
         self._identifier = identifier_of(robot, self.settings.model, parse_laws(self.settings.effects, robot))
         self._screen = StreamScreen()
         self._warm_up(robot.n)
-        self.offer(robot)
         self._output = self.output(topics.PARAMETER_ESTIMATE, ParameterEstimate)
         self._fit: Fit | None = None
-
-    def activate(self) -> None:
-        """Subscribe to the arm's samples."""
-        super().activate()
         self._estimate_due = time.monotonic()
-
-    def deactivate(self) -> None:
-        """Unsubscribe, and work off what has arrived."""
-        super().deactivate()
-        self._take(everything=True)
-
-    def cleanup(self) -> None:
-        """Take estimates and services out of the graph; all samples are forgotten."""
-        super().cleanup()
-        self.destroy_publisher(self._output)
+        self.collect(robot)
+        self.listen("estimate", "identifying")
 
     def work(self, now: float) -> None:
         """Take what has arrived; now and then, make an estimate of it."""
@@ -85,8 +67,6 @@ class IdentifierNode(ManagedNode):
 
     def close(self) -> None:
         """Work off what waits, make the last estimate and save it, if that is wanted."""
-        if not self.configured:
-            return
         self._take(everything=True)
         with contextlib.suppress(IdentificationError):  # too few samples wait to make anything of
             self._identifier.finish()

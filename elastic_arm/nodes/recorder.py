@@ -12,7 +12,6 @@ from typing import Any
 
 from ament_index_python import PackageNotFoundError, get_package_share_directory
 from rclpy.impl.implementation_singleton import rclpy_implementation as rcl
-from rosbag2_interfaces.srv import IsPaused, Pause, Resume, SplitBagfile
 
 from elastic_arm.errors import GraphError, RecordingError
 from elastic_arm.nodes.support import graph
@@ -28,32 +27,22 @@ SEARCH_PERIOD = 0.1
 PARAMETERS = {
     "bag": Setting("recording", "Folder to make; must not exist"),
     "topics": Setting([], "Topics to record; empty: all of the suite's"),
-    "all": Setting(False, "Record every topic of the graph, but hidden ones"),
-    "max_size": Setting(0.0, "MB after which another file begins; 0: never", between=(0.0, 1e6)),
-    "max_duration": Setting(0.0, "Seconds after which another begins; 0: never", between=(0.0, 1e6)),
     "compression": Setting("zstd", "Of the bag", choices=COMPRESSIONS),
 }
 
 
 class Recorder(ArmNode):
-    """Records topics as soon as somebody publishes them; its services are those of rosbag2's recorder."""
+    """Records topics as soon as somebody publishes them."""
 
     def __init__(self) -> None:
         super().__init__("recorder")
         wanted = declared(self, PARAMETERS)
-        self._all = wanted.all
         _load_types()  # takes long where the machine is busy: not while samples arrive
         names = wanted.topics or [graph.relative(topic) for topic in topics.TYPES]
         self._wanted = {self._resolved(name) for name in names}
         self._listeners: dict[str, tuple[str, Listener]] = {}  # topic -> type of its messages, and who receives them
         self._refused: set[str] = set()  # whose type is not installed
-        self._paused = False
-        size = round(wanted.max_size * 1e6)
-        self._writer = StreamWriter(wanted.bag, wanted.compression, max_bytes=size, max_seconds=wanted.max_duration)
-        self.serve(SplitBagfile, "split_bagfile", self._split)
-        self.serve(Pause, "pause", lambda _: self._pause(True))
-        self.serve(Resume, "resume", lambda _: self._pause(False))
-        self.serve(IsPaused, "is_paused", lambda _: {"paused": self._paused})
+        self._writer = StreamWriter(wanted.bag, wanted.compression)
         for topic in sorted(self._wanted):  # before anybody publishes: what comes first is kept, too
             if (own := f"/{topic.rpartition('/')[2]}") in topics.TYPES:
                 self._listen(topic, topics.TYPES[own])
@@ -85,17 +74,11 @@ class Recorder(ArmNode):
 
     def _search(self) -> None:
         """Listen to the wanted topics that have a publisher by now, as what it publishes."""
-        for topic in sorted((self._wanted | self._present()) - self._writer.counts.keys() - self._refused):
+        for topic in sorted(self._wanted - self._writer.counts.keys() - self._refused):
             if infos := self.get_publishers_info_by_topic(topic):
                 if self._listeners.get(topic, ("",))[0] != infos[0].topic_type:
                     self._listen(topic, infos[0].topic_type)
                 self._announce(topic)
-
-    def _present(self) -> set[str]:
-        """Return all topics of the graph where all are wanted; a part of a hidden one's name begins with `_`."""
-        if not self._all:
-            return set()
-        return {name for name, _ in self.get_topic_names_and_types() if "/_" not in name}
 
     def _listen(self, topic: str, type_name: str) -> None:
         if topic in self._listeners:
@@ -115,29 +98,15 @@ class Recorder(ArmNode):
             self._writer.add_topic(topic, type_name, *_definition(type_name))
 
     def _take(self, topic: str, data: bytes) -> None:
-        if self._paused:
-            return
         try:
             self._announce(topic)
             self._writer.write(topic, data, self.get_clock().now().nanoseconds)
         except RecordingError as error:
             self.failure = error
 
-    def _split(self, _: SplitBagfile.Request) -> None:
-        try:
-            self._writer.split()
-        except RecordingError as error:
-            self.failure = error
-
-    def _pause(self, paused: bool) -> None:
-        self._paused = paused
-
     def _status(self) -> tuple[list[str], dict[str, Any]]:
         counts = self._writer.counts
-        problems = [] if counts else ["none of the topics is published"]
-        if self._paused:
-            problems.append("paused")
-        return problems, {"messages": sum(counts.values()), **counts}
+        return [] if counts else ["none of the topics is published"], {"messages": sum(counts.values()), **counts}
 
 
 _SEPARATOR = "=" * 80

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
-from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
-from rosbag2_interfaces.srv import Burst, GetRate, IsPaused, Pause, PlayNext, Resume, Seek, SetRate, TogglePaused
 from rosgraph_msgs.msg import Clock
 
 from elastic_arm.errors import GraphError
@@ -36,58 +34,38 @@ PARAMETERS = {
     "loop": Setting(False, "Begin again at the end", live=True),
     "clock": Setting(True, "Publish /clock"),
     "wait": Setting(True, "Wait until somebody listens"),
-    "start_offset": Setting(0.0, "Seconds of the bag to leave out at its start", between=(0.0, 1e6)),
-    "start_paused": Setting(False, "Begin with the clock standing still"),
 }
 
 
 class Playback:
-    """The messages of a bag on a clock that may stand still, run faster and be set.
+    """The messages of a bag on a clock that runs faster or slower.
 
-    read: returns the messages in the order they were logged, from the first on. `next` is the message that comes next,
-    None at the end; `first_ns` when the first was logged, None of a bag without messages.
+    `next` is the message that comes next, None at the end.
     """
 
-    def __init__(self, read: Callable[[], Iterator[Message]]) -> None:
-        self._read = read
-        self.paused = False
-        self._messages = read()
-        self.next = next(self._messages, None)
-        self.first_ns = None if self.next is None else self.next.log_ns
-        self._place_ns = float(self.first_ns or 0)
+    def __init__(self, messages: Iterator[Message]) -> None:
+        self._messages = messages
+        self.next = next(messages, None)
+        self._place_ns = 0.0 if self.next is None else float(self.next.log_ns)
         self._since: float | None = None
-
-    def seek(self, to_ns: int) -> list[Message]:
-        """Set the clock: the next message is the first logged at `to_ns` or later; return those passed over."""
-        self._messages = self._read()
-        self._since = None
-        self._place_ns = float(max(to_ns, self.first_ns or 0))
-        passed = []
-        self.next = next(self._messages, None)
-        while self.next is not None and self.next.log_ns < to_ns:
-            passed.append(self.next)
-            self.next = next(self._messages, None)
-        return passed
 
     def wait(self, now: float, rate: float) -> float:
         """Return the seconds until the next message is due, zero or less when it is."""
         assert self.next is not None, "there is no next message"
-        if self._since is not None and not self.paused:
+        if self._since is not None:
             self._place_ns += (now - self._since) * rate * NANOSECONDS
         self._since = now
         return (self.next.log_ns - self._place_ns) / NANOSECONDS / rate
 
     def take(self) -> Message:
-        """Return the next message and go on to the one behind it; a clock that stands still is set to it."""
+        """Return the next message and go on to the one behind it."""
         assert self.next is not None, "there is no next message"
         taken, self.next = self.next, next(self._messages, None)
-        if self.paused:
-            self._place_ns = max(self._place_ns, float(taken.log_ns))
         return taken
 
 
 class Replayer(ArmNode):
-    """Publishes the messages of a bag in the rhythm of their recording; its services are those of rosbag2's player."""
+    """Publishes the messages of a bag in the rhythm of their recording."""
 
     def __init__(self) -> None:
         super().__init__("replayer")
@@ -98,19 +76,13 @@ class Replayer(ArmNode):
         self._outputs = self._make_publishers(set(wanted.topics))
         self._clock_output = self.output(topics.CLOCK, Clock) if wanted.clock else None
         self._clock_form = Form(topics.TYPES[topics.CLOCK], Clock())
-        self._playback = Playback(lambda: read_messages(self._bag, set(self._outputs)))
-        if self._playback.first_ns is None:
-            raise GraphError(f"{self._bag} holds no messages on {', '.join(self._outputs)}", "Choose other topics.")
-        self._begin_ns = self._playback.first_ns + round(wanted.start_offset * NANOSECONDS)
         self._sent = self._rounds = 0
-        self._clock_ns = 0
-        if not self._seek(self._begin_ns):
-            raise GraphError(f"{self._bag} ends before {wanted.start_offset:g} s", "Choose a smaller start_offset.")
-        self._playback.paused = wanted.start_paused
+        self._begin()
+        if self._playback.next is None:
+            raise GraphError(f"{self._bag} holds no messages on {', '.join(self._outputs)}", "Choose other topics.")
         self._begun = False
         self._matched: float | None = None
         self._finished = False
-        self._offer_services()
         Health(self, "bag", "playing", self._status)
 
     def tick(self) -> float:
@@ -122,13 +94,9 @@ class Replayer(ArmNode):
         self._rate = self.get_parameter("rate").value
         for _ in range(BURST):
             if self._playback.next is None:
-                if not self._playback.paused:
-                    self._end()
+                self._end()
                 return LONGEST_REST
-            ahead = self._playback.wait(time.monotonic(), self._rate)
-            if self._playback.paused:
-                return LONGEST_REST
-            if ahead > 0:
+            if (ahead := self._playback.wait(time.monotonic(), self._rate)) > 0:
                 return ahead
             self._publish(self._playback.take())
         return 0.0
@@ -159,18 +127,9 @@ class Replayer(ArmNode):
         namespace = self.get_namespace().rstrip("/")
         return topic if topic.startswith(f"{namespace}/") else namespace + topic
 
-    def _seek(self, to_ns: int) -> bool:
-        """Go to a time of the bag; return whether there is anything from there on.
-
-        The last of the messages passed over that a late subscriber would get too are published.
-        """
-        passed = self._playback.seek(to_ns)
+    def _begin(self) -> None:
+        self._playback = Playback(read_messages(self._bag, set(self._outputs)))
         self._clock_ns = 0
-        if self._playback.next is None:
-            return False
-        for message in {one.topic: one for one in passed if graph.qos(one.topic) is graph.LATCHED}.values():
-            self._outputs[message.topic].publish(message.data)
-        return True
 
     def _listened(self) -> bool:
         return not self._wait or any(output.get_subscription_count() for output in self._outputs.values())
@@ -197,53 +156,17 @@ class Replayer(ArmNode):
         """Begin again, or have done once the peers have taken what they were sent."""
         self._rounds += 1
         if self.get_parameter("loop").value:
-            self._seek(self._begin_ns)
+            self._begin()
             return
         for output in self._outputs.values():
             output.wait_for_all_acked()
         self._finished = True
         self.get_logger().info(f"{self._sent} messages played from {self._bag}")
 
-    def _offer_services(self) -> None:
-        self.serve(Pause, "pause", lambda _: self._pause(True))
-        self.serve(Resume, "resume", lambda _: self._pause(False))
-        self.serve(TogglePaused, "toggle_paused", lambda _: self._pause(not self._playback.paused))
-        self.serve(IsPaused, "is_paused", lambda _: {"paused": self._playback.paused})
-        self.serve(GetRate, "get_rate", lambda _: {"rate": self.get_parameter("rate").value})
-        self.serve(SetRate, "set_rate", self._set_rate)
-        self.serve(PlayNext, "play_next", lambda _: {"success": self._step(1) == 1})
-        self.serve(Burst, "burst", lambda request: {"actually_burst": self._step(request.num_messages)})
-        self.serve(Seek, "seek", self._serve_seek)
-
-    def _pause(self, paused: bool) -> None:
-        self._playback.paused = paused
-
-    def _set_rate(self, request: SetRate.Request) -> dict[str, bool]:
-        (result,) = self.set_parameters([Parameter("rate", value=request.rate)])
-        return {"success": result.successful}
-
-    def _step(self, count: int) -> int:
-        """Play some messages while the clock stands still, all that are left for zero; return how many there were."""
-        played = 0
-        while self._playback.paused and self._playback.next is not None and (played < count or not count):
-            self._publish(self._playback.take())
-            played += 1
-        return played
-
-    def _serve_seek(self, request: Seek.Request) -> dict[str, bool]:
-        to_ns, before = request.time.sec * NANOSECONDS + request.time.nanosec, self._playback.next
-        assert self._playback.first_ns is not None
-        success = to_ns >= self._playback.first_ns and self._seek(to_ns)
-        if not success and before is not None:
-            self._playback.seek(before.log_ns)
-        return {"success": success}
-
     def _status(self) -> tuple[list[str], dict[str, Any]]:
         problems = [] if self._listened() else ["nobody listens"]
         if problems and not self._begun:
             problems = ["nobody listens: waiting for a subscriber (with wait:=false, the bag is played to nobody)"]
-        if self._playback.paused:
-            problems.append("paused")
         return problems, {"messages": self._sent, "rate": self._rate, "rounds": self._rounds}
 
 

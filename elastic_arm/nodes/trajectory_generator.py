@@ -38,12 +38,12 @@ LARGEST_POSITION = 1e4
 # reader of the reference are two nodes, one of which may be a recorder.
 SETTLING = 0.3
 READER_PATIENCE = 3.0
+POINTS = 20  # in a message
+LEAD_NS = NANOSECONDS  # how far ahead of the clock they are streamed
 PARAMETERS = {
     "trajectory": Setting("", "Trajectory file (YAML, as `elastic-arm excite` writes it)"),
     "repeat": Setting(1, "How often it is run; 0: until stopped", between=(0, 1_000_000)),
     "rate": Setting(1000.0, "Points per second", between=(10.0, 10_000.0)),
-    "points_per_message": Setting(20, "Points in a message", between=(1, 1000)),
-    "lead": Setting(1.0, "How far ahead of the clock to stream, s", between=(0.3, 10.0)),
     "approach_speed": Setting(1.0, "Joint speed on the way to the start, rad/s", between=(0.01, 3.0)),
 }
 
@@ -104,9 +104,8 @@ class TrajectoryGenerator(ArmNode):
                 "Make one by `elastic-arm excite --out FILE`, and name it: -p trajectory:=FILE.",
             )
         self._trajectory = load_trajectory(Path(wanted.trajectory))
-        self._repeat, self._speed, self._points = wanted.repeat, wanted.approach_speed, wanted.points_per_message
+        self._repeat, self._speed = wanted.repeat, wanted.approach_speed
         self._step_ns = round(NANOSECONDS / wanted.rate)
-        self._lead_ns = round(wanted.lead * NANOSECONDS)
         self._publisher = self.output(topics.REFERENCE, JointTrajectory)
         self._wait()
         Health(self, "stream", "streaming", self._status)
@@ -136,7 +135,7 @@ class TrajectoryGenerator(ArmNode):
             self._wait()
             return LONGEST_REST
         now = self.get_clock().now().nanoseconds
-        horizon = max(now, self._start_ns) + self._lead_ns
+        horizon = max(now, self._start_ns) + LEAD_NS
         while not self._all_sent() and self._time(self._sent) < horizon:
             self._send()
         ahead = self._time(self._sent) - horizon
@@ -237,18 +236,18 @@ class TrajectoryGenerator(ArmNode):
         assert self._plan is not None
         assert self._form is not None
         # Messages are all alike; the last one goes on at rest behind the end of the motion.
-        rows: Row = self._plan.evaluate((self._sent + np.arange(self._points)) * self._step_ns / NANOSECONDS)
-        for i in range(self._points):
+        rows: Row = self._plan.evaluate((self._sent + np.arange(POINTS)) * self._step_ns / NANOSECONDS)
+        for i in range(POINTS):
             self._form.fields[f"points.{i}.positions"][:] = rows.position[i]
             self._form.fields[f"points.{i}.velocities"][:] = rows.velocity[i]
             self._form.fields[f"points.{i}.accelerations"][:] = rows.acceleration[i]
         self._publisher.publish(self._form.filled(self._time(self._sent)))
-        self._sent += self._points
+        self._sent += POINTS
 
     def _make_form(self) -> Form:
         message = JointTrajectory(joint_names=self._names)
         zeros = array("d", bytes(8 * len(self._names)))
-        for i in range(self._points):
+        for i in range(POINTS):
             seconds, rest = divmod(i * self._step_ns, NANOSECONDS)
             point = JointTrajectoryPoint(positions=zeros, velocities=zeros, accelerations=zeros)
             point.time_from_start = Duration(sec=seconds, nanosec=rest)

@@ -15,7 +15,7 @@ from elastic_arm.errors import RecordingError
 from elastic_arm.recording import message_types
 from elastic_arm.recording.storage.mcap_scan import message_head
 from elastic_arm.recording.storage.mcap_sink import Compression, McapSink, pack
-from elastic_arm.recording.storage.metadata import FileSummary, Topic, offered_qos
+from elastic_arm.recording.storage.metadata import Topic, offered_qos
 from elastic_arm.recording.writing import finish_bag
 
 
@@ -35,17 +35,12 @@ class StreamWriter(AbstractContextManager["StreamWriter"]):
         flush_every: float = 0.25,
         sync_every: float = 5.0,
         chunk_bytes: int = 1 << 20,
-        max_bytes: int = 0,
-        max_seconds: float = 0.0,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.path = Path(path)
         if os.path.exists(self.path):  # of a name that is too long Path.exists raises
             raise RecordingError(f"{self.path} exists already", "Choose another name; nothing is overwritten.")
-        self._finished: list[FileSummary] = []
-        self._max_bytes, self._max_ns = max_bytes, round(max_seconds * 1e9)
-        self._first_ns: int | None = None
-        self._sink = self._next_file(compression)
+        self._sink = McapSink(self.path / f"{self.path.name}_0.mcap", compression)
         self._flush_every, self._sync_every = flush_every, sync_every
         self._chunk_bytes, self._clock = chunk_bytes, clock
         self._ids: dict[str, int] = {}
@@ -84,24 +79,6 @@ class StreamWriter(AbstractContextManager["StreamWriter"]):
         else:
             self.tick()
 
-        self._first_ns = log_ns if self._first_ns is None else self._first_ns
-        full = self._max_bytes and self._sink.size + self._size >= self._max_bytes
-        if full or (self._max_ns and log_ns - self._first_ns >= self._max_ns):
-            self.split()
-
-    def split(self) -> None:
-        """End the present file of the bag; what comes next goes into another one."""
-        self._write_chunk()
-        if self._syncing is not None:
-            self._syncing.result()
-        self._finished.append(self._sink.summary())
-        self._sink.finish()
-        self._sink.close()
-        topics, self._sink = self._sink.topics, self._next_file(self._sink.compression)
-        for topic in topics:
-            self._sink.add_topic(topic)
-        self._first_ns = None
-
     def tick(self) -> None:
         """Write what is due. Call it now and then while no message comes."""
         if self._clock() - self._flushed >= self._flush_every:
@@ -122,16 +99,13 @@ class StreamWriter(AbstractContextManager["StreamWriter"]):
         self._syncer.shutdown()
         try:
             self._write_chunk()
-            finish_bag(self._sink, self._finished)
+            finish_bag(self._sink)
         finally:
             self._sink.close()
 
     def __exit__(self, *_: object) -> None:
         """Close the bag; also after an error, as what was recorded is worth keeping."""
         self.close()
-
-    def _next_file(self, compression: Compression) -> McapSink:
-        return McapSink(self.path / f"{self.path.name}_{len(self._finished)}.mcap", compression)
 
     def _write_chunk(self) -> None:
         self._flushed = self._clock()

@@ -11,6 +11,7 @@ GAP = "/gap"
 DIAGNOSTICS = "/diagnostics"
 ROBOT_DESCRIPTION = "/robot_description"
 CLOCK = "/clock"
+TRANSFORMS = "/tf"
 
 TYPES = {
     JOINT_STATES: "sensor_msgs/msg/JointState",
@@ -27,7 +28,7 @@ TYPES = {
 
 def type_of(topic: str) -> str:
     """Return the message type of a topic; one that is not the suite's own holds joint states."""
-    return TYPES.get(topic, "sensor_msgs/msg/JointState")
+    return {**TYPES, TRANSFORMS: "tf2_msgs/msg/TFMessage"}.get(topic, "sensor_msgs/msg/JointState")
 
 
 # Not an arm's but the graph's: the same in every namespace.

@@ -6,7 +6,7 @@ import os
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import islice, pairwise
 from pathlib import Path
 from types import MappingProxyType
@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import yaml
+from scipy.spatial.transform import Rotation
 
 from elastic_arm.errors import RecordingError
 from elastic_arm.output_files import write_result
@@ -25,18 +26,22 @@ from elastic_arm.recording.spans import Bytes, Offsets, place
 from elastic_arm.recording.storage.bag import METADATA
 from elastic_arm.recording.storage.mcap_scan import MESSAGE_HEAD, lay_messages
 from elastic_arm.recording.storage.mcap_sink import Compression, McapSink, Packed, pack
-from elastic_arm.recording.storage.metadata import INSIDE, METADATA_KEY, FileSummary, Topic, metadata, offered_qos
+from elastic_arm.recording.storage.metadata import INSIDE, METADATA_KEY, Topic, metadata, offered_qos
 from elastic_arm.recording.topics import (
     JOINT_STATES,
     JOINT_TORQUES,
     MOTOR_STATES,
     REFERENCE,
     ROBOT_DESCRIPTION,
+    TRANSFORMS,
     TYPES,
     type_of,
 )
+from elastic_arm.robot import Robot, to_urdf
+from elastic_arm.robot.urdf_export import urdf_placements
 
 _CHUNK_BYTES = 1 << 20
+_DRAWN = 50.0  # Hz, of what is looked at
 _STATE = ("position", "velocity", "effort")
 _TORQUES = ("joint_torque", "motor_torque", "joint_torque_std", "motor_torque_std")
 
@@ -61,10 +66,12 @@ class Stream:
         stamps = self.stamp_ns[rows]
         where = lay_messages(buffer, offsets, self.template, channel=channel, first=rows.start, stamp_ns=stamps)
         layout = cdr.layout_of(memoryview(self.template), type_of(self.topic))
-        if "header.stamp.sec" in layout.numbers:
-            seconds, nanoseconds = np.divmod(stamps, 1_000_000_000)
-            place(buffer, where, layout.numbers["header.stamp.sec"].at, seconds.astype("<i4"))
-            place(buffer, where, layout.numbers["header.stamp.nanosec"].at, nanoseconds.astype("<u4"))
+        seconds, nanoseconds = np.divmod(stamps, 1_000_000_000)
+        for path, number in layout.numbers.items():
+            if path.endswith("header.stamp.sec"):
+                place(buffer, where, number.at, seconds.astype("<i4"))
+            elif path.endswith("header.stamp.nanosec"):
+                place(buffer, where, number.at, nanoseconds.astype("<u4"))
         for path, values in self.values.items():
             numbers = np.ascontiguousarray(values[rows], dtype="<f8")
             items = numbers.view(f"V{numbers.shape[1] * 8}")[:, 0]
@@ -79,6 +86,7 @@ def write_recording(
     recording: Recording,
     compression: Compression = "zstd",
     further: Mapping[str, Side] = MappingProxyType({}),
+    drawn: Robot | None = None,
 ) -> Path:
     """Write a recording as a rosbag2 bag (folder with metadata.yaml and one MCAP file).
 
@@ -92,6 +100,8 @@ def write_recording(
         "none", "lz4" or "zstd".
     further
         What to write besides: topic -> a side of the same joints, as sensor_msgs/JointState.
+    drawn
+        The arm that viewers are to show: its URDF takes the place of the recording's, and `/tf` moves its links.
 
     Returns
     -------
@@ -107,7 +117,9 @@ def write_recording(
     if not isinstance(path, str | Path):
         raise RecordingError(f"path is of type {type(path).__name__}", "Give the name of a folder to make.")
     folder = Path(path)
-    streams = _streams(recording, further)
+    if drawn is not None:
+        recording = replace(recording, robot_description=to_urdf(drawn))
+    streams = [*_streams(recording, further), *([] if drawn is None else _transforms(drawn, recording))]
     if not any(len(stream.stamp_ns) for stream in streams):
         raise RecordingError("the recording holds no samples", "Nothing was written.")
     first_ns = min(int(stream.stamp_ns[0]) for stream in streams if len(stream.stamp_ns))
@@ -137,9 +149,9 @@ def standard_topic(name: str) -> Topic:
     return Topic(name, type_of(name), definition, type_hash, offered_qos(name))
 
 
-def finish_bag(sink: McapSink, before: Sequence[FileSummary] = (), currents: Sequence[str] = ()) -> None:
-    """Close the last file of a bag and write its metadata.yaml."""
-    information = metadata(sink.topics, [*before, sink.summary()], currents)
+def finish_bag(sink: McapSink, currents: Sequence[str] = ()) -> None:
+    """Close the file of a bag and write its metadata.yaml."""
+    information = metadata(sink.topics, sink.summary(), currents)
     # The same inside the file, for readers that are given it without its folder.
     inside = yaml.safe_dump(information, sort_keys=False)
     record, key = INSIDE
@@ -169,6 +181,28 @@ def _streams(recording: Recording, further: Mapping[str, Side]) -> list[Stream]:
     return streams
 
 
+def _transforms(robot: Robot, recording: Recording) -> list[Stream]:
+    """Return where the links of the URDF are over time; nothing where the angle of a joint was not recorded."""
+    sides = (side for side in (recording.link, recording.motor) if side is not None)
+    side = next((side for side in sides if side.position is not None and np.isfinite(side.position).all()), None)
+    if side is None:
+        return []
+    rate = len(side) * 1e9 / (side.stamp_ns[-1] - side.stamp_ns[0] + 1)
+    seen = side.at(slice(None, None, max(int(rate / _DRAWN), 1)))
+    assert seen.position is not None
+    frames = urdf_placements(robot, seen.position)
+    types = message_types.typestore().types
+    vector, quaternion = types["geometry_msgs/msg/Vector3"], types["geometry_msgs/msg/Quaternion"]
+    still = types["geometry_msgs/msg/Transform"](vector(0.0, 0.0, 0.0), quaternion(0.0, 0.0, 0.0, 1.0))
+    stamped, values = [], {}
+    for k, (parent, child, placement) in enumerate(frames):
+        stamped.append(types["geometry_msgs/msg/TransformStamped"](_header(parent), child, still))
+        turn = Rotation.from_matrix(placement[:, :3, :3]).as_quat()
+        # The seven numbers of a transform lie side by side.
+        values[f"transforms.{k}.transform.translation.x"] = np.concatenate([placement[:, :3, 3], turn], axis=1)
+    return [Stream(TRANSFORMS, seen.stamp_ns, _message(type_of(TRANSFORMS), transforms=stamped), values)]
+
+
 def _of_joints(
     topic: str, joints: list[str], stamp_ns: Stamps, fields: Sequence[str], values: dict[str, Array]
 ) -> Stream:
@@ -189,9 +223,9 @@ def _reference(joints: list[str], side: Side) -> Stream:
     return Stream(REFERENCE, side.stamp_ns, message, values)
 
 
-def _header() -> Any:
+def _header(frame: str = "") -> Any:
     types = message_types.typestore().types
-    return types["std_msgs/msg/Header"](stamp=types["builtin_interfaces/msg/Time"](sec=0, nanosec=0), frame_id="")
+    return types["std_msgs/msg/Header"](stamp=types["builtin_interfaces/msg/Time"](sec=0, nanosec=0), frame_id=frame)
 
 
 def _message(type_name: str, **fields: Any) -> bytes:

@@ -10,12 +10,13 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable
+from itertools import pairwise
 
 import numpy as np
 
 from elastic_arm.arrays import Array
 from elastic_arm.robot.description import Component, Inertia, Joint, Robot
-from elastic_arm.robot.kinematics import link_radius, lumped, moved
+from elastic_arm.robot.kinematics import link_placements, link_radius, lumped, moved
 from elastic_arm.robot.parts import placed
 
 _COLOURS = {"base_grey": "0.35 0.38 0.42 1", "link_blue": "0.20 0.45 0.70 1", "joint_orange": "0.90 0.60 0.10 1"}
@@ -32,7 +33,7 @@ def to_urdf(robot: Robot) -> str:
     radius = link_radius(robot)
     frames = [_urdf_frame(joint) for joint in robot.joints]
     bodies = bodies_with_components(robot)
-    ground = "world" if "world" not in robot.link_names else "elastic_arm_world"
+    ground = _ground(robot)
     # KDL, and with it robot_state_publisher, wants a root link without inertia.
     ET.SubElement(tree, "link", name=ground)
     _fixed(tree, ground, robot.base_placement)
@@ -51,6 +52,20 @@ def to_urdf(robot: Robot) -> str:
         _moving(tree, joint, parent, start @ frames[i], axis)
     ET.indent(tree)
     return '<?xml version="1.0"?>\n' + ET.tostring(tree, encoding="unicode") + "\n"
+
+
+def urdf_placements(robot: Robot, q: Array) -> list[tuple[str, str, Array]]:
+    """Return parent, child and placements (N, 4, 4) in the parent of the links of :func:`to_urdf`."""
+    joints, _ = link_placements(robot, q)
+    own = [joints[:, i] @ _urdf_frame(joint) for i, joint in enumerate(robot.joints)]
+    base = np.broadcast_to(robot.base_placement, own[0].shape)
+    names = (_ground(robot), "base", *robot.link_names)
+    inside = [base, *(np.linalg.inv(a) @ b for a, b in pairwise([base, *own]))]
+    return [(*pair, placement) for pair, placement in zip(pairwise(names), inside, strict=True)]
+
+
+def _ground(robot: Robot) -> str:
+    return "world" if "world" not in robot.link_names else "elastic_arm_world"
 
 
 def _urdf_frame(joint: Joint) -> Array:

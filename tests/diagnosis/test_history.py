@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
+import pickle
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.integrate import quad
+from scipy.stats import multivariate_normal, norm
 from typer.testing import CliRunner
 
 from elastic_arm.app import app
+from elastic_arm.arrays import Array
 from elastic_arm.diagnosis import Question, diagnose
-from elastic_arm.diagnosis.history import Course, changed_of_each, courses, courses_of_each, step_of
-from elastic_arm.diagnosis.result import ParameterEstimate
-from elastic_arm.effects import EFFECTS
+from elastic_arm.diagnosis.changes import SizedTerm
+from elastic_arm.diagnosis.history import Course, course_of, courses, courses_of_each
+from elastic_arm.diagnosis.result import ParameterEstimate, from_dict
+from elastic_arm.effects import EFFECTS, Catalogue
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.segments import in_parts
+from elastic_arm.evidence.priors import ODDS, SCATTER, STEP, UNSURE
 from elastic_arm.excitation import Shape, random_trajectories
 from elastic_arm.recording import Recording
 from elastic_arm.report.history import write_history_report
@@ -24,20 +30,57 @@ from elastic_arm.sensors import Sensors
 from tests.helpers.gap_recordings import LIMITS, MODEL, ROBOT, motions, record
 
 COMMON = 4e-4  # variance that all sizes share, Nm²
+N = 10  # numbers of the arm
+
+
+def course(values: Array | list[float], covariance: Array, wrong: float = ODDS / N) -> Course:
+    """Return the course of one of the arm's frictions."""
+    sized = SizedTerm("coulomb_friction", "joint_1", "torque", "Nm", np.array(values), covariance)
+    return course_of(sized, np.full(len(values), wrong), 1.0, STEP / N)
 
 
 def test_a_step_is_found_where_it_is_with_its_levels() -> None:
-    """Levels are means of the sizes on either side, and what all sizes share widens them and hides no step."""
-    values = np.array([6.0, 6.01, 5.99, 9.0, 9.01])
-    step = step_of(values, 1e-4 * np.eye(5) + COMMON)
-    assert step.after == 2 and step.probability > 0.999
-    assert step.before_value == pytest.approx(6.0, abs=1e-3) and step.after_value == pytest.approx(9.005, abs=1e-3)
-    assert step.before_std == pytest.approx(np.sqrt(1e-4 / 3 + COMMON), rel=1e-6)
+    """Levels are means of the sizes on either side; what all sizes share, and little scatter, widen them."""
+    found = course([6.0, 6.01, 5.99, 9.0, 9.01, 8.99], 1e-4 * np.eye(6) + COMMON)
+    step = found.step
+    assert found.changed > 0.99 and step is not None and step.after == 2 and step.probability > 0.99
+    assert step.before_value == pytest.approx(6.0, abs=3e-3) and step.after_value == pytest.approx(9.0, abs=3e-3)
+    least = np.sqrt(1e-4 / 3 + COMMON)
+    assert least < step.before_std < 2.0 * least and least < step.after_std < 2.0 * least
 
 
-def test_a_drift_within_the_deviations_names_no_place() -> None:
-    """Of sizes that rise evenly by less than they are known to, no place is certain."""
-    assert step_of(np.linspace(6.0, 6.1, 6), 0.01 * np.eye(6)).probability < 0.5
+def test_the_posterior_of_a_step_of_two_sizes_is_that_of_the_integrals() -> None:
+    """By adaptive quadrature over level and scatter, for two sizes of 6.0 and 6.5 ± 0.1 Nm, none wrong."""
+    x, s, R = np.array([6.0, 6.5]), 0.1, 6.5
+
+    def evidence(t: float) -> tuple[float, float]:
+        v = s**2 + t**2 * (s**2 + (SCATTER * R) ** 2)
+        same = multivariate_normal(np.zeros(2), v * np.eye(2) + R**2).pdf(x)
+        return float(same), float(np.prod(norm(0.0, np.sqrt(v + R**2)).pdf(x)))
+
+    same, apart = (quad(lambda t, k=k: np.exp(-t) * evidence(t)[k], 0.0, 60.0)[0] for k in (0, 1))
+    expected = STEP / N * apart / (same + STEP / N * apart)
+    assert course(x, s**2 * np.eye(2), wrong=1e-12).changed == pytest.approx(expected, rel=0.02)
+
+
+def test_scatter_is_no_change_and_a_step_beyond_it_is() -> None:
+    """Of 1000 recordings in histories of ten, scattered as the prior states, at most 1 in 200 has a false change."""
+    rng = np.random.default_rng(0)
+    t = rng.exponential(1.0, (100, 1))
+    stds = np.sqrt(0.02**2 + t**2 * (0.02**2 + (SCATTER * 6.0) ** 2))
+    sizes = 6.0 + stds * rng.standard_normal((100, 10))
+    assert sum(course(one, 4e-4 * np.eye(10)).step is not None for one in sizes) <= 5
+    sizes[:, 6:] += 12.0 * stds
+    told = [course(one, 4e-4 * np.eye(10)).step for one in sizes[:50]]
+    assert sum(step is not None and step.after == 5 for step in told) >= 48
+
+
+def test_a_drift_within_the_deviations_and_two_sizes_of_an_unknown_arm_are_no_change() -> None:
+    """A size that holds a part of what is unknown may be wrong; sizes that agree again and again are not all wrong."""
+    assert course(np.linspace(6.0, 6.1, 6), 0.01 * np.eye(6)).changed < 0.01
+    assert course([6.0, 9.0], 4e-4 * np.eye(2), UNSURE).changed < 0.05
+    assert course([6.0] * 6 + [9.0] * 6, 4e-4 * np.eye(12), UNSURE).changed > 0.99
+    assert course([6.0] * 6 + [9.0] + [6.0] * 5, 4e-4 * np.eye(12)).changed < 0.01
 
 
 def test_friction_that_rises_is_a_change_and_other_friction_is_none(tmp_path: Path) -> None:
@@ -59,6 +102,8 @@ def test_friction_that_rises_is_a_change_and_other_friction_is_none(tmp_path: Pa
     assert told["step"]["between"] == ["day_0", "day_1"] and told["unit"] == "Nm"
     page = write_history_report(tmp_path / "report.html", whole, found, ("2026-03-03 06:00:00",) * 2).read_text()
     assert "coulomb friction of joint_2 rose from" in page and page.count("<svg") == len(found)
+    again = from_dict(pickle.loads(pickle.dumps(whole.to_dict())), tmp_path, Catalogue.default())  # between processes
+    assert [c.effect for c in again.causes] == [c.effect for c in whole.causes] and again.causes
     with pytest.raises(DiagnosisError, match="two recordings"):
         courses(replace(whole, identify=("day_0",)))
 
@@ -78,16 +123,8 @@ def test_a_payload_that_is_picked_up_and_kept_is_a_change_between_parts_of_a_rec
     assert found.sized.values == pytest.approx([0.0, 2.0], abs=0.02)
 
 
-def test_sizes_of_single_recordings_differ_by_more_than_their_deviations() -> None:
-    """Noise of ten recordings is no change in a hundred histories; a step of ten deviations is."""
-    noise = np.random.default_rng(0).normal(6.0, 0.01, (100, 10))
-    assert max(changed_of_each(values, np.full(10, 1e-4)) for values in noise) < 0.5
-    noise[:, 7:] += 0.1
-    assert min(changed_of_each(values, np.full(10, 1e-4)) for values in noise) > 0.99
-
-
 def test_a_cause_that_appears_for_good_is_a_change_and_one_that_may_hide_is_none() -> None:
-    """2 kg from the third recording on; 0.3 kg that the first cannot tell; one now and then; nothing from `unknown`."""
+    """2 kg from the third recording on; 0.3 kg that the first cannot tell; one now and then; less from `unknown`."""
 
     def courses_of(*masses: float | None, std: float, verdict: str = "explained", shown: int = 1) -> tuple[Course, ...]:
         sizes = ({"mass": ParameterEstimate(mass, std, "kg")} if mass else None for mass in masses)
@@ -98,13 +135,13 @@ def test_a_cause_that_appears_for_good_is_a_change_and_one_that_may_hide_is_none
 
     (payload,) = courses_of(None, None, 2.0, 2.0, std=0.01)
     assert payload.changed > 0.99 and payload.step is not None and payload.step.until == 2
-    assert payload.step.before_value == pytest.approx(0.0, abs=1e-6)
+    assert payload.step.before_value == pytest.approx(0.0, abs=1e-3)
     (hidden,) = courses_of(None, None, 0.3, 0.3, std=0.1)
     (now_and_then,) = courses_of(2.0, None, 2.0, None, 2.0, std=0.01)
     assert hidden.changed < 0.5 and now_and_then.changed < 0.5
     (alone,) = courses_of(None, None, 2.0, 2.0, std=0.01, verdict="unknown")
     (doubtful,) = courses_of(1.0, 1.0, 2.0, 2.0, std=0.01, verdict="unknown", shown=0)
-    assert alone.changed < 0.5 and doubtful.changed < 0.5
+    assert doubtful.changed < 0.5 and doubtful.changed < alone.changed < payload.changed
 
 
 def test_a_folder_without_bags_is_refused(tmp_path: Path) -> None:

@@ -19,10 +19,9 @@ HARMONICS, RATE = 120, 20.0  # of one place, and Hz: 4 octaves and more
 
 def bands(places: int = 2) -> Bands:
     """Return the bands of a whitened record of some places."""
-    record = SimpleNamespace(size=2 * HARMONICS, samples=2 * HARMONICS)
     data: Any = SimpleNamespace(
-        harmonics=[record],
-        band=SimpleNamespace(kept_rate=RATE),
+        frequencies=np.repeat(np.arange(HARMONICS) * RATE / (2 * HARMONICS), 2),
+        of_stretches=lambda values: np.repeat(values, 2 * HARMONICS),
         layout=SimpleNamespace(rows=places),
         shares=lambda: [np.ones((1, places))],
     )

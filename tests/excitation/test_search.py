@@ -6,7 +6,6 @@ import os
 import signal
 import threading
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -26,7 +25,6 @@ from elastic_arm.excitation import (
 )
 from elastic_arm.excitation.criteria import distinct_columns, elastic_motion
 from elastic_arm.identification.base_regression import BaseRegression
-from elastic_arm.report import excitation as figures
 from elastic_arm.robot import Robot, load_robot
 from tests.helpers.motions import trajectory
 from tests.helpers.random_arms import random_arm
@@ -284,18 +282,3 @@ def test_an_interrupt_is_heeded_in_whatever_thread_it_comes(
             time.sleep(5.0)
     finally:
         signal.signal(signal.SIGINT, before)
-
-
-# --- figures
-
-
-def test_figures_are_drawn(found: ExcitationResult, limits: MotionLimits, arm: Robot, tmp_path: Path) -> None:
-    """Every figure of an excitation can be drawn and saved."""
-    for name, figure in {
-        "course": figures.search_course(found),
-        "random": figures.condition_against_random(found),
-        "motion": figures.joint_motion(found.trajectory, limits),
-        "path": figures.tip_path(found.trajectory, arm, limits.workspace),
-    }.items():
-        figure.savefig(tmp_path / f"{name}.svg")
-        assert (tmp_path / f"{name}.svg").stat().st_size > 5000

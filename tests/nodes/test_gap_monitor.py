@@ -12,14 +12,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from elastic_arm_msgs.msg import GapDiagnosis, GapResidual
+from elastic_arm_msgs.msg import GapDiagnosis
 from std_srvs.srv import SetBool, Trigger
 
+from elastic_arm import SimulationSettings, load_robot, simulate, write_recording
 from elastic_arm.diagnosis.estimates import ParameterEstimate
-from elastic_arm.diagnosis.live import ResidualLevels
-from elastic_arm.diagnosis.result import ResidualSizes
 from elastic_arm.excitation import FourierTrajectory
-from elastic_arm.nodes.support.gap_messages import diagnosis_message, in_words, residual_messages
+from elastic_arm.nodes.support.gap_messages import diagnosis_message, in_words
 from elastic_arm.nodes.support.worker_process import Answer, WorkerProcess
 from tests.helpers.questions import halving
 from tests.helpers.ros_graph import Graph
@@ -176,27 +175,24 @@ def test_a_vector_has_its_components() -> None:
     assert list(position.std) == [0.01, 0.02, 0.03]
 
 
-def test_residuals_between_diagnoses_are_plain_numbers() -> None:
-    """One message a joint and side, with its noise and its size before any cause."""
-    place = ("joint_1", "motor")
-    messages = residual_messages(ResidualLevels(ResidualSizes({place: 3.0}, {place: 5.0}), {place: 0.3}))
-    assert list(messages) == [place]
-    message = messages[place]
-    assert (message.joint, message.side, message.noise, message.rmse_before) == ("joint_1", "motor", 0.3, 3.0)
-    assert math.isnan(message.rmse_after)
-
-
 # The node
+
+
+EFFECT = f"coulomb_friction:joint_2:torque={TORQUE}"
+
+
+def swinging() -> FourierTrajectory:
+    """Return a motion of 20 s that shows friction."""
+    a, b = np.random.default_rng(5).normal(0.0, 0.3, (2, 3, 5))
+    return FourierTrajectory(2 * np.pi / 20.0, a, b, np.zeros(3), 20.0, 0.5, ("joint_1", "joint_2", "joint_3"))
 
 
 def start_arm(graph: Graph) -> None:
     """Start an arm that has more friction than its model and moves on and on."""
-    a, b = np.random.default_rng(5).normal(0.0, 0.3, (2, 3, 5))
-    motion = FourierTrajectory(2 * np.pi / 20.0, a, b, np.zeros(3), 20.0, 0.5, ("joint_1", "joint_2", "joint_3"))
-    motion.save(graph.folder / "trajectory.yaml")
+    swinging().save(graph.folder / "trajectory.yaml")
     graph.start(
         "simulator",
-        effects=f"['coulomb_friction:joint_2:torque={TORQUE}']",
+        effects=f"['{EFFECT}']",
         real_time_factor=0.8,
         initial_position="[0.0]",
     )
@@ -205,12 +201,11 @@ def start_arm(graph: Graph) -> None:
 
 @pytest.mark.graph
 def test_the_friction_of_a_moving_arm_is_named(graph: Graph) -> None:
-    """While the arm moves, /gap names effect, joint and size, residuals come in between, and losses are counted aloud.
+    """While the arm moves, /gap names effect, joint and size, and losses are counted aloud.
 
     That none are lost is for `bench_live` to show: a machine that tests share may starve any subscriber.
     """
     found = graph.listen(GapDiagnosis, "/gap")
-    sizes = graph.listen(GapResidual, "/gap_monitor/residuals/joint_2/motor")
     status = graph.status("gap_monitor")
     window = 8.0
     monitor = graph.start("gap_monitor", window=window, period=5.0, save_to=graph.folder / "diagnosis")
@@ -231,9 +226,6 @@ def test_the_friction_of_a_moving_arm_is_named(graph: Graph) -> None:
     assert graph.call(Trigger, "/gap_monitor/save", Trigger.Request()).success
     saved = json.loads((graph.folder / "diagnosis" / "diagnosis.json").read_text())
     assert (saved["schema"], saved["model"]) == (found[0].schema, found[0].model)
-    count = len(sizes)
-    graph.until(lambda: len(sizes) > count + 1, "residuals after the diagnosis")
-    assert sizes[-1].rmse_before == pytest.approx(TORQUE, rel=0.3)
     assert graph.call(SetBool, "/gap_monitor/pause", SetBool.Request(data=True)).success
     graph.until(lambda: "paused" in status["said"], "the pause is reported")
     assert {status[f"samples {loss}"] for loss in ("late", "repeated")} == {"0"}
@@ -242,6 +234,19 @@ def test_the_friction_of_a_moving_arm_is_named(graph: Graph) -> None:
     graph.until(lambda: status["seconds kept"] == "0", "all is forgotten")
     assert monitor.stop() == 0, monitor.output
     assert "Traceback" not in monitor.output
+
+
+@pytest.mark.graph
+def test_a_replay_shorter_than_the_window_is_diagnosed_at_its_end(graph: Graph) -> None:
+    """12 s of samples for a window of 15 s: when no more come, what came is diagnosed, once."""
+    settings, rng = SimulationSettings(effects=[EFFECT]), np.random.default_rng(1)
+    write_recording(graph.folder / "short", simulate(load_robot(), swinging(), settings, duration=12.0, rng=rng))
+    found = graph.listen(GapDiagnosis, "/gap")
+    graph.start("gap_monitor")
+    graph.start("replayer", bag=graph.folder / "short", rate=3.0)
+    graph.until(lambda: found, "the bag is diagnosed", patience=120)
+    (cause,) = [c for c in found[0].causes if c.effect == "coulomb_friction"]
+    assert (cause.joint, cause.parameters[0].value[0]) == ("joint_2", pytest.approx(TORQUE, rel=0.05))
 
 
 @pytest.mark.graph

@@ -1,8 +1,6 @@
-"""The clock of a replay: due times, pauses, other speeds, steps and jumps; and definitions of installed types."""
+"""The clock of a replay: due times and other speeds; and definitions of installed types."""
 
 from __future__ import annotations
-
-from collections.abc import Iterator
 
 import pytest
 
@@ -17,11 +15,7 @@ SECOND = 1_000_000_000
 
 def playback() -> Playback:
     """Ten messages a second apart, from 100 s on."""
-
-    def read() -> Iterator[Message]:
-        return iter([Message((100 + k) * SECOND, 0, "/a", "", bytes([k])) for k in range(10)])
-
-    return Playback(read)
+    return Playback(iter([Message((100 + k) * SECOND, 0, "/a", "", bytes([k])) for k in range(10)]))
 
 
 def test_messages_are_due_in_the_rhythm_of_their_recording() -> None:
@@ -32,30 +26,6 @@ def test_messages_are_due_in_the_rhythm_of_their_recording() -> None:
     assert bag.wait(5.25, 1.0) == pytest.approx(0.75)
     assert bag.wait(5.25, 2.0) == pytest.approx(0.375)
     assert bag.wait(5.625, 2.0) == pytest.approx(0.0)
-
-
-def test_a_pause_costs_the_bag_no_time() -> None:
-    """While the clock stands still nothing becomes due; steps set it to the message that was played."""
-    bag = playback()
-    bag.wait(0.0, 1.0)
-    bag.take()
-    assert bag.wait(0.5, 1.0) == pytest.approx(0.5)
-    bag.paused = True
-    assert bag.wait(10.0, 1.0) == pytest.approx(0.5)
-    assert bag.take().data == b"\x01"
-    bag.paused = False
-    assert bag.wait(10.0, 1.0) == pytest.approx(1.0)
-
-
-def test_a_jump_goes_to_the_first_message_from_there_on() -> None:
-    """What is passed over is returned; behind the end there is nothing."""
-    bag = playback()
-    passed = bag.seek(103 * SECOND + 1)
-    assert [message.data for message in passed] == [b"\x00", b"\x01", b"\x02", b"\x03"]
-    assert bag.next.data == b"\x04"
-    assert bag.wait(7.0, 1.0) == pytest.approx(1.0)
-    bag.seek(200 * SECOND)
-    assert bag.next is None
 
 
 @pytest.mark.parametrize("type_name", ["control_msgs/msg/JointTolerance", "trajectory_msgs/msg/JointTrajectory"])

@@ -13,7 +13,6 @@ import pytest
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording import read_recording, write_recording
 from elastic_arm.recording.inspection.check import check_bag
-from elastic_arm.recording.inspection.info import bag_info
 from elastic_arm.recording.inspection.repair import repair_bag
 from elastic_arm.recording.storage.messages import read_messages
 from elastic_arm.recording.stream_writer import StreamWriter
@@ -104,23 +103,3 @@ def test_an_unwritable_folder_is_refused(tmp_path: Path, rng: np.random.Generato
     for write in (lambda p: write_recording(p, two_sided(rng, 20)), StreamWriter):
         with pytest.raises(RecordingError, match=r"file/bag.* cannot be written: Not a directory"):
             write(tmp_path / "file" / "bag")
-
-
-@pytest.mark.parametrize("limit", [{"max_seconds": 0.5}, {"max_bytes": 3000}])
-def test_a_long_recording_is_split_into_files(tmp_path: Path, limit: dict[str, float]) -> None:
-    """By size or length another file begins; the bag holds all of them, and every message once and in order."""
-    with StreamWriter(tmp_path / "bag", "none", **limit) as writer:  # type: ignore[arg-type]
-        writer.add_topic("/text", "std_msgs/msg/String")
-        for k in range(100):
-            data = serialized(k)
-            writer.write("/text", data, k * 20_000_000)
-    files = sorted(path.name for path in (tmp_path / "bag").glob("*.mcap"))
-    assert len(files) >= 3
-    assert files == [f"bag_{k}.mcap" for k in range(len(files))]
-    assert [message.data for message in read_messages(tmp_path / "bag")] == [serialized(k) for k in range(100)]
-    assert bag_info(tmp_path / "bag").messages == 100
-
-
-def serialized(number: int) -> bytes:
-    """A text message of sixty letters, as CDR."""
-    return b"\x00\x01\x00\x00" + (61).to_bytes(4, "little") + f"{number:060d}".encode() + b"\x00"

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pinocchio
 import pytest
 import yaml
 from mcap.reader import make_reader
@@ -14,7 +15,9 @@ from rosbags.highlevel import AnyReader
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording import Recording, Side, message_types, read_recording, write_recording
 from elastic_arm.recording.stream_writer import StreamWriter
+from elastic_arm.robot import Robot
 from tests.helpers.bags import JOINT_STATE, JOINTS, assert_equal, side, stamps, two_sided
+from tests.helpers.random_arms import random_arm
 
 COMPRESSIONS = ("none", "lz4", "zstd")
 
@@ -81,6 +84,37 @@ def test_mcap_library_reads_the_same_numbers(tmp_path: Path, rng: np.random.Gene
             assert channel.metadata["topic_type_hash"].startswith("RIHS01_")
             positions.append(decoded.position)
     np.testing.assert_array_equal(positions, recording.motor.position)
+
+
+def test_transforms_move_the_links_of_the_urdf_beside_them(tmp_path: Path, rng: np.random.Generator) -> None:
+    """What viewers draw: at every stamp of /tf Pinocchio puts the links of /robot_description at the same places."""
+    robot = random_arm(6, rng, prismatic={3})
+    q = rng.uniform(-2.0, 2.0, (100, 6))
+    at = 10_000_000 * np.arange(1, 101)  # 100 Hz, of which half is drawn
+    folder = write_recording(tmp_path / "bag", Recording(robot.joint_names, Side(at, q)), drawn=robot)
+    reader = make_reader((folder / "bag_0.mcap").open("rb"), decoder_factories=[DecoderFactory()])
+    messages = [m for *_, m in reader.iter_decoded_messages(topics=["/tf"])]
+    model = pinocchio.buildModelFromXML(read_recording(folder).robot_description)
+    data = model.createData()
+    assert len(messages) == 50
+    for k, message in enumerate(messages):
+        pinocchio.framesForwardKinematics(model, data, pinocchio_angles(model, robot, q[2 * k]))
+        seen = {"world": np.eye(4)}
+        for each in message.transforms:
+            t, r = each.transform.translation, each.transform.rotation
+            inside = pinocchio.XYZQUATToSE3(np.array([t.x, t.y, t.z, r.x, r.y, r.z, r.w])).homogeneous
+            seen[each.child_frame_id] = seen[each.header.frame_id] @ inside
+            assert each.header.stamp.nanosec == at[2 * k] % 1_000_000_000
+            frame = data.oMf[model.getFrameId(each.child_frame_id)].homogeneous
+            np.testing.assert_allclose(seen[each.child_frame_id], frame, atol=1e-9)
+        assert set(robot.link_names) <= set(seen)
+
+
+def pinocchio_angles(model: pinocchio.Model, robot: Robot, q: np.ndarray) -> np.ndarray:
+    """Return angles as Pinocchio takes them: cosine and sine of joints without limits."""
+    values = dict(zip(robot.joint_names, q, strict=True))
+    each = ((values[name], joint.nq) for name, joint in zip(model.names[1:], model.joints[1:], strict=True))
+    return np.concatenate([[v] if nq == 1 else [np.cos(v), np.sin(v)] for v, nq in each])
 
 
 def test_metadata_is_what_rosbag2_of_jazzy_writes(tmp_path: Path, rng: np.random.Generator) -> None:

@@ -1,6 +1,6 @@
 """`~/follow_joint_trajectory`: the action by which MoveIt and other clients of joint_trajectory_controller move an arm.
 
-Tolerances, defaults (parameters `constraints.*`) and outcomes are those of joint_trajectory_controller.
+Tolerances, their defaults and outcomes are those of joint_trajectory_controller.
 """
 
 from __future__ import annotations
@@ -24,19 +24,14 @@ from elastic_arm.errors import GraphError
 from elastic_arm.nodes.following.follower import Follower
 from elastic_arm.nodes.following.goals import Goal
 from elastic_arm.nodes.following.splines import Row
-from elastic_arm.nodes.support.parameters import Setting, declared
 from elastic_arm.nodes.support.wire import NANOSECONDS
 
 Result = FollowJointTrajectory.Result
 NAME = "~/follow_joint_trajectory"
 # Between two messages of feedback, in the arm's time.
 FEEDBACK_NS = NANOSECONDS // 20
-PARAMETERS = {
-    "constraints.trajectory": Setting(0.0, "Largest error on the way, rad; 0: any"),
-    "constraints.goal": Setting(0.0, "Largest error at the end, rad; 0: any"),
-    "constraints.goal_time": Setting(0.0, "How late a goal may be reached, s; 0: any time"),
-    "constraints.stopped_velocity_tolerance": Setting(0.01, "At the end, rad/s; 0: any"),
-}
+# At the end of a goal, rad/s, where its request states none: joint_trajectory_controller's default.
+STOPPED = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,16 +42,14 @@ class Tolerances:
     velocity: Array
 
     @classmethod
-    def of(
-        cls, stated: Sequence[JointTolerance], joints: Sequence[str], position: float = 0.0, velocity: float = 0.0
-    ) -> Tolerances:
+    def of(cls, stated: Sequence[JointTolerance], joints: Sequence[str], velocity: float = 0.0) -> Tolerances:
         """Take the tolerances of a request: 0 stands for the default there, and less for no limit.
 
         joints: of the arm, (n,).
 
         Raises a GraphError if one names another joint.
         """
-        values = {"position": np.full(len(joints), position), "velocity": np.full(len(joints), velocity)}
+        values = {"position": np.zeros(len(joints)), "velocity": np.full(len(joints), velocity)}
         for tolerance in stated:
             if tolerance.name not in joints:
                 raise GraphError(f"has a tolerance for {tolerance.name!r}", f"There are {', '.join(joints)}.")
@@ -95,7 +88,6 @@ class TrajectoryAction:
 
     def __init__(self, node: Node, follower: Callable[[], Follower]) -> None:
         self._follower = follower
-        self._allowed = declared(node, PARAMETERS)
         self._active: _Active | None = None
         self._log = node.get_logger()
         self._server = ActionServer(
@@ -159,12 +151,10 @@ class TrajectoryAction:
         request, follower = handle.request, self._follower()
         if request.multi_dof_trajectory.points:
             raise GraphError("moves joints of several degrees of freedom", "This arm has none.")
-        allowed, joints = self._allowed, follower.joints
-        path = Tolerances.of(request.path_tolerance, joints, allowed.constraints_trajectory)
-        stopped = allowed.constraints_stopped_velocity_tolerance
-        end = Tolerances.of(request.goal_tolerance, joints, allowed.constraints_goal, stopped)
+        path = Tolerances.of(request.path_tolerance, follower.joints)
+        end = Tolerances.of(request.goal_tolerance, follower.joints, STOPPED)
         seconds = request.goal_time_tolerance.sec + request.goal_time_tolerance.nanosec / NANOSECONDS
-        patience = round((seconds or allowed.constraints_goal_time) * NANOSECONDS)
+        patience = round(seconds * NANOSECONDS)
         return _Active(handle, follower.go_to(request.trajectory), path, end, patience, Future())
 
     def _end(self, code: int, words: str, state: Callable[[], None] | None = None) -> None:

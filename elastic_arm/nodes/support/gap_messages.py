@@ -9,7 +9,6 @@ from typing import Any
 from elastic_arm_msgs.msg import GapAlternative, GapCause, GapChange, GapDiagnosis, GapParameter, GapPlace, GapResidual
 from std_msgs.msg import Header
 
-from elastic_arm.diagnosis.live import ResidualLevels
 from elastic_arm.estimation.equations import SIDES
 
 
@@ -25,22 +24,6 @@ def diagnosis_message(found: Mapping[str, Any]) -> GapDiagnosis:
         changes=[_change(change) for change in found["changes"]],
         trust_probability=[_number(p) for p in found["trust"].values()],
     )
-
-
-def residual_messages(where: ResidualLevels) -> dict[tuple[str, str], GapResidual]:
-    """Return sizes measured between diagnoses, one message a joint and side; nothing is known of any causes."""
-    return {
-        (joint, side): GapResidual(
-            joint=joint,
-            side=side,
-            noise=where.noise[joint, side],
-            rmse_before=rmse,
-            max_before=where.size.peak[joint, side],
-            rmse_after=math.nan,
-            max_after=math.nan,
-        )
-        for (joint, side), rmse in where.size.rmse.items()
-    }
 
 
 def in_words(found: Mapping[str, Any]) -> str:

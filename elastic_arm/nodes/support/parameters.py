@@ -37,12 +37,11 @@ ROBOT = Setting("", "Nominal arm: file (YAML) or URDF; empty: the arm of the pac
 MODEL = Setting("mod3", "What the arm is taken to be", choices=("mod1", "mod2", "mod3"))
 CHANNELS = Setting("", "Channel map (YAML) of a driver's joint states: names, units")
 SIDES = Setting("both", "What the arm measures", choices=("both", "link", "motor"))
-AUTOSTART = Setting(True, "Configure and activate the node at once; false: wait for the transitions")
 
 
 def declared(node: Node, table: Mapping[str, Setting]) -> SimpleNamespace:
-    """Declare the parameters of a table, and return their values by name; a dot in a name becomes `_`."""
-    return SimpleNamespace(**{name.replace(".", "_"): _declare(node, name, row) for name, row in table.items()})
+    """Declare the parameters of a table, and return their values by name."""
+    return SimpleNamespace(**{name: _declare(node, name, row) for name, row in table.items()})
 
 
 def _declare(node: Node, name: str, row: Setting) -> Any:

@@ -127,11 +127,6 @@ class McapSink:
             )
         )
 
-    @property
-    def size(self) -> int:
-        """Bytes written so far."""
-        return self._end
-
     def summary(self) -> FileSummary:
         """Return what was written so far."""
         return FileSummary(

@@ -98,33 +98,24 @@ def offered_qos(topic: str) -> str:
     return yaml.safe_dump([profile], sort_keys=False)
 
 
-def metadata(topics: Sequence[Topic], files: Sequence[FileSummary], currents: Sequence[str] = ()) -> dict[str, Any]:
+def metadata(topics: Sequence[Topic], file: FileSummary, currents: Sequence[str] = ()) -> dict[str, Any]:
     """Return the content of metadata.yaml under its one key."""
-    filled = [file for file in files if file.messages]
-    start = min((file.start_ns for file in filled), default=0)
-    end = max((file.end_ns for file in filled), default=0)
+    span = {
+        "starting_time": {"nanoseconds_since_epoch": file.start_ns},
+        "duration": {"nanoseconds": file.end_ns - file.start_ns},
+        "message_count": file.messages,
+    }
     return {
         "version": 9,  # of Jazzy's rosbag2
         "storage_identifier": "mcap",
-        "duration": {"nanoseconds": end - start},
-        "starting_time": {"nanoseconds_since_epoch": start},
-        "message_count": sum(file.messages for file in files),
+        **span,
         "topics_with_message_count": [
-            {"topic_metadata": _topic(topic), "message_count": sum(file.counts.get(topic.name, 0) for file in files)}
-            for topic in topics
+            {"topic_metadata": _topic(topic), "message_count": file.counts.get(topic.name, 0)} for topic in topics
         ],
         "compression_format": "",
         "compression_mode": "",
-        "relative_file_paths": [file.name for file in files],
-        "files": [
-            {
-                "path": file.name,
-                "starting_time": {"nanoseconds_since_epoch": file.start_ns},
-                "duration": {"nanoseconds": file.end_ns - file.start_ns},
-                "message_count": file.messages,
-            }
-            for file in files
-        ],
+        "relative_file_paths": [file.name],
+        "files": [{"path": file.name, **span}],
         "custom_data": {_CURRENTS: " ".join(currents)} if currents else None,
         "ros_distro": "jazzy",
     }
