@@ -92,8 +92,8 @@ def _turnovers(joint: Joint, turning: float, std: float, sides: Sequence[str]) -
     width = max(turning, TURNING)
     for side in ("link", "motor") if apart else ("motor",):
         for k, (shares, early) in enumerate(WIDTHS):
-            speeds = tuple(share * width for share in shares)
-            yield Number(f"{PRESLIDING}_{side}_{k}", joint.name, joint.unit("Nm"), std, 0.0, speeds=speeds, early=early, side=side)
+            speeds, unit = tuple(share * width for share in shares), joint.unit("Nm")
+            yield Number(f"{PRESLIDING}_{side}_{k}", joint.name, unit, std, 0.0, speeds=speeds, early=early, side=side)
 
 
 def _motor_inertias(pieces: Sequence[Motion]) -> Array | None:
