@@ -347,7 +347,7 @@ def test_servo_arms_are_drawn_answered_and_scored(tmp_path: Path) -> None:
 
 @pytest.mark.slow(12)
 def test_a_history_is_recorded_and_its_change_told_where_it_happened(tmp_path: Path) -> None:
-    """Of three bags those from one on have more friction; a change told at another bag is a false one."""
+    """Of three bags those from one on have more friction; a change that is sure at another is a false one."""
     settings = campaign.ChallengeSettings(
         seed=1, effects=("coulomb_friction",), clean=0, pairs=0, seconds=(8.0,) * 3, level="history"
     )
@@ -358,8 +358,8 @@ def test_a_history_is_recorded_and_its_change_told_where_it_happened(tmp_path: P
     assert line["effect_right"] and not line["accused"]
     (path,) = (tmp_path / campaign.ANSWERS).iterdir()
     answer = json.loads(path.read_text())
-    answer["causes"][0]["recording"] += 1
-    path.write_text(json.dumps(answer))
+    cause = answer["causes"][0]
+    path.write_text(json.dumps(answer | {"causes": [cause | {"recording": cause["recording"] + 1, "confidence": 0.99}]}))
     (line,) = score(tmp_path)["items"]
     assert not line["effect_right"] and line["accused"]
 
