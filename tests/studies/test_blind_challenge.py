@@ -358,8 +358,9 @@ def test_a_history_is_recorded_and_its_change_told_where_it_happened(tmp_path: P
     assert line["effect_right"] and not line["accused"]
     (path,) = (tmp_path / campaign.ANSWERS).iterdir()
     answer = json.loads(path.read_text())
-    cause = answer["causes"][0]
-    path.write_text(json.dumps(answer | {"causes": [cause | {"recording": cause["recording"] + 1, "confidence": 0.99}]}))
+    (cause,) = answer["causes"]
+    elsewhere = cause | {"recording": cause["recording"] + 1, "confidence": 0.99}
+    path.write_text(json.dumps(answer | {"causes": [elsewhere]}))
     (line,) = score(tmp_path)["items"]
     assert not line["effect_right"] and line["accused"]
 
