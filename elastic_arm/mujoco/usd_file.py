@@ -195,7 +195,7 @@ def _turned(rotation: Array) -> Any:
     """Return the rotation of a rotation, or of a placement, as a quaternion of USD."""
     from pxr import Gf
 
-    x, y, z, w = Rotation.from_matrix(rotation[:3, :3]).as_quat().tolist()
+    x, y, z, w = Rotation.from_matrix(rotation[:3, :3].copy()).as_quat().tolist()  # as in recording/writing.py
     return Gf.Quatf(w, x, y, z)
 
 

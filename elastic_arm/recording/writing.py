@@ -197,7 +197,7 @@ def _transforms(robot: Robot, recording: Recording) -> list[Stream]:
     stamped, values = [], {}
     for k, (parent, child, placement) in enumerate(frames):
         stamped.append(types["geometry_msgs/msg/TransformStamped"](_header(parent), child, still))
-        turn = Rotation.from_matrix(placement[:, :3, :3]).as_quat()
+        turn = Rotation.from_matrix(placement[:, :3, :3].copy()).as_quat()  # older SciPy takes no read-only arrays
         # The seven numbers of a transform lie side by side.
         values[f"transforms.{k}.transform.translation.x"] = np.concatenate([placement[:, :3, 3], turn], axis=1)
     return [Stream(TRANSFORMS, seen.stamp_ns, _message(type_of(TRANSFORMS), transforms=stamped), values)]
