@@ -179,7 +179,7 @@ def _moved(motion: FourierTrajectory, limits: MotionLimits, rng: np.random.Gener
 def _ambiguous_pairs(context: DiagnosisContext, causes: Sequence[Cause]) -> list[AmbiguousPair]:
     """Return causes and alternatives, most probable alternatives first."""
     best = context.explanation.best
-    own = {(t.key[0], t.key[1]): _competing(best, t) for t in best.optional if t.kind != "law"}
+    own = {(t.key[0], t.key[1]): _competing(best, t) for t in best.optional if t.feature is not None}
     found: list[tuple[float, AmbiguousPair]] = []
     for cause in causes:
         name = (cause.effect, cause.joint)

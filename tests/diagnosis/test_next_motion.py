@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from elastic_arm.diagnosis import Question, diagnose, follow_up
-from elastic_arm.diagnosis.next_motion import DECISIVE, RATE, propose
+from elastic_arm.diagnosis.next_motion import DECISIVE, RATE, _ambiguous_pairs, propose
 from elastic_arm.diagnosis.predicted_experiment import ExperimentConditions, PredictedExperiment
 from elastic_arm.diagnosis.result import SEPARATING, Diagnosis
 from elastic_arm.effects import EFFECTS
+from elastic_arm.evidence.changes import change_of
 from elastic_arm.excitation import load_trajectory
 from elastic_arm.recording import Recording
 from tests.helpers.gap_recordings import LIMITS, MODEL, ROBOT, gentle, motions, record
@@ -92,3 +93,15 @@ def test_without_doubt_nothing_is_proposed(doubtful: Diagnosis) -> None:
     assert doubtful.context is not None
     alone = [replace(cause, alternatives=()) for cause in doubtful.causes]
     assert propose(doubtful.context, alone, rng=np.random.default_rng(0)) is None
+
+
+def test_changes_between_recordings_are_no_rivals_of_causes(doubtful: Diagnosis) -> None:
+    """A set that holds a change beside its effects gets the same motion: a change is nowhere to be simulated."""
+    context = doubtful.context
+    assert context is not None
+    explanation = context.explanation
+    changed = [change_of(explanation.linear, t) for t in explanation.best.optional if t.linear]
+    assert changed
+    best = replace(explanation.best, terms=(*explanation.best.terms, *changed))
+    beside = replace(context, explanation=replace(explanation, best=best))
+    assert len(_ambiguous_pairs(beside, doubtful.causes)) == len(_ambiguous_pairs(context, doubtful.causes)) > 0
