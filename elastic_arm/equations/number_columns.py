@@ -237,7 +237,7 @@ def _drive_entries(
         if parameter.speeds is not None:
             of_motor = elastic and parameter.side == "motor"
             w = (motion.dtheta if of_motor else motion.dq)[:, j]
-            found.append((2 * n + j if of_motor else j, k, _turnover(w, motion.t, parameter.speeds, parameter.early)))
+            found.append((2 * n + j if of_motor else j, k, _turnover(w, motion.t, parameter.speeds)))
         elif parameter.what == "stiffness" and gear is not None:
             found.append((n + j, k, clear[:, j]))
         elif parameter.what == "damping" and gear is not None:
@@ -302,15 +302,12 @@ def _wound(model: Model, part: Part, acting: Sequence[ActingEffect]) -> Array:
     return load
 
 
-def _turnover(w: Array, t: Array, speeds: Sequence[float], early: float) -> Array:
+def _turnover(w: Array, t: Array, speeds: Sequence[float]) -> Array:
     """Return how dry friction of 1 Nm may turn over (N,) beside the sign of a velocity w (N,).
 
     Between two widths of the sign function; or, of a single width, all of it early or late. Dry friction makes the
-    acceleration jump, and the smoothed velocity crosses zero as much later as the jump exceeds the acceleration. What
-    brakes by v + tau dv, as MuJoCo does, is early by the same time tau whatever the acceleration.
+    acceleration jump, and the smoothed velocity crosses zero as much later as the jump exceeds the acceleration.
     """
-    if early:
-        return np.asarray(early * np.gradient(np.tanh(w / speeds[0]), t))
     if len(speeds) == 2:
         return np.asarray(np.tanh(w / speeds[1]) - np.tanh(w / speeds[0]))
     return np.asarray(np.sign(np.gradient(w, t)) * (1.0 - np.tanh(w / speeds[0]) ** 2))

@@ -26,9 +26,8 @@ class Number:
     error: Feature | None = None  # the effect of a number of the arm that is off; None where the catalogue has none
     limit: float = np.inf  # largest deviation about which the model is made, in standard deviations of the prior
     # of presliding alone: widths, rad/s, of the two sign functions between which friction turns over, or the width
-    # within which it does so early or late, by a time `early` (s) where that is not null
+    # within which it does so early or late
     speeds: tuple[float, ...] | None = None
-    early: float = 0.0
     side: str = ""  # of presliding alone: "link" or "motor", on which friction turns over
     # number of the recording in which alone it acts: by how much a zero is another one there than in the first; None
     # of what is the same in all

@@ -21,10 +21,9 @@ LEAST_SCALE = 1e-9  # numerical; of roots of sums of squares of torques and acce
 # which the model is made; numerical.
 LARGEST_SCALE, LARGEST_RATIO = 3.0, 0.75
 # rad/s: the width of the sign function about which dry friction turns over. Of it, the pairs of widths between which it
-# does, and a width within which it does so early or late, at last by a time (s) of which MuJoCo's own is 0.0095; they
-# span what gradual sign functions have in common.
+# does, and a width within which it does so early or late; they span what gradual sign functions have in common.
 TURNING = 2e-3
-WIDTHS = (((0.25, 1.0), 0.0), ((1.0, 4.0), 0.0), ((1.0,), 0.0), ((1.0,), 0.01))
+WIDTHS = ((0.25, 1.0), (1.0, 4.0), (1.0,))
 
 
 def numbers_of(
@@ -91,9 +90,9 @@ def _turnovers(joint: Joint, turning: float, std: float, sides: Sequence[str]) -
     apart = joint.transmission is not None and {"link", "motor"} <= set(sides)
     width = max(turning, TURNING)
     for side in ("link", "motor") if apart else ("motor",):
-        for k, (shares, early) in enumerate(WIDTHS):
-            speeds, unit = tuple(share * width for share in shares), joint.unit("Nm")
-            yield Number(f"{PRESLIDING}_{side}_{k}", joint.name, unit, std, 0.0, speeds=speeds, early=early, side=side)
+        for k, shares in enumerate(WIDTHS):
+            speeds = tuple(share * width for share in shares)
+            yield Number(f"{PRESLIDING}_{side}_{k}", joint.name, joint.unit("Nm"), std, 0.0, speeds=speeds, side=side)
 
 
 def _motor_inertias(pieces: Sequence[Motion]) -> Array | None:
