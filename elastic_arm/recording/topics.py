@@ -25,10 +25,12 @@ TYPES = {
     CLOCK: "rosgraph_msgs/msg/Clock",
 }
 
+_IN_BAGS = {**TYPES, TRANSFORMS: "tf2_msgs/msg/TFMessage"}  # where links are no node says: it is for viewers
+
 
 def type_of(topic: str) -> str:
     """Return the message type of a topic; one that is not the suite's own holds joint states."""
-    return {**TYPES, TRANSFORMS: "tf2_msgs/msg/TFMessage"}.get(topic, "sensor_msgs/msg/JointState")
+    return _IN_BAGS.get(topic, "sensor_msgs/msg/JointState")
 
 
 # Not an arm's but the graph's: the same in every namespace.

@@ -10,11 +10,10 @@ from dataclasses import dataclass, field, replace
 from itertools import islice, pairwise
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import yaml
-from scipy.spatial.transform import Rotation
 
 from elastic_arm.errors import RecordingError
 from elastic_arm.output_files import write_result
@@ -37,8 +36,9 @@ from elastic_arm.recording.topics import (
     TYPES,
     type_of,
 )
-from elastic_arm.robot import Robot, to_urdf
-from elastic_arm.robot.urdf_export import urdf_placements
+
+if TYPE_CHECKING:
+    from elastic_arm.robot import Robot
 
 _CHUNK_BYTES = 1 << 20
 _DRAWN = 50.0  # Hz, of what is looked at
@@ -117,9 +117,7 @@ def write_recording(
     if not isinstance(path, str | Path):
         raise RecordingError(f"path is of type {type(path).__name__}", "Give the name of a folder to make.")
     folder = Path(path)
-    if drawn is not None:
-        recording = replace(recording, robot_description=to_urdf(drawn))
-    streams = [*_streams(recording, further), *([] if drawn is None else _transforms(drawn, recording))]
+    streams = _streams(recording, further) if drawn is None else _drawn(drawn, recording, further)
     if not any(len(stream.stamp_ns) for stream in streams):
         raise RecordingError("the recording holds no samples", "Nothing was written.")
     first_ns = min(int(stream.stamp_ns[0]) for stream in streams if len(stream.stamp_ns))
@@ -181,26 +179,31 @@ def _streams(recording: Recording, further: Mapping[str, Side]) -> list[Stream]:
     return streams
 
 
-def _transforms(robot: Robot, recording: Recording) -> list[Stream]:
-    """Return where the links of the URDF are over time; nothing where the angle of a joint was not recorded."""
+def _drawn(robot: Robot, recording: Recording, further: Mapping[str, Side]) -> list[Stream]:
+    """Return the streams with the arm's URDF, and where its links are; not that where an angle was not recorded."""
+    # Few bags are drawn, and what that takes is slow to import.
+    from scipy.spatial.transform import Rotation
+
+    from elastic_arm.robot.urdf_export import to_urdf, urdf_placements
+
+    streams = _streams(replace(recording, robot_description=to_urdf(robot)), further)
     sides = (side for side in (recording.link, recording.motor) if side is not None)
     side = next((side for side in sides if side.position is not None and np.isfinite(side.position).all()), None)
     if side is None:
-        return []
+        return streams
     rate = len(side) * 1e9 / (side.stamp_ns[-1] - side.stamp_ns[0] + 1)
     seen = side.at(slice(None, None, max(int(rate / _DRAWN), 1)))
     assert seen.position is not None
-    frames = urdf_placements(robot, seen.position)
     types = message_types.typestore().types
     vector, quaternion = types["geometry_msgs/msg/Vector3"], types["geometry_msgs/msg/Quaternion"]
     still = types["geometry_msgs/msg/Transform"](vector(0.0, 0.0, 0.0), quaternion(0.0, 0.0, 0.0, 1.0))
     stamped, values = [], {}
-    for k, (parent, child, placement) in enumerate(frames):
+    for k, (parent, child, placement) in enumerate(urdf_placements(robot, seen.position)):
         stamped.append(types["geometry_msgs/msg/TransformStamped"](_header(parent), child, still))
         turn = Rotation.from_matrix(placement[:, :3, :3].copy()).as_quat()  # older SciPy takes no read-only arrays
         # The seven numbers of a transform lie side by side.
         values[f"transforms.{k}.transform.translation.x"] = np.concatenate([placement[:, :3, 3], turn], axis=1)
-    return [Stream(TRANSFORMS, seen.stamp_ns, _message(type_of(TRANSFORMS), transforms=stamped), values)]
+    return [*streams, Stream(TRANSFORMS, seen.stamp_ns, _message(type_of(TRANSFORMS), transforms=stamped), values)]
 
 
 def _of_joints(
