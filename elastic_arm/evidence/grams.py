@@ -61,11 +61,6 @@ class Bands:
         self.n = np.maximum(np.bincount(self.of_rows, np.concatenate(told), len(self.counts))[self.used], 1.0)
         self.place, self.octave = np.divmod(self.used, octaves)
 
-    @property
-    def in_order(self) -> bool:
-        """Whether rows are in the order of the bands."""
-        return self._order is None
-
     def side_by_side(self, each: Sequence[Array]) -> Array:
         """Return columns (rows, k) of several, rows in the order of the bands; each column in memory as a whole."""
         found = each[0].T if len(each) == 1 else np.concatenate([one.T for one in each])

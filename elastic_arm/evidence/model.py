@@ -157,12 +157,11 @@ class Screen:
         self.sizes = np.array([t.count + (t.offset is not None) for t in self.terms], dtype=int)
         self.at = np.concatenate([[0], np.cumsum(self.sizes)])
         self.X = bands.side_by_side([part for t in self.terms for part in t.parts] or [grams.base[:, :0]])
-        if bands.in_order:  # The same memory holds the terms' columns.
-            first = [i + (t.offset is not None) for t, i in zip(self.terms, self.at, strict=False)]
-            self.terms = [
-                replace(t, columns=self.X[:, i:j], offset=None if t.offset is None else self.X[:, i - 1])
-                for t, i, j in zip(self.terms, first, self.at[1:], strict=True)
-            ]
+        # The same memory holds the terms' columns: rows of one linearisation are in the order of its bands.
+        self.terms = [
+            replace(t, columns=self.X[:, j - t.count : j], offset=None if t.offset is None else self.X[:, i])
+            for t, i, j in zip(self.terms, self.at[:-1], self.at[1:], strict=True)
+        ]
         self.with_base = bands.products(grams.base, self.X)
         own = [bands.products(self.X[:, i:j], self.X[:, i:j]) for i, j in zip(self.at[:-1], self.at[1:], strict=True)]
         # Terms of as many columns side by side.

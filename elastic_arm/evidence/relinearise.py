@@ -61,7 +61,7 @@ def explain(problem: Problem, *, refit: bool) -> Explanation:
     """
     described = Linearisation(problem, np.zeros(len(problem.numbers)), _stated(problem))
     thetas: Thetas = {}
-    first, log = _begun(described, refit, thetas)
+    first = _begun(described, refit, thetas)
     nothing = first.linear, first.search.model.fit(())
     found = _descended(first.linear, first.best, refit, thetas, taken=nothing)
     tried: set[frozenset[Key]] = set()
@@ -81,11 +81,11 @@ def explain(problem: Problem, *, refit: bool) -> Explanation:
         more = (fit.compared_with(own.best) for fit in found.search.met.values() if fit.keys != best.keys)
         own.search.take(more, own.best)
         judged = _judged(replace(own, log=(*found.log, *own.log)))
-    return replace(judged, log=(*log, *judged.log))
+    return replace(judged, log=(*first.log, *judged.log))
 
 
-def _begun(described: Linearisation, refit: bool, thetas: Thetas) -> tuple[Explanation, list[str]]:
-    """Return the most probable of several starts, and what was done."""
+def _begun(described: Linearisation, refit: bool, thetas: Thetas) -> Explanation:
+    """Return the most probable of several starts, with the steps of all."""
     # Where the description is exact, all that is left is an effect. Where it is off everywhere, there is less to
     # mistake for one where its numbers lie alone; but beside a large effect they lie far off there.
     built = _settled(described, None, BUILT)
@@ -97,7 +97,7 @@ def _begun(described: Linearisation, refit: bool, thetas: Thetas) -> tuple[Expla
         # One number that is far off may have found its place among those that are a little.
         starts.append(_explained(built, (), MEASURED, refit, thetas, moves=ADDED))
     first = max(starts, key=lambda found: found.best.compared_with(starts[0].best).score)
-    return first, [line for one in starts for line in one.log]
+    return replace(first, log=tuple(line for one in starts for line in one.log))
 
 
 def _judged(found: Explanation) -> Explanation:
