@@ -6,9 +6,14 @@ python layouts/residuals_in_rerun.py BAG [FILE.rrd]     with a file: for `rerun 
 import sys
 from pathlib import Path
 
-import rerun as rr
-import rerun.blueprint as rrb
+try:
+    import rerun as rr
+    import rerun.blueprint as rrb
+except ImportError:
+    sys.exit(__doc__)
 
+if len(sys.argv) < 2 or not list(Path(sys.argv[1]).glob("*.mcap")):
+    sys.exit(f"{__doc__}\nName the folder of a bag.")
 bag, *saved = sys.argv[1:]
 rr.init("elastic_arm", spawn=not saved)
 shows = {

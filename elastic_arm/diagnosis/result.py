@@ -462,6 +462,7 @@ def _plain(value: Any) -> Any:
 
 
 def from_dict(data: Mapping[str, Any], folder: Path, catalogue: Catalogue) -> Diagnosis:
+    """Return the diagnosis that :meth:`Diagnosis.to_dict` gave; files that it names are in a folder."""
     # Most results are made, not read: what they hold besides is slow to import.
     from elastic_arm.diagnosis.prediction import Prediction
 

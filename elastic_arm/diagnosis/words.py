@@ -200,7 +200,7 @@ def _verdict_sentence(found: Diagnosis, beside: str) -> str:
     added = f"{causes} and {beside}" if beside else causes
     sentence = (
         f"With {added}, the model's error {motion} {verb} from {before:.3g} to {after:.3g} {unit} {where}, "
-        f"most of all over the noise; {percent(found.shrink)} of the gap is gone"
+        f"where it exceeds the noise most; {percent(found.shrink)} of the gap is gone"
     )
     return f"{sentence}." if found.verdict == "explained" else f"{sentence}, and what is left has another cause."
 

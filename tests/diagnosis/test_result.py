@@ -217,7 +217,8 @@ def test_the_summary_says_what_the_arm_has_and_how_right_the_model_is_then() -> 
     """The verdict comes first, then causes, the model's error without and with them, and the share that is gone."""
     first, last = summary(diagnosis(cause()))
     assert first.startswith("explained: Joint 2 loses 6 Nm of dry friction")
-    assert "error on another motion" in last and "0.4 Nm at joint_2 (motor side, noise 0.1 Nm)" in last
+    assert "the model's error on another motion" in last
+    assert "0.4 Nm at joint_2 (motor side, noise 0.1 Nm), where it exceeds the noise most;" in last
     assert last.endswith("90.0 % of the gap is gone.")
     inertia = Imperfection("rotor_inertia", "joint_2", "kg m^2", 1.2, 0.01, 2.0, ordinary=True)
     _, then, named = summary(replace(diagnosis(cause()), imperfections=(inertia,)))
