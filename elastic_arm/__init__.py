@@ -9,8 +9,6 @@
 Names are loaded when they are first used.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from elastic_arm.lazy_names import lazily

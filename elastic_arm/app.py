@@ -4,8 +4,6 @@ A module without imports of weight: libraries take a second to load, and a Ctrl-
 quietly as one later on. SIGTERM is taken as Ctrl-C is: what a command has started or laid aside would outlive it.
 """
 
-from __future__ import annotations
-
 import atexit
 import os
 import signal

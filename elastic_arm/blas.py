@@ -1,7 +1,5 @@
 """How many threads the libraries under NumPy and SciPy take."""
 
-from __future__ import annotations
-
 from collections.abc import MutableMapping
 
 _VARIABLES = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")

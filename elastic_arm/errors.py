@@ -4,8 +4,6 @@ One base class, so that an entry point (command line, node) catches exactly thes
 what is wrong and what to do about it, and carries the values that were wrong as attributes.
 """
 
-from __future__ import annotations
-
 from importlib.util import find_spec
 
 # Packages of ROS 2 that nodes import.

@@ -1,7 +1,5 @@
 """Estimates as text: no more digits than their standard deviations warrant."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass

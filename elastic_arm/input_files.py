@@ -1,7 +1,5 @@
 """Files that a user writes: read as text or YAML, with errors that name what is wrong."""
 
-from __future__ import annotations
-
 import os
 import re
 import stat

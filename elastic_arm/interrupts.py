@@ -4,8 +4,6 @@ A Python that is interrupted while it loads prints a traceback. Processes that a
 :func:`interrupts_held` begin with SIGINT held back, and take it from :func:`take_interrupts` on.
 """
 
-from __future__ import annotations
-
 import signal
 import threading
 from collections.abc import Callable, Iterator

@@ -1,7 +1,5 @@
 """Memory that was given back is kept for the next array, and how much there is."""
 
-from __future__ import annotations
-
 import ctypes
 import math
 import os

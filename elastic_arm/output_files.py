@@ -1,7 +1,5 @@
 """Files of results: written aside and renamed, so that a full disk or an interrupt leaves what was there before."""
 
-from __future__ import annotations
-
 import csv
 import io
 import math

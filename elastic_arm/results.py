@@ -1,7 +1,5 @@
 """What results share: their tables as rows, CSV files and data frames, and how a notebook shows them."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from importlib import import_module
 from pathlib import Path

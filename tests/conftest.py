@@ -1,7 +1,5 @@
 """What all tests share: which of them stay together when they are distributed over processes, and in which order."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

@@ -1,7 +1,5 @@
 """The suite as a Python library: names, effects as text, results, and the notebook."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The rules of docs/architecture.md, held by reading the imports of every module."""
 
-from __future__ import annotations
-
 import ast
 import functools
 import re

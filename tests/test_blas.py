@@ -1,7 +1,5 @@
 """Threads of the libraries under NumPy."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

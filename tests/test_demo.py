@@ -1,7 +1,5 @@
 """The nodes of the demo end with it."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

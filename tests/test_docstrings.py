@@ -1,7 +1,5 @@
 """Docstrings and documents: words of the field, lines that fit."""
 
-from __future__ import annotations
-
 import ast
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The first arm of docs/first_arm.md, run as it stands there."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

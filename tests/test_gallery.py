@@ -1,7 +1,5 @@
 """The table over all examples, run in folders of its own."""
 
-from __future__ import annotations
-
 import runpy
 import sys
 from pathlib import Path

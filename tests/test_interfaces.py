@@ -1,7 +1,5 @@
 """The functions of docs/architecture.md, "Interfaces", called with what they are not for."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

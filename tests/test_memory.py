@@ -1,7 +1,5 @@
 """Memory that is kept for the next array."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 

@@ -1,7 +1,5 @@
 """Results are written wholly or not at all, and a YAML file of the suite that is cut off is no result."""
 
-from __future__ import annotations
-
 import json
 import os
 from pathlib import Path

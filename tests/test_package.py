@@ -1,7 +1,5 @@
 """The project as a package: what is installed, what it asks for, and that its declarations agree."""
 
-from __future__ import annotations
-
 import importlib
 import re
 import shutil

@@ -1,7 +1,5 @@
 """The servo arm of docs/servo_arm.md, run as it stands there, and its recordings made anew."""
 
-from __future__ import annotations
-
 import json
 import runpy
 import shutil

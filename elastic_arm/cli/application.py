@@ -3,8 +3,6 @@
 Usage errors are as every other error: one line with problem and remedy, and exit status 2.
 """
 
-from __future__ import annotations
-
 import os
 import signal
 import sys

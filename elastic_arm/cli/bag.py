@@ -1,7 +1,5 @@
 """`elastic-arm bag`: look into, check, mend and make recordings."""
 
-from __future__ import annotations
-
 import os
 import sys
 from dataclasses import replace

@@ -3,8 +3,6 @@
 Exit codes: 0 done; 1 the work was done and its answer is "no" (a bag that fails its check); 2 unusable input.
 """
 
-from __future__ import annotations
-
 import contextlib
 import functools
 import io

@@ -1,7 +1,5 @@
 """`elastic-arm describe`: an arm as described, and the parameters of its models."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated, Any
 

@@ -1,7 +1,5 @@
 """`elastic-arm diagnose`: where model and recording part, which effect causes it, how far the gap shrinks."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from json import dumps as json_text
 from pathlib import Path

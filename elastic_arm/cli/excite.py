@@ -1,7 +1,5 @@
 """`elastic-arm excite`: find a motion that determines an arm's parameters, within its limits."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated

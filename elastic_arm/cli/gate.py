@@ -1,7 +1,5 @@
 """For pipelines: which answers of a diagnosis make a command end with exit status 1."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator, Sequence
 from typing import Annotated

@@ -1,7 +1,5 @@
 """`elastic-arm history`: the numbers of one arm over recordings, and what changed."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from functools import partial

@@ -1,7 +1,5 @@
 """`elastic-arm identify`: recordings in, parameters with their doubts out."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated

@@ -3,8 +3,6 @@
 Results are overwritten with --force alone, recordings never: they cannot be made again.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`elastic-arm simulate`: record a simulated arm, with whatever effects it is given."""
 
-from __future__ import annotations
-
 import time
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Programs run by compiled C, eight samples side by side, chunks of samples on all cores."""
 
-from __future__ import annotations
-
 import ctypes
 import functools
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """The cache on disk: what was derived or compiled once is found again by any process of this machine."""
 
-from __future__ import annotations
-
 import atexit
 import contextlib
 import functools

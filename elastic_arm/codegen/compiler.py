@@ -1,7 +1,5 @@
 """The system's C compiler behind a cache: every source is compiled once per machine and found again by its content."""
 
-from __future__ import annotations
-
 import ctypes
 import functools
 import hashlib

@@ -1,7 +1,5 @@
 """A program printed as a C library that runs over arrays of samples, eight samples side by side."""
 
-from __future__ import annotations
-
 import functools
 import hashlib
 from collections.abc import Sequence

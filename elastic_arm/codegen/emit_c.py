@@ -1,7 +1,5 @@
 """A program printed as C for one sample a call, to go inside a loop written in C."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from elastic_arm.codegen.program import NAMES, OPERATIONS, Program

@@ -1,7 +1,5 @@
 """Derived functions on disk: a new process finds what an earlier one derived."""
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 from collections.abc import Callable, Sequence

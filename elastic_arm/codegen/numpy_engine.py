@@ -1,7 +1,5 @@
 """Programs run by numpy, one operation over a chunk of samples at a time: for machines without a compiler."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 

@@ -4,8 +4,6 @@ There is one pool, whose threads share nothing out themselves. Work that none of
 thread has nothing else to do is done by that one: nobody waits for a pool that is busy with something else.
 """
 
-from __future__ import annotations
-
 import os
 import threading
 from collections import deque

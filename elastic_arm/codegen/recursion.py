@@ -1,7 +1,5 @@
 """Recursions over the samples of arrays: in C where there is a compiler, by CasADi elsewhere."""
 
-from __future__ import annotations
-
 import ctypes
 from pathlib import Path
 from typing import Any

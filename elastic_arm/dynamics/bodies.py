@@ -4,8 +4,6 @@ A solid of revolution that spins on its carrier is two things: a body at rest on
 :class:`Spin`, the angular momentum about its axis. So no spin angle appears anywhere.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 from dataclasses import dataclass, field

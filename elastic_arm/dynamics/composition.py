@@ -7,8 +7,6 @@ mod1      as mod2, and the spline is part of the link it drives: its inertia mov
 ========  ==========================================================================================
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 

@@ -3,8 +3,6 @@
 The only module that imports CasADi while deriving; a cached kernel never comes here.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 
 import casadi as ca

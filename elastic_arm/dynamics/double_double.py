@@ -5,8 +5,6 @@ of an orthogonal triangularisation of the rows themselves. Numbers are pairs hi 
 18 (1971) 224).
 """
 
-from __future__ import annotations
-
 import ctypes
 import functools
 from collections.abc import Callable

@@ -7,8 +7,6 @@ Source: R. Featherstone, Rigid Body Dynamics Algorithms, ch. 5 (recursive Newton
 B. Siciliano's treatment of rotors as bodies on the link that carries them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any

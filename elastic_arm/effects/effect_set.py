@@ -1,7 +1,5 @@
 """Effects acting together: their parameters and states as vectors, their contributions summed."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any

@@ -1,7 +1,5 @@
 """The equations of an arm over symbols, as laws see them: a thin layer over the one derivation in `dynamics`."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property

@@ -1,7 +1,5 @@
 """What an effect is given: numbers with unit and plausible range, and choices that are no numbers."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass

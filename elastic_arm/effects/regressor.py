@@ -4,8 +4,6 @@ Most effects need none: the derivative of the law is their column. Where an effe
 recording (tilts that swing, a state that is filtered), the effect's file computes it over all samples at once.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol, TypeVar

@@ -5,8 +5,6 @@
 - :func:`parse_laws`: effects identified beside the model's own parameters; linear parameters need no value.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any

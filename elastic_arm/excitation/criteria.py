@@ -10,8 +10,6 @@ length would reward a joint that hardly moves.)
 ``a_optimal``  log10 of the parameters' root mean square standard deviation, each in units of its scale.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """The free numbers of a motion: from points of a cube to motions that keep the kinematic limits, and random ones."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice

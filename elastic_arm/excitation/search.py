@@ -7,8 +7,6 @@ Software 48 (2022) 35), which polls a pattern of points around the best one, tak
 be broken on the way (progressive barrier).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """A motion as set-points: a table for a controller, and a goal of ROS's joint_trajectory_controller."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The table of what an export changes: element, number, before and after."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 

@@ -3,8 +3,6 @@
 The torque is a root mean square while every joint swings by half a radian, or what its range allows, at 2 rad/s.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any

@@ -1,7 +1,5 @@
 """A user's own MJCF with the numbers of a corrected arm in it: everything else stays as they wrote it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """An MJCF file that keeps its shape: lxml's trees of the file and of what it includes, with numbers changed."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path

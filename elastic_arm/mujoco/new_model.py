@@ -6,8 +6,6 @@ this is mod2, and mod1 where the splines are folded into the links. The coupling
 number of an MJCF.
 """
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ET
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A MuJoCo arm follows a trajectory, and is recorded as a real one would be."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from elastic_arm.arrays import Array

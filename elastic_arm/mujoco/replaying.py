@@ -5,8 +5,6 @@ MuJoCo's inverse dynamics needs for the recorded motion, beside the torque recor
 actuators with feedback and the reference was recorded: the reference is their input.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """XML that keeps its shape: a changed tree as text, in the original's own spelling where nothing changed."""
 
-from __future__ import annotations
-
 import re
 from difflib import SequenceMatcher
 from typing import Any

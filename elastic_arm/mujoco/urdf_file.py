@@ -1,7 +1,5 @@
 """A user's own URDF with the numbers of a corrected arm in it, or a new one; everything else stays as they wrote it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path

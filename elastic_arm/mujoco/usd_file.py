@@ -4,8 +4,6 @@ UsdPhysics has neither armature nor friction. Each engine has attributes of its 
 of Newton and MuJoCo (`newton:`) and those of PhysX (`physxJointAxis:`). Angles are in degrees, as USD has them.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

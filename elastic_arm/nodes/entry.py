@@ -4,8 +4,6 @@ A module apart, without imports of weight: a node's own libraries take a second 
 time should end the process as quietly as one later on.
 """
 
-from __future__ import annotations
-
 import os
 import signal
 import sys

@@ -1,7 +1,5 @@
 """`ros2 run elastic_arm gap_monitor`: where model and arm part, and why, while the arm moves."""
 
-from __future__ import annotations
-
 import json
 import sys
 import time

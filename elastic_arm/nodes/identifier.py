@@ -1,7 +1,5 @@
 """`ros2 run elastic_arm identifier`: base parameters while the arm moves."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import sys

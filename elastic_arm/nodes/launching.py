@@ -1,7 +1,5 @@
 """What the launch files have in common: arguments with words, and nodes of which the first to end ends the others."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

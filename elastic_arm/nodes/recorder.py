@@ -1,7 +1,5 @@
 """`ros2 run elastic_arm recorder`: writes topics to an MCAP bag, byte by byte as they came."""
 
-from __future__ import annotations
-
 import json
 import re
 import sys

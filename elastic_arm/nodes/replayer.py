@@ -1,7 +1,5 @@
 """`ros2 run elastic_arm replayer`: plays a bag back onto its topics."""
 
-from __future__ import annotations
-
 import sys
 import time
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """`ros2 run elastic_arm simulator`: an arm that moves, measured a thousand times a second."""
 
-from __future__ import annotations
-
 import sys
 import time
 from array import array

@@ -1,7 +1,5 @@
 """`ros2 run elastic_arm trajectory_generator`: streams an excitation on `/reference`."""
 
-from __future__ import annotations
-
 import sys
 import time
 from array import array

@@ -9,8 +9,6 @@ the arm. A socket is closed with its process.
 itself: `fastdds_loopback.xml` states what it would set up otherwise, for the range that changes nothing.
 """
 
-from __future__ import annotations
-
 from collections.abc import MutableMapping
 from pathlib import Path
 

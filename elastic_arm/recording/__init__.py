@@ -4,8 +4,6 @@
 they are first used: commands that read no bag import no reader.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from elastic_arm.lazy_names import lazily

@@ -4,8 +4,6 @@ The lengths of its sequences and strings alone decide where everything in a mess
 found by walking its type; every message with the same lengths has the same layout, which is checked over whole arrays.
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, field

@@ -3,8 +3,6 @@
 `$ELASTIC_ARM_MAX_CHUNK_MB` bounds what one chunk may unpack to, `$ELASTIC_ARM_MAX_UNPACKED_MB` what one file may.
 """
 
-from __future__ import annotations
-
 import os
 
 from elastic_arm.errors import RecordingError

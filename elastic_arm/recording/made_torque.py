@@ -7,8 +7,6 @@ Angles between samples are those of cubic splines. A held command is the mean, o
 the motion that commands are samples of: within the band, that is what holding does.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -5,8 +5,6 @@ array sizes. What it takes minutes for, or does not know (separators and preproc
 what does not change where numbers lie (constants, defaults) is left out first.
 """
 
-from __future__ import annotations
-
 import re
 from functools import lru_cache
 from importlib import resources

@@ -1,7 +1,5 @@
 """Standstill in a recording: what is left out, as it holds nothing that the motion around it does not."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Write a bag while it happens: what is older than a moment is on disk, whatever becomes of the process."""
 
-from __future__ import annotations
-
 import os
 import time
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """The names that every recording and every live graph uses; an arm in a namespace has them below it."""
 
-from __future__ import annotations
-
 JOINT_STATES = "/joint_states"
 MOTOR_STATES = "/motor_states"
 JOINT_TORQUES = "/joint_torques"

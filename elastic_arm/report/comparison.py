@@ -1,7 +1,5 @@
 """Sections of a comparison: a real and a simulated recording, channel by channel, and which effects are in which."""
 
-from __future__ import annotations
-
 from matplotlib.figure import Figure as MplFigure
 
 from elastic_arm.diagnosis.comparison import SimulationComparison

@@ -1,7 +1,5 @@
 """The report of a gap diagnosis: verdict first, then where, which, how far, what next."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

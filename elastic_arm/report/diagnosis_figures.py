@@ -1,7 +1,5 @@
 """The figures of a gap diagnosis: map, cumulative shrink, residuals, prediction errors, proposed motion."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import partial
 from itertools import product

@@ -1,7 +1,5 @@
 """The report of a history: what changed, and a plot of each number over the recordings."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

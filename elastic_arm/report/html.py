@@ -1,7 +1,5 @@
 """Self-contained HTML reports: sections of text, tables and figures in one file that needs no network."""
 
-from __future__ import annotations
-
 import datetime
 import io
 import itertools

@@ -1,7 +1,5 @@
 """Figures and sections of an identification's report."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

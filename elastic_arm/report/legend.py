@@ -1,7 +1,5 @@
 """What the columns of reports mean: one word for one thing, as in docs/glossary.md."""
 
-from __future__ import annotations
-
 MEANINGS = {
     "cause": "effect, or number far off, that the arm has and the model lacks",
     "where": "the joint that has it",

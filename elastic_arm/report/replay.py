@@ -1,7 +1,5 @@
 """Sections of a replay's report: errors of all models side by side, and recorded and replayed courses overlaid."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

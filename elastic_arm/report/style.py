@@ -1,7 +1,5 @@
 """One look for all figures: colours by meaning, light grid, and signals thinned before they are drawn."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """The arm file's fields and their types; what the numbers mean is checked by the description itself."""
 
-from __future__ import annotations
-
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field

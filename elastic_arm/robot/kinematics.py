@@ -1,7 +1,5 @@
 """Where the links of an arm are, for whole arrays of poses, and the simple shapes that stand for them."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 import numpy as np

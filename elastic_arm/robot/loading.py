@@ -1,7 +1,5 @@
 """From an arm file to a robot, or to an error that names the file, the field, the reason and the remedy."""
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Mapping

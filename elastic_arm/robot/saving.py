@@ -1,7 +1,5 @@
 """From a robot to the arm file that loads to the same robot."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -5,8 +5,6 @@ into the URDF's axis and back. A URDF knows no elasticity, so that the robot has
 gives them (:func:`elastic_arm.robot.load_robot`). ``Robot.notes`` list what is read otherwise than written.
 """
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import Any

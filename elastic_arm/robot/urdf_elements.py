@@ -1,7 +1,5 @@
 """What reading a URDF needs: its XML, checked attributes, rotations as a URDF writes them."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ET
 
 import numpy as np

@@ -6,8 +6,6 @@ axes of ``O_i`` and stand on the joint's axis. Shapes are for the eye: there are
 from joint to joint touch their neighbours.
 """
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable
 from itertools import pairwise

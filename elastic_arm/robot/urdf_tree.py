@@ -1,7 +1,5 @@
 """The tree of links and joints of a URDF, and which part of it is the arm: grippers and other branches are not."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 

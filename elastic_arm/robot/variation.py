@@ -1,7 +1,5 @@
 """Arms that differ from their description, as every real one does."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

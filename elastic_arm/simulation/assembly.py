@@ -1,7 +1,5 @@
 """The equations that are integrated: those of the arm, and the laws of the effects added to them."""
 
-from __future__ import annotations
-
 from collections import OrderedDict
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

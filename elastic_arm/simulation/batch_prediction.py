@@ -5,8 +5,6 @@ starts are integrated in one call a step, with the equations and the scheme of t
 strong friction makes them too stiff for that, with a linearly implicit scheme.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Protocol
 

@@ -1,7 +1,5 @@
 """Where an arm starts: the motors held still, the links hanging in their drives and bearings."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from elastic_arm.arrays import Array

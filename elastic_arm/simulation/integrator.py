@@ -4,8 +4,6 @@ Both integrate with the classical Runge-Kutta scheme of fourth order and hold th
 tau_J over a sample interval is a state of its own, so it is as exact as the motion.
 """
 
-from __future__ import annotations
-
 import ctypes
 import logging
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """A whole run of a simulated arm, as a recording."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Protocol
 

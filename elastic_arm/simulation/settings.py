@@ -1,7 +1,5 @@
 """What a simulated arm is made of and how finely it is computed, for commands, nodes and callers alike."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

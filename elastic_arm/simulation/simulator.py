@@ -1,7 +1,5 @@
 """An arm that moves: sample by sample, or a whole run at once, by the same code."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

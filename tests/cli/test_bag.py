@@ -1,7 +1,5 @@
 """The bag subcommands: what they print, what they leave behind, and their exit codes."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The command line: what it writes, what it never overwrites, and words a user can act on."""
 
-from __future__ import annotations
-
 import json
 import re
 import subprocess

@@ -1,7 +1,5 @@
 """A pipeline fails at the answers that it asked to fail at, and at no others."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any
 

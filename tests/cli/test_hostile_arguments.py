@@ -1,7 +1,5 @@
 """Arguments and names that nobody expects: a line each, and no result is lost."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

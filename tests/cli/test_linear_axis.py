@@ -1,7 +1,5 @@
 """A single linear drive, from an amplifier's log to parameters and verdict, with the units of a linear axis."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

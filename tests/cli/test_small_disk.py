@@ -1,7 +1,5 @@
 """Commands whose results have no room, or no permission, on a real file system: a line each, whatever they write."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Iterator
 from pathlib import Path

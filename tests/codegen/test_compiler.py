@@ -1,7 +1,5 @@
 """The cache of compiled libraries: whole or made again, and nobody else's."""
 
-from __future__ import annotations
-
 import contextlib
 import logging
 import os

@@ -1,7 +1,5 @@
 """Kernels: C and numpy give the same numbers, the cache is shared safely, a missing compiler is survived and said."""
 
-from __future__ import annotations
-
 import itertools
 import logging
 import os

@@ -1,7 +1,5 @@
 """The page on codegen, and that the package stands by itself."""
 
-from __future__ import annotations
-
 import re
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Work shared out among threads: as by one alone, in order, and never waiting for a pool that is busy."""
 
-from __future__ import annotations
-
 import multiprocessing
 import subprocess
 import sys

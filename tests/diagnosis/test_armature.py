@@ -1,7 +1,5 @@
 """Motor inertia without elasticity: a rigid arm with armatures, simulated, identified and diagnosed."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Recordings that a diagnosis cannot use, or not without a remark: each is named in a line that says what to do."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path

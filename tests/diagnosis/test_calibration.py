@@ -1,7 +1,5 @@
 """Refitted diagnoses of realistic arms, recorded on an engine that shares nothing with the diagnosis."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Servo arms in MuJoCo, recorded by commands and positions alone: what is withheld is named, and no more."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A real and a simulated recording of the same commands: where they differ, and which effect is in which."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What a diagnosis writes leaves no gap: the same recording against robot.yaml and the corrected URDF or MJCF."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

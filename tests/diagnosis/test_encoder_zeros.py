@@ -1,7 +1,5 @@
 """Zeros of link encoders that differ from recording to recording."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Sizes of causes: what the posterior says within the bounds of physics."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from elastic_arm.diagnosis.estimates import within

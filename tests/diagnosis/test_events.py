@@ -1,7 +1,5 @@
 """Events inside a recording: found where they are, left out of the fit, and none where there is none."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Arms of which one side is not recorded as a whole."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

@@ -1,7 +1,5 @@
 """How large a gap is and how far it shrinks, on signals made up."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any
 

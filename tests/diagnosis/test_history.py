@@ -1,7 +1,5 @@
 """What changed of an arm over recordings, when and by how much."""
 
-from __future__ import annotations
-
 import pickle
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Internal states of effects run through a recording that is cut in two, and begin where the recording says."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -3,8 +3,6 @@
 The known figures are of a plain base-parameter least squares, see the data's README.
 """
 
-from __future__ import annotations
-
 from itertools import combinations
 from pathlib import Path
 

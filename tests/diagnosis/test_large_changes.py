@@ -1,7 +1,5 @@
 """A number of the arm that is far off, of an arm whose other numbers are exact."""
 
-from __future__ import annotations
-
 import pytest
 
 from elastic_arm.diagnosis import Question, diagnose

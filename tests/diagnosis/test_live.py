@@ -1,7 +1,5 @@
 """The diagnosis while the arm moves, without ROS: a window of samples, and what is said of it."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from dataclasses import fields, replace

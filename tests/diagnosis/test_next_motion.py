@@ -1,7 +1,5 @@
 """What next: the proposed motion tells apart what the recording could not, within limits, and is a file to run."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Torques at two of three joints: causes are found where they show, and nothing is said of the third joint."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The short-horizon prediction error: motor torque in, angles out, without and with the causes."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

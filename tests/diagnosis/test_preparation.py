@@ -1,7 +1,5 @@
 """From recordings and a question to data and candidates: which are given, left out, or cannot be compared."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

@@ -1,7 +1,5 @@
 """What an engineer would not sign of a real arm: noise as large as the torques, and friction that a low pass bends."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

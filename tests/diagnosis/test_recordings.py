@@ -1,7 +1,5 @@
 """Whole diagnoses of short simulated recordings: the right effect at the right joint, with its size."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache

@@ -1,7 +1,5 @@
 """Which regime a residual follows, on motion made up."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The result of a diagnosis: as data, in words, and as the corrected arm."""
 
-from __future__ import annotations
-
 import json
 import re
 import sys

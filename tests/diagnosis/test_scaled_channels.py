@@ -1,7 +1,5 @@
 """What scales a torque: sensors far off their gain, and friction that changes as a joint warms up."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Which part is fitted and which judges."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Triangular factors in twice the working precision: the same in C and in NumPy."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """What every derivation must fulfil, whoever wrote it: identities of (1), (8), (9) and (10)."""
 
-from __future__ import annotations
-
 import casadi as ca
 import numpy as np
 import pytest

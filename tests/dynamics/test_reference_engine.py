@@ -1,7 +1,5 @@
 """The derivation against Pinocchio, where every rotor, wave generator and spline is a body on a joint of its own."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -1,7 +1,5 @@
 """The page docs/adding_an_effect.md, run as a new user would."""
 
-from __future__ import annotations
-
 import json
 import re
 import shlex

@@ -1,7 +1,5 @@
 """Effects of controllers: their laws, and how they change a simulated arm's controller."""
 
-from __future__ import annotations
-
 import casadi as ca
 import pytest
 

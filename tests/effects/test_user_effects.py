@@ -1,7 +1,5 @@
 """Effects of a user's own files and of installed packages, and that nothing but its file knows of an effect."""
 
-from __future__ import annotations
-
 import ast
 from pathlib import Path
 

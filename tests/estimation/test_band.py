@@ -1,7 +1,5 @@
 """One zero-phase low pass for every term: what lies in the band stays, what lies above goes, and instants are kept."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

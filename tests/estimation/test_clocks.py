@@ -1,7 +1,5 @@
 """Whether stamps that jitter are true is found from the motion, and given with numbers."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

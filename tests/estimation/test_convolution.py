@@ -1,7 +1,5 @@
 """Convolution agrees with NumPy's, whatever the lengths and the thinning."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

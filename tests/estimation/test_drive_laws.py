@@ -1,7 +1,5 @@
 """Laws of a drive beside its stiffness: both are regressed on the load that the model predicts."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

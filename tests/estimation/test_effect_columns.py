@@ -1,7 +1,5 @@
 """Columns of a candidate effect: what its law adds, phases, and coefficients back to parameters."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import casadi as ca

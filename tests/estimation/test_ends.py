@@ -1,7 +1,5 @@
 """The ends of a recording: where they are part of the fit, and that they are right there."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from elastic_arm.estimation.resampling import Grid

@@ -1,7 +1,5 @@
 """Which equations the recorded channels allow, and how they follow from the residuals link, drive and motor."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from itertools import combinations
 

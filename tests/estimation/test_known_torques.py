@@ -1,7 +1,5 @@
 """The load of a joint, as well as model and encoders know it."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The smoothed motion of a recording: parts, joining, and what stands in for missing channels."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

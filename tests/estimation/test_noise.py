@@ -1,7 +1,5 @@
 """The encoders' noise, estimated from a motion that is not known."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import scipy

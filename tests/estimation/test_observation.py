@@ -1,7 +1,5 @@
 """From a recording to smoothed motion: its noise, its length, and recordings that hold no motion."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

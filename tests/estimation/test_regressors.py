@@ -1,7 +1,5 @@
 """From effects to columns: derivatives of the laws, phases, internal states, and both engines alike."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """From stamped samples to a regular grid: holes, jitter, pieces."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Residuals: zero where the model holds, and what is added where it does not."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from typing import Any

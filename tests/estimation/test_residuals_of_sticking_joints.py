@@ -1,7 +1,5 @@
 """What a joint's friction may be while it sticks is removed from residuals and columns, and nothing else."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import lru_cache
 

@@ -1,7 +1,5 @@
 """Of a long recording those segments are taken that tell most."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from elastic_arm.estimation.segments import SEGMENT, MostTelling

@@ -1,7 +1,5 @@
 """Derivatives: exact where they can be, honest about noise, and the same filter for all terms."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The noise of residuals: carried from the channels into the equations, and whitened."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import lru_cache
 

@@ -1,7 +1,5 @@
 """Made-up regressions, small enough for dense formulas: places, octaves, numbers and terms."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any
 

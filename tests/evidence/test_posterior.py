@@ -1,7 +1,5 @@
 """The posterior of a set of terms: against dense formulas, numerical integration and scipy."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.integrate import quad

@@ -1,7 +1,5 @@
 """The file of priors."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Sets of terms: what one more would gain, which set a search ends with, and where nonlinear numbers come out."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from types import SimpleNamespace

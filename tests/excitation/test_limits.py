@@ -1,7 +1,5 @@
 """What an arm may do: kinematic limits, torque, and links that keep clear of the floor and of each other."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -1,7 +1,5 @@
 """Excitation: criteria that are their formulas, and a search that improves on chance within the limits."""
 
-from __future__ import annotations
-
 import os
 import signal
 import threading

@@ -1,7 +1,5 @@
 """A motion as set-points, and as `identify` will judge it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

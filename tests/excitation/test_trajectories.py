@@ -1,7 +1,5 @@
 """Fourier motions: smooth, periodic between start and stop, and kept in files that load again."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -6,8 +6,6 @@
 What kills the process, or hangs it within a library, ends the run; the mutant is the last one in the folder.
 """
 
-from __future__ import annotations
-
 import argparse
 import faulthandler
 import math

@@ -1,7 +1,5 @@
 """Feed mutants to the readers, and count what is no answer: tracebacks, and hangs."""
 
-from __future__ import annotations
-
 import math
 import signal
 import time

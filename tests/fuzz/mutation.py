@@ -1,7 +1,5 @@
 """Mutants of files: bits, lengths, cuts and splices as damage and ill will make them."""
 
-from __future__ import annotations
-
 import re
 import struct
 from collections.abc import Callable, Sequence

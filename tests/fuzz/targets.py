@@ -1,7 +1,5 @@
 """What is fuzzed: readers of bags and files, each with whole files that mutants are made of."""
 
-from __future__ import annotations
-
 import io
 import shutil
 import struct

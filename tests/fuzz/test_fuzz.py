@@ -1,7 +1,5 @@
 """A short run of the fuzzing: mutants of bags and files, and structures that no seed holds."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Bags for the tests of the recording package, some written by libraries that are not ours."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A headless Chromium for tests that open a report as its reader would."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 from pathlib import Path

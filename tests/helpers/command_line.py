@@ -1,7 +1,5 @@
 """Commands of `elastic-arm`, run in this process."""
 
-from __future__ import annotations
-
 from typer.testing import CliRunner, Result
 
 from elastic_arm.app import app

@@ -1,7 +1,5 @@
 """Laws of the catalogue evaluated at given motions, for tests."""
 
-from __future__ import annotations
-
 import casadi as ca
 import numpy as np
 

@@ -1,7 +1,5 @@
 """An arm in Pinocchio with every component a body on a joint of its own, reduced by the constant gear matrix G."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 

@@ -1,7 +1,5 @@
 """Recordings of the package's own arm that tests of what follows a diagnosis share."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

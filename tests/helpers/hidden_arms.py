@@ -1,7 +1,5 @@
 """Recordings of hidden arms that several tests share; simulated once a session."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

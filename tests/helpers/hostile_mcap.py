@@ -1,7 +1,5 @@
 """MCAP files record by record, with whatever lengths and counts they are to claim; and how fast they are refused."""
 
-from __future__ import annotations
-
 import struct
 import time
 from collections.abc import Callable

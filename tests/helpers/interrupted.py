@@ -1,7 +1,5 @@
 """Scripts that a Ctrl-C ends, with all processes that they started."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

@@ -1,7 +1,5 @@
 """A single linear drive, integrated by hand: a mass with friction under a servo, as an amplifier's log holds it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Motions and a planar arm on which limits can be checked by hand."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

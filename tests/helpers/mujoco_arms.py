@@ -1,7 +1,5 @@
 """Inverse dynamics of a model's arm as MuJoCo computes them, and as this package does from what it read."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import casadi as ca

@@ -1,7 +1,5 @@
 """Kinds of sensor noise that are not white, put on the true channels of an arm."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """The commands of a page of the documentation, run as they stand there."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

@@ -1,7 +1,5 @@
 """An arm of six joints of which three have link encoders, and none a torque sensor, as big arms are built."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

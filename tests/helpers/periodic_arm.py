@@ -4,8 +4,6 @@ The link angles are a finite Fourier series; the motor angles follow from the fi
 with spectral derivatives, the torques from the second row and from the drive's law.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

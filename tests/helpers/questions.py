@@ -1,7 +1,5 @@
 """What a worker process of a test answers; a module of its own, as the process imports all of it at each start."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 from typing import Any

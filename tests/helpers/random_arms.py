@@ -1,7 +1,5 @@
 """Random arms of any length, for benchmarks and tests: no number of theirs is special."""
 
-from __future__ import annotations
-
 from collections.abc import Container
 
 import numpy as np

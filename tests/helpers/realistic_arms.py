@@ -1,7 +1,5 @@
 """Arms on which everything is a little wrong, on the challenge's engine: what `--refit` is for."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 

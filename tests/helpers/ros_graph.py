@@ -1,7 +1,5 @@
 """A ROS graph of one's own for a test: nodes as processes, and a peer that listens to them."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

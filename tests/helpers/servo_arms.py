@@ -1,7 +1,5 @@
 """Servo arms in MuJoCo, recorded by commands and positions alone: the arm of examples/servo_arm and what is changed."""
 
-from __future__ import annotations
-
 import runpy
 from collections.abc import Mapping
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """A file system of a test's own, of some kilobytes or read-only: what no permission can stand for where root tests."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """A motion with known derivatives and with the torques that a model gives it, noise-free."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,7 +1,5 @@
 """Streams with wrong stamps, gaps and pauses before there is much: the estimator takes up what follows."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Base parameters: all that the equations see, nothing else, in readable words."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """One estimator online and offline, honest intervals, clear refusals."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Physically consistent parameters: possible bodies, true to the data, close to the nominal elsewhere."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

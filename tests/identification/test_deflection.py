@@ -1,7 +1,5 @@
 """Two encoders and motor torque without joint torque sensors: nothing collapses to nothing, and doubts are listed."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

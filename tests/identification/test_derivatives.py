@@ -1,7 +1,5 @@
 """The derivative stage of a batch states where joints stick as the whole recording shows it."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Deviations from few blocks: how many of them count, and intervals that hold the truth all the same."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.signal import lfilter

@@ -1,7 +1,5 @@
 """What the encoders' noise adds to sums is taken off as far as sums hold more than it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Ordinary imperfections that nobody asks for: zeros of torques, a base off level."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

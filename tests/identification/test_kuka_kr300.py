@@ -1,7 +1,5 @@
 """A real robot: KUKA KR300, encoders on both sides of three axes, no joint torque sensors, link encoders 3 ms late."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

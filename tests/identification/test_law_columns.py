@@ -1,7 +1,5 @@
 """Columns of laws beside the model's own."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

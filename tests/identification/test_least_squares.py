@@ -1,7 +1,5 @@
 """The accumulator: as exact as a QR of everything, bounded, and honest about its doubts."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.signal import lfilter

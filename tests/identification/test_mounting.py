@@ -1,7 +1,5 @@
 """How an arm is mounted as its torques show it, on motions made up."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray

@@ -1,7 +1,5 @@
 """One joint whose truth is known: stated friction, an elastic joint taken for rigid, motion in one direction."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Link encoders at three of six joints: each joint is identified by the channels that it has."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Torques at two of three joints: each joint is identified by the channels that it has."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

@@ -1,7 +1,5 @@
 """A fit that predicts other motion worse than the description is said to, and pulled towards it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

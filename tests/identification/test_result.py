@@ -1,7 +1,5 @@
 """Results of an identification: errors of all parameters together are as large as the covariance claims."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.stats import chi2

@@ -1,7 +1,5 @@
 """What the recordings decide: zeros of torques, where dry friction turns over; what a rigid description lacks."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

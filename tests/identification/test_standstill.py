@@ -1,7 +1,5 @@
 """Standstill tells nothing of friction, and takes nothing away of what motion told."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

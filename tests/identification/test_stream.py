@@ -1,7 +1,5 @@
 """The stream: the batch's result however samples are cut, saved and taken up again."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

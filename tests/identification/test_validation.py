@@ -1,7 +1,5 @@
 """How held-out motion judges one arm against another."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

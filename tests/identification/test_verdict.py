@@ -1,7 +1,5 @@
 """What is called well determined."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from elastic_arm.dynamics import build_model

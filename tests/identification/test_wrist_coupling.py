@@ -1,7 +1,5 @@
 """A wrist whose last motor turns with the joint before it, too: torques of another engine and of the motors alone."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Laws in MuJoCo: the same motion as the project's own simulator has with the same effects."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

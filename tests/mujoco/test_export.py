@@ -1,7 +1,5 @@
 """Corrected files: a user's own MJCF or URDF with numbers changed, and nothing else."""
 
-from __future__ import annotations
-
 import difflib
 import shutil
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Laws that elements of an MJCF state: the same motion as the project's own simulator has, without a callback."""
 
-from __future__ import annotations
-
 import re
 from functools import cache
 from pathlib import Path

@@ -1,7 +1,5 @@
 """New MJCFs: the arms that they were made of, rigid and elastic."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """An arm recorded in MuJoCo and replayed there: by the model that moved it, and by one that it is not."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -4,8 +4,6 @@ MuJoCo's Runge–Kutta integrator moves the arms, so that the recording is that 
 `mujoco.sysid` fits simulations of the same time steps.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """USD files: the arm that they were made of, as USD's own reader of physics finds it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

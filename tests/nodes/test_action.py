@@ -1,7 +1,5 @@
 """FollowJointTrajectory on a real DDS graph, as MoveIt and other clients of joint_trajectory_controller use it."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Iterator

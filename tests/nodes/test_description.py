@@ -1,7 +1,5 @@
 """The URDF on /robot_description, as tools that are not ours read it."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ET
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """The gap monitor: the process beside it, its messages, and the node on a real DDS graph."""
 
-from __future__ import annotations
-
 import json
 import math
 import os

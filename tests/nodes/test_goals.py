@@ -1,7 +1,5 @@
 """Goals of few points: interpolated from the present state, kept within limits, or refused in words."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

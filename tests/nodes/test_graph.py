@@ -1,7 +1,5 @@
 """The nodes as processes on a real DDS graph."""
 
-from __future__ import annotations
-
 import json
 import signal
 import time

@@ -1,7 +1,5 @@
 """The launch files, read by ROS's own launch; wheels of ROS have none, so this runs where ROS is installed."""
 
-from __future__ import annotations
-
 import importlib.util
 from pathlib import Path
 

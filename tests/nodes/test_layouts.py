@@ -1,7 +1,5 @@
 """The layouts for Foxglove and PlotJuggler: as the programs read them, of what the nodes send."""
 
-from __future__ import annotations
-
 import json
 import re
 import xml.etree.ElementTree as ET

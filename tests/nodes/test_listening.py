@@ -1,7 +1,5 @@
 """Nodes receive from whoever publishes, whatever quality of service they offer, and from the first message on."""
 
-from __future__ import annotations
-
 import pytest
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState

@@ -1,7 +1,5 @@
 """The clock of a replay: due times and other speeds; and definitions of installed types."""
 
-from __future__ import annotations
-
 import pytest
 
 from elastic_arm.nodes.recorder import installed_definition

@@ -1,7 +1,5 @@
 """Recorder and replayer on a real DDS graph: topics of any type, and what is latched."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator
 

@@ -1,7 +1,5 @@
 """Messages of the reference: what is followed, and what is refused in words."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

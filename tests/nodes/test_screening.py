@@ -1,7 +1,5 @@
 """Absurd numbers in a stream of samples."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

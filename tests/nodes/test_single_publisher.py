@@ -1,7 +1,5 @@
 """Another publisher of a topic that can have only one, as discovery brings it: without its name at first."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any
 

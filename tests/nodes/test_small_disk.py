@@ -1,7 +1,5 @@
 """The recorder on a disk that fills up while the arm moves."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What the nodes do that needs no graph: pairing, the streamed reference, the pace, messages as bytes."""
 
-from __future__ import annotations
-
 import signal
 from array import array
 from collections.abc import Callable, Iterator

@@ -1,7 +1,5 @@
 """How the nodes' samples travel, and the profiles of Fast DDS that they start with."""
 
-from __future__ import annotations
-
 import signal
 import time
 import xml.etree.ElementTree as ET

@@ -1,7 +1,5 @@
 """The first session of docs/ros.md, run as it stands there."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

@@ -1,7 +1,5 @@
 """Two arms on one DDS graph, each in a namespace of its own."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Arrays as robots' makers and laboratories leave them: structs, tables without names, folders, zeros and scales."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Arrays become recordings as their mappings describe."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Foreign bags and arrays become recordings by what their maps say."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Each fault of a bag is named with its place."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Whether recorded commands are what an arm followed."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

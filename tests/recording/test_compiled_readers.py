@@ -1,7 +1,5 @@
 """MATLAB, Parquet and HDF5 files are read in a process of their own: what ends it is one line of an error."""
 
-from __future__ import annotations
-
 import os
 import resource
 import struct

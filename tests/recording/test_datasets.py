@@ -1,7 +1,5 @@
 """Datasets of robot learners in, and recordings as arrays out and back."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

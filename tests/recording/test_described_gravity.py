@@ -1,7 +1,5 @@
 """Torques against the gravity of the description: wrong signs and mountings are found, right ones are not blamed."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Two recordings of the same commands, without a model."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Drafts of array mappings."""
 
-from __future__ import annotations
-
 import warnings
 from pathlib import Path
 

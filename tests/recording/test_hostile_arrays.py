@@ -1,7 +1,5 @@
 """Arrays and tables that are damaged, hidden or not what they claim: one line each."""
 
-from __future__ import annotations
-
 import os
 import re
 import zipfile

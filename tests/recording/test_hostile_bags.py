@@ -1,7 +1,5 @@
 """Bags that claim too much, or what cannot be: one line each, at once, within the limits on memory."""
 
-from __future__ import annotations
-
 import os
 import sqlite3
 import struct

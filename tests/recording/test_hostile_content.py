@@ -1,7 +1,5 @@
 """Small bags that unpack to much, or whose messages hold what no arm has: one line, at once, in little memory."""
 
-from __future__ import annotations
-
 import sqlite3
 import struct
 import tracemalloc

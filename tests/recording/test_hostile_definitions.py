@@ -1,7 +1,5 @@
 """Message definitions of a bag are data: never executed, read in bounded time, refused in one line."""
 
-from __future__ import annotations
-
 import builtins
 import time
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Torques that described controllers make of commands and positions."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Units that were mistaken show in sizes that no arm has; arms within their limits are not blamed."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Records among the bytes of an MCAP file."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

@@ -1,7 +1,5 @@
 """Bags of arms in namespaces: found by the suffix of their topics, chosen by name."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Messages in the order of their stamps: what reader and check make of every order they may come in."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Absurd but finite numbers: named by the check, left out with a note by identification and diagnosis."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from dataclasses import replace

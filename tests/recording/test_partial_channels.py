@@ -1,7 +1,5 @@
 """Channels that only some joints have: NaN for the others, from the mapping to the samples and back from a bag."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

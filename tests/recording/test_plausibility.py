@@ -1,7 +1,5 @@
 """Numbers that no sensors of a moving arm measure are found; sensors with ordinary noise are not blamed."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

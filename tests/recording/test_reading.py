@@ -1,7 +1,5 @@
 """Bags of other writers become recordings."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Parts of a recording."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """A repaired copy holds all that can be used."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Bags on a real file system that is full, or that may only be read."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 

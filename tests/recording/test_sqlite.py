@@ -1,7 +1,5 @@
 """Bags stored with SQLite are read as MCAP ones are: whole, bare, compressed, old and torn."""
 
-from __future__ import annotations
-
 import sqlite3
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Where an arm stands still, and that a long bag is read in parts."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A bag that is written while it happens keeps what it was given, whatever becomes of the process."""
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import sys

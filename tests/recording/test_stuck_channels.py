@@ -1,7 +1,5 @@
 """Torques at an end of their range and recordings that freeze are found; peaks, rests and slow channels are not."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Both sides on one time base."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Encoders of links and of motors at the same joints of an arm that is described as rigid."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Recordings go into bags and come out again, and other libraries read the same."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

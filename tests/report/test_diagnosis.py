@@ -1,7 +1,5 @@
 """The results of a diagnosis: report, files and words, opened and used as a user would."""
 
-from __future__ import annotations
-
 import csv
 import html
 import io

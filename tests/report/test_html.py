@@ -1,7 +1,5 @@
 """Reports: one file, complete, opened by a real browser."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

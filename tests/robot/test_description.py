@@ -1,7 +1,5 @@
 """The arm file: what it holds, what is refused and how, and that a saved arm loads to the same arm."""
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Callable
 from pathlib import Path

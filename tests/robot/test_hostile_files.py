@@ -1,7 +1,5 @@
 """Arm files, overlays, URDFs, maps and trajectories that are hostile or broken: one line each, at once."""
 
-from __future__ import annotations
-
 import os
 import time
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """MuJoCo models in: the equations of motion that MuJoCo computes, chains, and what is refused."""
 
-from __future__ import annotations
-
 import os
 import sys
 import time

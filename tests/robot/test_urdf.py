@@ -1,7 +1,5 @@
 """URDF in and out: any serial chain of revolute joints, checked against engines that nobody here wrote."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from pathlib import Path

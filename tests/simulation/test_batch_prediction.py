@@ -1,7 +1,5 @@
 """Many short predictions at once agree with the simulator, one run at a time."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from types import SimpleNamespace
 

@@ -1,7 +1,5 @@
 """What tests of the studies share."""
 
-from __future__ import annotations
-
 import multiprocessing
 import time
 from collections.abc import Iterator

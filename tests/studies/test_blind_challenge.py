@@ -1,7 +1,5 @@
 """The blind check: what is drawn and how large, campaigns, answers and their score."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The hidden arms of the challenge: their engine, laws, motions and sensors, and that they share nothing else."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The judge and the bench: what a row of the CSV holds, and what a change does to a recording."""
 
-from __future__ import annotations
-
 import csv
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The paper's study: its claims with our numbers, its files, and what it refuses."""
 
-from __future__ import annotations
-
 import csv
 import json
 import math

@@ -1,7 +1,5 @@
 """Independent tasks over processes, and over the workers of a Dask cluster."""
 
-from __future__ import annotations
-
 import importlib
 import math
 import multiprocessing

@@ -1,7 +1,5 @@
 """The virtual prototype: an engine that nobody here wrote, against mod3, against itself, and against its limits."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The user's own file with the numbers that a diagnosis or an identification found, beside robot.yaml."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from rich.markup import escape

@@ -1,7 +1,5 @@
 """`elastic-arm export`: an arm as the file of another simulator, or in a user's own file."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, replace
 from enum import StrEnum
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`elastic-arm replay`: a recording in MuJoCo, and how far each model is from it."""
 
-from __future__ import annotations
-
 import os
 from json import dumps as json_text
 from pathlib import Path

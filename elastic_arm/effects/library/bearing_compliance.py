@@ -6,8 +6,6 @@ arm's own inertia, and the tilts enter the equations of link and motor. The firs
 all poses; each further one mends the tilts by the moment that is missing then.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property

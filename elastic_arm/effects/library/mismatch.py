@@ -1,7 +1,5 @@
 """Wrong numbers of a transmission: the torque that the nominal number makes, times what it is off."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

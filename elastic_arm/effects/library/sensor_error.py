@@ -1,7 +1,5 @@
 """Torque sensors and encoders with a wrong gain or zero, or a disc off centre, and what all sensor effects share."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -4,8 +4,6 @@ The encoder sits on the motor; the link lies at q + d. Weight and inertia of all
 the joint transmits moves d: at each sample the link's own equation, with the inertia it has in that pose.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from functools import cache, cached_property, partial
 from typing import Any

@@ -1,7 +1,5 @@
 """What the arm follows: the streamed reference or a goal, whichever came last."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 from trajectory_msgs.msg import JointTrajectory

@@ -1,7 +1,5 @@
 """Goals: trajectories of few points, gone to from where the arm is."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """The reference that a simulated arm follows: streamed points in, one row per step out."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Sequence
 

@@ -4,8 +4,6 @@ The rule of ros2_controls: between two points that both hold accelerations, the 
 and accelerations; where both hold velocities, the cubic through positions and velocities; otherwise a straight line.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -4,8 +4,6 @@ What `elastic_arm.robot.to_urdf` writes is the arm alone, so that reading it giv
 here is for MoveIt, RViz, Pinocchio and ros2_control.
 """
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Mapping
 from typing import Any

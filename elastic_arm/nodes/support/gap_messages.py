@@ -1,7 +1,5 @@
 """A diagnosis as messages: the content of `diagnosis.json`, with NaN for its null and "" for no joint."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import Any

@@ -1,7 +1,5 @@
 """The graph around a node: quality of service, who else is there, and when the peers are."""
 
-from __future__ import annotations
-
 import importlib
 import os
 import time

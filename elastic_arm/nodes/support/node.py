@@ -1,7 +1,5 @@
 """What every node has: a rhythm of its own, health on `/diagnostics`, and subscriptions that fit all publishers."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Both sides of the joints, brought together by stamp as they arrive."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 

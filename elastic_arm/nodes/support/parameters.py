@@ -1,7 +1,5 @@
 """Parameters with a type, a range and a description, as `ros2 param describe` and rqt show them."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import SimpleNamespace

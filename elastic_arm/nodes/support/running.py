@@ -1,7 +1,5 @@
 """The life of a node's process: start, spin, stop; errors as one line and an exit code."""
 
-from __future__ import annotations
-
 import os
 import signal
 import sys

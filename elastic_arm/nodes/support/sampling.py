@@ -1,7 +1,5 @@
 """Nodes that take an arm's samples: subscriptions, services and status."""
 
-from __future__ import annotations
-
 import time
 from functools import partial
 from types import SimpleNamespace

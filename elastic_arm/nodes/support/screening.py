@@ -1,7 +1,5 @@
 """Absurd numbers in a stream of samples, left out before they reach an estimator that cannot forget them."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -4,8 +4,6 @@ Building a Python message costs more than sending it. A topic's messages differ 
 serialised once and serves as a form to fill in; those that arrive are kept as bytes and decoded many at a time.
 """
 
-from __future__ import annotations
-
 import struct
 from collections import deque
 from collections.abc import Iterator

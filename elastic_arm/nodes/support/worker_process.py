@@ -1,7 +1,5 @@
 """Work that takes seconds, in a process of low priority: the node's own thread goes on taking samples meanwhile."""
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import signal

@@ -1,7 +1,5 @@
 """A recording as arrays, .csv, .npz, .parquet or .h5, with the mapping that imports them again."""
 
-from __future__ import annotations
-
 import csv
 import io
 import shlex

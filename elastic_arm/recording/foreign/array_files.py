@@ -1,7 +1,5 @@
 """Named arrays from files: .npz, .npy, .mat, tables as text, Parquet and HDF5, and folders of such files."""
 
-from __future__ import annotations
-
 import csv
 import os
 import re

@@ -1,7 +1,5 @@
 """Arrays of a real robot as a recording, by a small mapping file (docs/channel_maps.md)."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase

@@ -1,7 +1,5 @@
 """Channel maps: what a foreign bag calls, and how it scales, what a recording holds (docs/channel_maps.md)."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Mapping, Sequence

@@ -6,8 +6,6 @@ takes) and processor time are limited. The arrays go to standard output as an .n
 standard error, as problem and remedy.
 """
 
-from __future__ import annotations
-
 import importlib
 import io
 import os

@@ -1,7 +1,5 @@
 """The draft of an array mapping as a file: what each array may be, with the reasons as comments."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

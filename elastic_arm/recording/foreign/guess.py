@@ -1,7 +1,5 @@
 """A draft of an array mapping: what each array of a file may be, with the reason, for a person to read and correct."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Sides of a recording from the topics of a foreign bag, by its channel map."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

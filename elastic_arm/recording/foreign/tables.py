@@ -1,7 +1,5 @@
 """Tables of all joints among the arrays of a file: one array, or a group of columns whose names count the joints."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence

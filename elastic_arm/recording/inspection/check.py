@@ -1,7 +1,5 @@
 """What is wrong with a bag: with its files, with what its readers make of them, and with the numbers."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Whether an arm followed the commands that were recorded with it, how late, and at which rate they came."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

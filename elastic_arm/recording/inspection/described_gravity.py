@@ -14,8 +14,6 @@ Slow samples resemble each other: N of them are worth as few independent ones as
 (M. S. Bartlett, Journal of the Royal Statistical Society 98 (1935) 536).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from itertools import chain, combinations
 from typing import Any, NamedTuple

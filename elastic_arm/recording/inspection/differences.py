@@ -1,7 +1,5 @@
 """Two recordings of the same commands, channel by channel: how far they are apart, without any model."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What is in a bag, in short."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any

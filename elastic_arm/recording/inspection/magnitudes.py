@@ -3,8 +3,6 @@
 They tell a unit that was mistaken: degrees for radians, millimetres for metres.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -7,8 +7,6 @@ cubic through four neighbours by many times what the others do, and by more than
 that are given within a turn are unwound. Where a joint jumps as none can, the recording is parted.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple

@@ -9,8 +9,6 @@ a clock is not what it is taken for. A sample taken beside its stamp moves all j
 the same time, which noise of their sensors does not.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """A usable copy of a bag, beside it; the bag itself is never touched."""
 
-from __future__ import annotations
-
 from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Findings about a recording, and what no later step could use: times that do not advance, numbers that are none."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal

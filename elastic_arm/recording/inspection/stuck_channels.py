@@ -1,7 +1,5 @@
 """Channels that do not follow the arm: stuck, held, filled with zeros, at an end of their range, or frozen."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 from dataclasses import replace
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """Torques that hold less noise than any converter gives: low-passed before they were recorded, or computed."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -5,8 +5,6 @@ encoder, and what a link's encoder has besides is its lag and its zero. Of any a
 drive winds up: theta - q = a + b q + tau / K + T dq, where the zero a and the ratio b should be none.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The files of a bag: a rosbag2 folder, or a bare file, of any storage format."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Open MCAP files, whole or torn, and hand out their messages by channel."""
 
-from __future__ import annotations
-
 import errno
 import mmap
 import struct

@@ -6,8 +6,6 @@ is mostly like the one before; else by its indexes. Where these are not complete
 record to record.
 """
 
-from __future__ import annotations
-
 import mmap
 import struct
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Write MCAP files chunk by chunk: every chunk on disk is readable, whatever happens after."""
 
-from __future__ import annotations
-
 import os
 import struct
 import zlib

@@ -1,7 +1,5 @@
 """The messages of a bag one by one, in the order they were logged, as raw bytes: for replaying and copying."""
 
-from __future__ import annotations
-
 import heapq
 from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What rosbag2 wants to know beside the messages: quality of service, and metadata.yaml as Jazzy writes it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path

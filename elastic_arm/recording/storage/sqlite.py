@@ -1,7 +1,5 @@
 """Bags that rosbag2 stored with SQLite (.db3): plain, or compressed as a file with zstd."""
 
-from __future__ import annotations
-
 import sqlite3
 from collections.abc import Iterator, Sequence
 from contextlib import closing

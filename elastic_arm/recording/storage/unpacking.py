@@ -1,7 +1,5 @@
 """Unpack what is compressed in a bag, up to the limits of :mod:`elastic_arm.recording.limits`, whatever it claims."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import lz4.frame

@@ -6,8 +6,6 @@ true, 0 where samples are regular. It is found twice, each with a standard devia
 together (the change of position less the integral of the velocity), and from the smoothness of the positions alone.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Both sides of the joints on one time base."""
 
-from __future__ import annotations
-
 import numpy as np
 import scipy
 from numpy.typing import NDArray

@@ -1,7 +1,5 @@
 """Messages in the order of their stamps, whatever order they came in and whoever set the clock on the way."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

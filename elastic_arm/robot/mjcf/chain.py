@@ -1,7 +1,5 @@
 """Which bodies and joints of a compiled MuJoCo model are the arm, and what of the model no serial arm has."""
 
-from __future__ import annotations
-
 import difflib
 import itertools
 from collections.abc import Collection, Iterator, Mapping, Sequence

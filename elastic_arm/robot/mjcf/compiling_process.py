@@ -7,8 +7,6 @@ standard output goes a line of JSON that states what was left out, or what is wr
 MuJoCo saves it (WHAT is "model"), or the file as MuJoCo saves it ("xml").
 """
 
-from __future__ import annotations
-
 import json
 import resource
 import sys

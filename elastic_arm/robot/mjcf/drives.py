@@ -1,7 +1,5 @@
 """What drives the joints of a compiled MuJoCo model: motor inertia, friction in motors, delays, limits, controllers."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

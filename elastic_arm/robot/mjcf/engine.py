@@ -1,7 +1,5 @@
 """MuJoCo, and models compiled by it."""
 
-from __future__ import annotations
-
 import html
 import json
 import os

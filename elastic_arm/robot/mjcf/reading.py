@@ -5,8 +5,6 @@ held, are part of the link that they stand on. Nominal is what MuJoCo computes: 
 springs and gravity compensation as effects of the size that the model states.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path

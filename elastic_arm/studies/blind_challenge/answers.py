@@ -1,7 +1,5 @@
 """One answer against the truth of its arm."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any

@@ -1,7 +1,5 @@
 """Making and diagnosing many hidden arms, in parallel; what is there already is not done again."""
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import json

@@ -1,7 +1,5 @@
 """`elastic-arm challenge`: hidden arms made, diagnosed blindly, and scored."""
 
-from __future__ import annotations
-
 import json as json_module
 import os
 from collections.abc import Callable

@@ -3,8 +3,6 @@
 From the seed alone: description, true numbers, sensors, two motions, effects, joints, forms, and last the sizes.
 """
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace

@@ -3,8 +3,6 @@
 Those of a catalogue are drawn from the ranges of their files, those of no catalogue from the forms below.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any

@@ -1,7 +1,5 @@
 """The levels of the challenge: what arms, sensors, motions and effects are drawn from, and what counts as an effect."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any

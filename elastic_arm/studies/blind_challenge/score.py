@@ -1,7 +1,5 @@
 """How well challenges were answered: every share with its binomial interval, in one table a level."""
 
-from __future__ import annotations
-
 import itertools
 import json
 from collections import Counter

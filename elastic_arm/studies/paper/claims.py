@@ -4,8 +4,6 @@ Each function states its rule in code. Where the paper speaks of joints 1, 2 and
 the last and of the last one.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Callable, Sequence

@@ -1,7 +1,5 @@
 """`elastic-arm paper`: the paper's study, from the virtual prototype to the claims."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 from pathlib import Path

@@ -3,8 +3,6 @@
 Column j of S is what the recursion requires of the link side when motor j alone accelerates and nothing else moves.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import sympy

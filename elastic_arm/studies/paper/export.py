@@ -1,7 +1,5 @@
 """All numbers of the study as CSV tables and one JSON file, with the report."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import asdict
 from pathlib import Path

@@ -6,8 +6,6 @@ line by line; S theta'' makes it implicit, so it is repeated until it stands. Th
 controller on the motor side keeps the arm near theta_d.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass
 

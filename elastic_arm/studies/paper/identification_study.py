@@ -1,7 +1,5 @@
 """Fig. 5 and beyond: (10)-(13) for each model on what the prototype did, and where the errors come from."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """The report of the paper's study: claims first, then a function a figure: what it shows, how, and its numbers."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import astuple
 from pathlib import Path

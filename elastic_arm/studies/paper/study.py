@@ -1,7 +1,5 @@
 """The whole study, stage by stage: runs of the prototype over the cores, then what the models make of them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial

@@ -1,7 +1,5 @@
 """The torques of sections IV and V: step ramps of the prototype over the ratios, and what mod1 to mod3 make of them."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial

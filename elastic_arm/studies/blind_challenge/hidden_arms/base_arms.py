@@ -1,7 +1,5 @@
 """Descriptions of arms of six and seven joints, and arms that differ from their description as real ones do."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -6,8 +6,6 @@ and the walk compiled; every run is checked against Pinocchio's own algorithm al
 Every number of arm and effects is an argument, so that one library serves all arms of one build.
 """
 
-from __future__ import annotations
-
 import ctypes
 from dataclasses import dataclass
 from functools import lru_cache

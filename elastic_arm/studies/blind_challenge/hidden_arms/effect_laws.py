@@ -4,8 +4,6 @@ Effects that change a number of the arm (a mass, a stiffness) act on its descrip
 written here, for all joints at once; those of the sensors act on what was simulated (:mod:`.instruments`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any

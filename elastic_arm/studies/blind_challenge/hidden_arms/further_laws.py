@@ -4,8 +4,6 @@ They need states of their own: a clock, and one state a joint for what relaxes. 
 smaller set of equations.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The hidden arm: Pinocchio's bodies with effects, a drive that holds its command, and sensors."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 

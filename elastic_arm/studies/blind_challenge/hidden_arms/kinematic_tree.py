@@ -5,8 +5,6 @@ gears are ideal, so the velocities of all bodies are a constant matrix times tho
 v_full = G v, and M = G' M_full G, h = G' h_full.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

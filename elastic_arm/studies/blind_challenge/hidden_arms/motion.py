@@ -1,7 +1,5 @@
 """What hidden arms are to do, and what they did: sums of sines, motion from point to point, and true channels."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Protocol
 

@@ -1,7 +1,5 @@
 """Sensors of ordinary quality: encoders of some bits, coloured torque noise, rates and sides that are not all there."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

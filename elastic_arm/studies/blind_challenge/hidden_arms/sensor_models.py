@@ -1,7 +1,5 @@
 """Sensor models of the hidden arms: noise, resolution, jitter, and effects of the sensors themselves."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Motions imposed at the rotors, cut into pieces that are smooth, so that no integrator steps over a jump."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol

@@ -4,8 +4,6 @@ The prototype's link hangs on the turning spline: Rz(theta) Ry(b) Rx(a) Rz(delta
 Ry(q_y) Rx(q_x) Rz(q). Both describe one rotation; angles and rates are converted without small-angle shortcuts.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
