@@ -35,17 +35,9 @@ _EXAMPLE = "docs/adding_an_effect.md shows one."
 
 
 class Catalogue(Mapping[str, Effect]):
-    """Effects by id; never changed.
+    """Effects by id, in the order in which they are listed; never changed.
 
-    Parameters
-    ----------
-    effects
-        In the order in which they are listed.
-
-    Raises
-    ------
-    EffectError
-        If two have one id.
+    Raises an EffectError if two have one id.
     """
 
     def __init__(self, effects: Sequence[Effect]) -> None:
@@ -184,19 +176,7 @@ def from_dict(
 ) -> EffectInstance:
     """Read an effect as an arm file holds it: `{"effect": id, "joint": name or None, "parameters": {…}}`.
 
-    Parameters
-    ----------
-    entry
-        The effect.
-    robot
-        When given, the joint is checked.
-    catalogue
-        Where its id is looked up; the default catalogue when None.
-
-    Raises
-    ------
-    EffectError
-        If it is no such entry, or the effect makes no sense.
+    The joint is checked where there is a robot. Raises an EffectError if it is no such entry, or makes no sense.
     """
     extra = set(entry) - {"effect", "joint", "parameters"}
     if "effect" not in entry or extra:

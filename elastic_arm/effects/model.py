@@ -69,13 +69,7 @@ class Plant:
 
 @dataclass(frozen=True)
 class Effect:
-    """An effect that acts through its law.
-
-    Raises
-    ------
-    EffectError
-        If the entries contradict each other.
-    """
+    """An effect that acts through its law; an EffectError if its entries contradict each other."""
 
     id: str  # as in the contract
     formula: str  # the law as text
@@ -248,13 +242,7 @@ def no_controller(joint: str) -> EffectError:
 
 @dataclass(frozen=True)
 class EffectInstance:
-    """An effect on an arm.
-
-    Raises
-    ------
-    EffectError
-        If a parameter is unknown, missing, or makes no sense.
-    """
+    """An effect on an arm; an EffectError if a parameter is unknown, missing, or makes no sense."""
 
     effect: Effect  # what acts
     joint: str | None  # name of the joint; None for the whole arm

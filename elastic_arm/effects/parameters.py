@@ -31,13 +31,7 @@ class Scale(Enum):
 
 @dataclass(frozen=True)
 class Parameter:
-    """A number in a law.
-
-    Raises
-    ------
-    EffectError
-        If the entries contradict each other.
-    """
+    """A number in a law; an EffectError if its entries contradict each other."""
 
     # name, unit, meaning: as in `diagnosis.json` ("1" for a ratio); what it is, in a few words
     name: str
@@ -150,10 +144,7 @@ class Parameter:
 class Choice:
     """Something about an effect that is no number: the side it acts on, the channels it delays.
 
-    Raises
-    ------
-    EffectError
-        If there is nothing to choose from, or the default is none of the values.
+    Raises an EffectError if there is nothing to choose from, or the default is none of the values.
     """
 
     name: str

@@ -49,24 +49,11 @@ class _ParsedInstance:
 
 
 def parse(text: str, robot: Robot | None = None, catalogue: Catalogue | None = None) -> EffectInstance:
-    """Read an effect on an arm.
+    """Read an effect on an arm, such as `payload:mass=5,position=0/0/0.1` or `base_tilt:x=0.01,y=0`.
 
-    Examples: `payload:mass=5,position=0/0/0.1`, `base_tilt:x=0.01,y=0`,
-    `time_delay:delay=0.003,channels=joint_torque+motor_torque`.
-
-    Parameters
-    ----------
-    text
-        The effect. Components of a vector are joined by `/`, several choices by `+`.
-    robot
-        When given, the joint is checked.
-    catalogue
-        Where its id is looked up; the default catalogue when None.
-
-    Raises
-    ------
-    EffectError
-        If it cannot be read, or no real arm has such an effect; the message lists what would be valid.
+    Components of a vector are joined by `/`, several choices by `+`: `time_delay:channels=joint_torque+motor_torque`.
+    The joint is checked where there is a robot. Raises an EffectError if it cannot be read, or no real arm has such an
+    effect; the message lists what would be valid.
     """
     written = _read(text, catalogue)
     instance = written.on(written.joint)
@@ -91,19 +78,8 @@ def known_effects(texts: Sequence[str], robot: Robot, catalogue: Catalogue | Non
 def parse_laws(texts: Sequence[str], robot: Robot, catalogue: Catalogue | None = None) -> list[EffectInstance]:
     """Read effects whose linear parameters are to be identified; without a joint they sit on every joint.
 
-    Parameters
-    ----------
-    texts
-        The effects.
-    robot
-        The arm they sit on.
-    catalogue
-        Where their ids are looked up; the default catalogue when None.
-
-    Raises
-    ------
-    EffectError, IdentificationError
-        If there is no such effect, none of its parameters is linear, or a value is given for one that is.
+    Raises an EffectError or IdentificationError if there is no such effect, none of its parameters is linear, or a
+    value is given for one that is.
     """
     found = []
     for text in texts:

@@ -53,13 +53,7 @@ CRITERIA: dict[str, Criterion] = {"condition": condition, "d_optimal": d_optimal
 
 
 def find_criterion(name: str) -> Criterion:
-    """Return the criterion of that name.
-
-    Raises
-    ------
-    ExcitationError
-        If there is none.
-    """
+    """Return the criterion of that name; an ExcitationError if there is none."""
     if name not in CRITERIA:
         raise ExcitationError(f"there is no criterion {name!r}", f"Use one of {', '.join(CRITERIA)}")
     return CRITERIA[name]

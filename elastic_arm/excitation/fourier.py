@@ -29,13 +29,7 @@ _SPEED, _CURVATURE = _STEP.deriv(), _STEP.deriv(2)
 
 @dataclass(frozen=True, eq=False)
 class FourierTrajectory:
-    """A periodic motion of n joints that starts and stops smoothly.
-
-    Raises
-    ------
-    ExcitationError
-        If the numbers make no motion.
-    """
+    """A periodic motion of n joints that starts and stops smoothly; an ExcitationError if the numbers make none."""
 
     omega: float  # base frequency, rad/s
     # a, b: (n, H) Velocity amplitudes of the sines' and cosines' harmonics 1 to H, rad/s

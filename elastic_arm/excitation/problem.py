@@ -55,21 +55,7 @@ def random_trajectories(
 ) -> list[FourierTrajectory]:
     """Return `count` random motions within the limits: coefficients uniform, turned down to the limits.
 
-    Parameters
-    ----------
-    model, limits
-        Of the arm.
-    count
-        How many.
-    rng
-        Source of the coefficients.
-    shape
-        Harmonics, period and ramp.
-
-    Raises
-    ------
-    ExcitationError
-        If one of them finds no place within the limits.
+    Raises an ExcitationError if one of them finds no place within the limits.
     """
     problem = Problem(model, limits, BaseRegressor(model, ()), shape or Shape(), condition)
     found = [problem.trajectory(problem.random(rng)) for _ in range(count)]

@@ -92,33 +92,12 @@ def optimise(
     random: int = 50,
     progress: Progress | None = None,
 ) -> ExcitationResult:
-    """Find a motion that determines the base parameters of `model` well.
+    """Find a motion within limits that determines the base parameters of `model`, its base `columns`, well.
 
-    Parameters
-    ----------
-    model, columns
-        The regressor and its base columns.
-    limits
-        That the motion keeps.
-    rng
-        The same generator state gives the same motion.
-    shape
-        Harmonics, period, ramp.
-    criterion
-        A name in :data:`elastic_arm.excitation.criteria.CRITERIA`.
-    noise : (dof,)
-        Standard deviation of each equation's error, Nm; None: all alike.
-    evaluations
-        Budget of the search, the random motions not counted.
-    random
-        Number of random motions, to start from and to compare with.
-    progress
-        Called with (evaluation, best value) after every evaluation.
-
-    Raises
-    ------
-    ExcitationError
-        If the criterion or the numbers make no sense, or no motion found keeps the limits (names which is broken).
+    The same state of `rng` gives the same motion. `noise` (dof,) is the standard deviation of each equation's error,
+    Nm, all alike when None; `evaluations` the budget of the search beside the `random` motions to start from and
+    compare with. `progress` is called with evaluation and best value. Raises an ExcitationError if criterion or numbers
+    make no sense, or no motion found keeps the limits (names which is broken).
     """
     require(evaluations >= 1, f"{evaluations} evaluations are asked for", "Ask for at least one")
     require(random >= 1, f"{random} random motions are asked for", "Ask for at least one, to start from")

@@ -32,23 +32,10 @@ _before: list[Any] = []  # the callback that somebody else had set
 
 
 class Attachment:
-    """Laws that act on a model; also a context manager that takes them away again.
+    """Laws that act on a compiled `MjModel`, `instances`; also a context manager that takes them away again.
 
-    Parameters
-    ----------
-    model
-        Compiled `MjModel`.
-    robot
-        The arm in it, by the names of its joints.
-    instances
-        Effects that act by their laws.
-    stated
-        Effects that the model has of itself, where the laws of others may follow what they do.
-
-    Raises
-    ------
-    RobotError
-        If the model lacks a joint.
+    `stated` are effects that the model has of itself, where the laws of others may follow what they do. Raises a
+    RobotError if the model lacks a joint of the arm.
     """
 
     def __init__(
@@ -151,28 +138,10 @@ def attach(
 ) -> Attachment:
     """Let the laws of an arm's effects act in a MuJoCo model: those that the numbers of its file do not state.
 
-    Parameters
-    ----------
-    model
-        Compiled `MjModel` of the file that `elastic-arm export` wrote, or that `diagnose` wrote beside robot.yaml.
-    robot
-        The arm with its effects, such as diagnosis/robot.yaml.
-    chain
-        As the arm was read, where `robot` is a URDF or MJCF.
-    catalogue
-        Where ids of effects are looked up; the default catalogue when None.
-
-    Returns
-    -------
-    Attachment
-        With `detach()`; its `instances` are the effects that act.
-
-    Raises
-    ------
-    EffectError
-        If an effect is none that acts by a law.
-    RobotError
-        If the model lacks a joint of the arm.
+    The model is the compiled `MjModel` of the file that `elastic-arm export` wrote, or that `diagnose` wrote with
+    robot.yaml; the arm has its effects, as diagnosis/robot.yaml, and is read by `chain` where it is a URDF or MJCF.
+    What is returned has `detach()`, and the effects that act as `instances`. Raises an EffectError if an effect is none
+    that acts by a law, and a RobotError if the model lacks a joint of the arm.
     """
     arm = robot if isinstance(robot, Robot) else load_robot(robot, chain)
     left = Elements(arm, stated_arm(arm, catalogue), float(model.opt.timestep)).left_by(model)

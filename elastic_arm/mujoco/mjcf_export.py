@@ -77,25 +77,9 @@ def export_mjcf(
 ) -> Exported:
     """Write an MJCF with the numbers of an arm: inertials, armature, damping, friction loss, gravity, sensor delays.
 
-    Parameters
-    ----------
-    robot
-        The corrected arm, with its effects; of the same joints and frames as the base.
-    base
-        The user's file.
-    out
-        Where the copy goes.
-    chain, at
-        As the arm was read from the base.
-    deviations
-        Of estimates, for the table.
-    catalogue
-        Where ids of effects are looked up.
-
-    Raises
-    ------
-    RobotError
-        If the arm is another one, its numbers are of no physical body, or the file's elements cannot be found.
+    The corrected arm, with its effects, has the joints and frames of the user's file `base`, from which it was read by
+    `chain` and `at`; `deviations` of estimates go into the table. Raises a RobotError if the arm is another one, its
+    numbers are of no physical body, or the file's elements cannot be found.
     """
     arm = open_mjcf(base, chain, at)
     require_same_joints(robot, arm.robot, base)

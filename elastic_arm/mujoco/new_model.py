@@ -30,26 +30,7 @@ TIMESTEP = 1e-3
 def export_new_mjcf(
     robot: Robot, base: None, out: Path, *, catalogue: Catalogue | None = None, timestep: float = TIMESTEP
 ) -> Exported:
-    """Write an arm as a new MJCF.
-
-    Parameters
-    ----------
-    robot
-        The arm, with its effects.
-    base
-        None: there is no file whose shape is kept.
-    out
-        The file.
-    catalogue
-        Where ids of effects are looked up.
-    timestep
-        Of MuJoCo, s.
-
-    Raises
-    ------
-    OutputError
-        If the file cannot be written.
-    """
+    """Write an arm with its effects as a new MJCF for a time step, s; an OutputError if it cannot be written."""
     text, effects = to_mjcf(robot, catalogue=catalogue, timestep=timestep)
     others = [replace(one, controller=None) if servo(one.controller) else one for one in robot.joints]
     numbers = left_numbers(robot.with_(joints=tuple(others)), "the new file has no such number")
@@ -63,17 +44,7 @@ def export_new_mjcf(
 def to_mjcf(
     robot: Robot, *, catalogue: Catalogue | None = None, timestep: float = TIMESTEP
 ) -> tuple[str, tuple[tuple[EffectInstance, str], ...]]:
-    """Return an arm as MJCF text, and the effects that it does not state, each with the reason.
-
-    Parameters
-    ----------
-    robot
-        The arm, with its effects.
-    catalogue
-        Where ids of effects are looked up.
-    timestep
-        Of MuJoCo, s.
-    """
+    """Return an arm with its effects as MJCF text, and those that it does not state, each with the reason."""
     arm = stated_arm(robot, catalogue)
     elements = Elements(robot, arm, timestep)
     root = ET.Element("mujoco", model=robot.name)

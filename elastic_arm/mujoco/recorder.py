@@ -23,30 +23,11 @@ def record(
     encoder_noise: float = 0.0,
     rng: np.random.Generator | None = None,
 ) -> Recording:
-    """Let the arm follow a trajectory by computed torque, in MuJoCo, and record angles and motor torques.
+    """Let an arm follow a trajectory by computed torque, in MuJoCo, and record angles and motor torques.
 
-    The model's own actuators are off: the torque comes from a controller tuned to `nominal`, held for a sample.
-    Torques are recorded as late as the model's sensors (`jointactuatorfrc`) state.
-
-    Parameters
-    ----------
-    arm
-        The true arm.
-    trajectory
-        Its reference.
-    nominal
-        What the controller believes; the true rigid arm when None.
-    rate
-        Samples a second.
-    torque_noise, encoder_noise
-        Standard deviations, Nm and rad.
-    rng
-        Source of the noise.
-
-    Raises
-    ------
-    SimulationError
-        If the motion leaves the finite numbers.
+    The model's own actuators are off: the torque comes from a controller tuned to `nominal`, the true rigid arm when
+    None, held for a sample. Torques are recorded as late as the model's sensors (`jointactuatorfrc`) state, with noise
+    of these standard deviations, Nm and rad. Raises a SimulationError if the motion leaves the finite numbers.
     """
     believed = arm.robot.with_(effects=()) if nominal is None else nominal.with_(effects=())
     controller = tuned(believed, rate=rate)
@@ -85,25 +66,12 @@ def record(
 def record_commands(
     arm: MjcfArm, commands: Array, *, rate: float, recorded: float | None = None, bits: int | None = None
 ) -> Recording:
-    """Let the model's own servos follow commands in MuJoCo, and record commands and angles, no torques.
+    """Let the model's own position servos follow commands (N, n), rad, and record commands and angles, no torques.
 
-    Parameters
-    ----------
-    arm
-        The true arm, its actuators position servos; it starts at rest at the first command.
-    commands
-        (N, n) rad, each held until the next.
-    rate
-        Of commands, Hz: a whole number of the model's time steps.
-    recorded
-        Samples of the angles a second, as `rate`, which is it when None.
-    bits
-        Of the encoders over a turn; exact ones when None.
-
-    Raises
-    ------
-    SimulationError
-        If the model has no servos, or the motion leaves the finite numbers.
+    The arm starts at rest at the first command, and each is held until the next, at a rate that is a whole number of
+    the model's time steps. Angles are `recorded` so often a second, as commands when None, by encoders of `bits` over a
+    turn, exact ones when None. Raises a SimulationError if the model has no servos, or the motion leaves the finite
+    numbers.
     """
     if not has_servos(arm):
         raise SimulationError("the model has no servos", "Give each joint one position actuator.")

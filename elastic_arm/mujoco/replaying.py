@@ -83,23 +83,10 @@ class Replay:
 
 
 def replay(recording: Recording, arm: MjcfArm, *, window: float = WINDOW, name: str = "") -> Replay:
-    """Replay a recording.
+    """Replay a recording of positions and motor torques in a model, whatever callbacks are attached to it included.
 
-    Parameters
-    ----------
-    recording
-        With positions and motor torques.
-    arm
-        The model, whatever callbacks are attached to it included.
-    window
-        s that the arm moves on its own before it is put back to the recorded motion.
-    name
-        Of the model in tables; the robot's when empty.
-
-    Raises
-    ------
-    DiagnosisError
-        If the recording holds no motor torque, or is shorter than a window.
+    The arm moves on its own for `window` s before it is put back to the recorded motion. Raises a DiagnosisError if the
+    recording holds no motor torque, or is shorter than a window.
     """
     chosen = recording.select(arm.robot.joint_names)
     made = with_made_torque(chosen, arm.robot)

@@ -53,27 +53,9 @@ def export_urdf(
 ) -> Exported:
     """Write a URDF with the numbers of an arm: inertials, damping and friction of joints.
 
-    Parameters
-    ----------
-    robot
-        The corrected arm, with its effects.
-    base
-        The user's file; a new one of simple shapes when None.
-    out
-        Where the copy goes.
-    chain
-        As the arm was read from the base.
-    deviations
-        Of estimates, for the table.
-    catalogue
-        Where ids of effects are looked up.
-
-    Raises
-    ------
-    RobotError
-        If the arm is another one, or its numbers are of no physical body.
-    OutputError
-        If the file cannot be written.
+    Without `base`, the user's file, it is a new one of simple shapes; all else is as in
+    :func:`~elastic_arm.mujoco.export_mjcf`. Raises a RobotError if the arm is another one, or its numbers are of no
+    physical body, and an OutputError if the file cannot be written.
     """
     text = (
         to_urdf(robot.with_(effects=())).encode()

@@ -29,25 +29,10 @@ _REASON = "USD has no number for it"
 
 
 def export_usd(robot: Robot, base: None, out: Path, *, catalogue: Catalogue | None = None) -> Exported:
-    """Write an arm as a new USD file, and list what it does not hold.
+    """Write an arm as a new USD file (.usda), and list what it does not hold.
 
-    Parameters
-    ----------
-    robot
-        The arm, with its effects; of an elastic one the joints are rigid, with the motors' inertia.
-    base
-        None: there is no file whose shape is kept.
-    out
-        The file, .usda.
-    catalogue
-        Where ids of effects are looked up.
-
-    Raises
-    ------
-    MissingExtraError
-        If USD is not installed.
-    RobotError
-        If a link has no mass.
+    Of an elastic arm the joints are rigid, with the motors' inertia. Raises a MissingExtraError if USD is not
+    installed, and a RobotError if a link has no mass.
     """
     links = bodies_with_components(robot)[1:]
     rigid = robot.with_(

@@ -158,37 +158,20 @@ def span_of(values: Array) -> str:
 
 @dataclass(frozen=True)
 class Samples:
-    """All channels on one time base.
+    """All channels on one time base: those of equation (1), (N, n) each, None where not recorded."""
 
-    Parameters
-    ----------
-    t
-        (N,) seconds from the first sample.
-    q, dq, tau_J
-        (N, n) link angle, its rate, joint torque (eq. (1)); None where not recorded.
-    theta, dtheta, tau_m
-        (N, n) motor angle, its rate, motor torque (eq. (1)); None where not recorded.
-    stamp_ns
-        (N,) the stamps of `t`.
-    notes
-        What was done to bring the channels together.
-    clock
-        "regular" or "stamps" where the user knows what the stamps mean; None where the motion decides.
-    lacking
-        Channels q, theta, tau_J, tau_m, each with the index of a joint that lacks it while others have it. There the
-        angle is that of the joint's other side, and the torque is zero.
-    """
-
-    t: Array
+    t: Array  # (N,) seconds from the first sample
     q: Array | None
     dq: Array | None
     tau_J: Array | None
     theta: Array | None
     dtheta: Array | None
     tau_m: Array | None
-    stamp_ns: Stamps
-    notes: tuple[str, ...] = ()
-    clock: ClockMode | None = None
+    stamp_ns: Stamps  # (N,) the stamps of `t`
+    notes: tuple[str, ...] = ()  # what was done to bring the channels together
+    clock: ClockMode | None = None  # what stamps mean where the user knows it; None where the motion decides
+    # q, theta, tau_J, tau_m, each with the index of a joint that lacks it while others have it: there the angle is that
+    # of the joint's other side, and the torque is zero
     lacking: Lacking = frozenset()
     # (N, n) rad, command as the drives take it; None unless tau_m is what controllers make of it
     r: Array | None = None

@@ -231,11 +231,5 @@ def _check_carriers(joint: Joint, allowed: tuple[str, str]) -> None:
 
 
 def require_robot(given: object) -> None:
-    """Refuse what is no robot where a user's program hands it in.
-
-    Raises
-    ------
-    RobotError
-        If it is anything else.
-    """
+    """Refuse, by a RobotError, what is no robot where a user's program hands it in."""
     require_kind(given, Robot, "robot", RobotError, "Give what load_robot returns.")

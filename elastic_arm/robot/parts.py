@@ -98,13 +98,7 @@ def tensor_of(six: Any) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Inertia:
-    """Inertial parameters of a rigid body.
-
-    Raises
-    ------
-    RobotError
-        If no body of positive density has these numbers.
-    """
+    """Inertial parameters of a rigid body; a RobotError if no body of positive density has these numbers."""
 
     mass: float  # kg, not negative
     # (3,) centre of mass in the body's frame, m

@@ -50,20 +50,9 @@ def parse_urdf(text: str | bytes, chain: Chain | None = None) -> Robot:
 
     Fixed joints join their child's inertia to their parent, continuous joints are revolute ones without limits, a link
     without inertial has no mass, and an inertia without mass none; joints of a gripper, which mimic one another, are
-    held at zero. Each such reading leaves a sentence in ``Robot.notes``.
-
-    Parameters
-    ----------
-    text
-        The URDF.
-    chain
-        First and last link of the arm, where the URDF holds more: what stands on the last link, and all other moving
-        branches, are left out.
-
-    Raises
-    ------
-    RobotError
-        If it is no URDF of a serial chain of joints; names the element, the reason and the remedy.
+    held at zero. Where `chain` names first and last link, what stands on the last one and all other moving branches are
+    left out. Each such reading leaves a sentence in ``Robot.notes``. Raises a RobotError if it is no URDF of a serial
+    chain of joints; it names the element, the reason and the remedy.
     """
     return _Reading(parse(text), chain).robot()
 

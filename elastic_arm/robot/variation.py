@@ -14,15 +14,6 @@ def varied(robot: Robot, rng: np.random.Generator, spread: float = 0.15) -> Robo
 
     Each number is scaled by a factor drawn uniformly from 1 - spread to 1 + spread. Mass and inertia of a body share
     theirs, so the body stays physical; geometry and ratios, which are known of every arm, stay as they are.
-
-    Parameters
-    ----------
-    robot
-        The description to depart from.
-    rng
-        Source of the factors.
-    spread
-        Below 1.
     """
 
     def factor() -> float:

@@ -106,22 +106,11 @@ def controller_of(robot: Robot, *, model: str = "mod3", rate: float = 1000.0) ->
 
 
 def tuned(robot: Robot, *, bandwidth: float = BANDWIDTH, model: str = "mod3", rate: float = 1000.0) -> Controller:
-    """Return a controller for a nominal arm: well damped at `bandwidth` (Hz), with feed-forward.
+    """Return a controller for a nominal arm: well damped at `bandwidth` (Hz), with feed-forward by a model's variant.
 
     The gains fit the inertia of each whole joint, link and motor, in the zero position; but the motor alone, on its
     drive's damper, must stay stable under a held command. Where the ratio is low and the motor light, that bounds both
-    gains. At a low sample rate the drives are commanded several times a sample, as real ones are.
-
-    Parameters
-    ----------
-    robot
-        The nominal arm.
-    bandwidth
-        Hz.
-    model
-        Variant of the feed-forward torque.
-    rate
-        Of the samples, Hz.
+    gains. At a low sample rate, Hz, the drives are commanded several times a sample, as real ones are.
     """
     equations = ArmEquations(robot, model)
     feedforward = RigidFeedforward(equations)

@@ -97,18 +97,9 @@ def simulate(
 def record(
     simulator: Simulator, t: Array, measured: dict[str, Array], reference: tuple[Array, Array, Array] | None = None
 ) -> Recording:
-    """Put channels (N, n) measured at times t (N,) into a recording, with the stamps that the sensors give them.
+    """Put channels (N, n) measured at times t (N,), s, into a recording, with the stamps that the sensors give them.
 
-    Parameters
-    ----------
-    simulator
-        Which measured.
-    t
-        (N,) s.
-    measured
-        (N, n) by channel.
-    reference
-        (N, n) q, dq, ddq of the reference; none is recorded when None.
+    The reference is its q, dq, ddq (N, n); none is recorded when None.
     """
     true_ns = np.round(t * 1e9).astype(np.int64)
     jittered_ns = true_ns + np.round(simulator.sensors.jitter(len(t)) * 1e9).astype(np.int64)

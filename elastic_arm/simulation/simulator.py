@@ -75,23 +75,9 @@ class Truth:
 class Simulator:
     """An arm with effects, sensors and a controller.
 
-    Parameters
-    ----------
-    robot
-        The arm. What its description lists under `effects` acts too, and its `controller` drives it.
-    settings
-        Model, effects, sensors, controller, sample rate.
-    rng
-        Source of all noise.
-    q0, dq0
-        Where the motors start, and how fast (n,); zero when None.
-    duration
-        s that the run lasts, for effects that change over it; None where it has no end.
-
-    Raises
-    ------
-    EffectError, SimulationError
-        If an effect cannot act on this arm, or the settings make no sense.
+    What the arm's description lists under `effects` acts too, and its `controller` drives it. The motors start at q0
+    with dq0 (n,), zero when None; `duration`, s, is that of the run for effects that change over it, None where it has
+    no end. Raises an EffectError or SimulationError if an effect cannot act on this arm, or the settings make no sense.
     """
 
     def __init__(
@@ -288,13 +274,7 @@ def sign_speed(system: System, Psi: Array, x: Array, z: Array, hold: Array, step
 
 
 def check_same_joints(robot: Robot, nominal: Robot) -> None:
-    """Refuse a nominal arm that is no description of `robot`.
-
-    Raises
-    ------
-    SimulationError
-        If their numbers of joints differ.
-    """
+    """Refuse, by a SimulationError, a nominal arm with another number of joints than `robot`."""
     if nominal.n != robot.n:
         raise SimulationError(
             f"the true arm {robot.name} has {robot.n} joints, the nominal arm {nominal.name} has {nominal.n}",

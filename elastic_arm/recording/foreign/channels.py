@@ -186,21 +186,13 @@ class JointChannels(Strict):
 
 
 class ChannelMap(Strict):
-    """A channel map.
+    """A channel map."""
 
-    Parameters
-    ----------
-    joints
-        By the name in the robot description, in its order.
-    time
-        What a sample's time is: the message's `header` stamp, or its `arrival` where there is no header.
-    coupling
-        Of motors that move several joints: joint -> motor -> factor.
-    """
-
+    # by the name in the robot description, in its order
     joints: Annotated[dict[str, JointChannels], Field(min_length=1, max_length=MOST_JOINTS)]
+    # a sample's time: the message's `header` stamp, or its `arrival` where there is no header
     time: Literal["header", "arrival"] = "header"
-    coupling: Coupling = Field(default_factory=dict)
+    coupling: Coupling = Field(default_factory=dict)  # of motors that move several joints: joint -> motor -> factor
 
     @model_validator(mode="before")
     @classmethod
@@ -235,10 +227,8 @@ class ChannelMap(Strict):
 def load_channels(path: str | Path) -> ChannelMap:
     """Read a channel map (YAML).
 
-    Raises
-    ------
-    RecordingError
-        If the file cannot be read, or a field is missing, unknown, of the wrong type or at odds with another.
+    Raises a RecordingError if it cannot be read, or a field is missing, unknown, of the wrong type or at odds with
+    another.
     """
     return load_model(ChannelMap, path, "channel map")
 

@@ -58,22 +58,12 @@ def read_mjcf(path: str | Path, chain: Chain | None = None, at: str | None = Non
 
 
 def open_mjcf(path: str | Path, chain: Chain | None = None, at: str | None = None) -> MjcfArm:
-    """Read an MJCF file and find the arm in it.
+    """Read an MJCF file, with what it includes, and find the arm in it.
 
-    Parameters
-    ----------
-    path
-        Of the file, with whatever it includes beside it.
-    chain
-        First and last body of the arm; what stands on the arm's links is held and part of them.
-    at
-        Where joints outside the chain are held: a keyframe's name, or `joint=value,…` in MuJoCo's units (m, rad). At
-        their reference positions when None.
-
-    Raises
-    ------
-    RobotError
-        If MuJoCo refuses the model, or it holds no serial chain of hinges and slides; names element, reason and remedy.
+    `chain` names first and last body of the arm; what stands on its links is held and part of them. `at` states where
+    joints outside the chain are held: a keyframe's name, or `joint=value,…` in MuJoCo's units (m, rad); at their
+    reference positions when None. Raises a RobotError if MuJoCo refuses the model, or it holds no serial chain of
+    hinges and slides; it names element, reason and remedy.
     """
     path = Path(path)
     with located(f"{path}: "):
