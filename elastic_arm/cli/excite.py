@@ -15,15 +15,7 @@ from elastic_arm.cli.console import new_table, out, print_json, progress_bar, re
 from elastic_arm.cli.describe import base_of
 from elastic_arm.cli.outputs import Force, claim_file
 from elastic_arm.dynamics import Model, build_model
-from elastic_arm.excitation import (
-    MARGIN,
-    ExcitationResult,
-    MotionLimits,
-    Shape,
-    Workspace,
-    find_criterion,
-    optimise,
-)
+from elastic_arm.excitation import MARGIN, ExcitationResult, MotionLimits, Shape, Workspace, find_criterion, optimise
 from elastic_arm.excitation.setpoints import write_csv, write_goal
 from elastic_arm.formatting import JointUnits
 from elastic_arm.identification.base_parameters import BaseParameters

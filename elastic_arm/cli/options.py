@@ -48,8 +48,7 @@ Namespace = Annotated[
     str | None, typer.Option(help="Of the arm, where bags hold several: left for /left/joint_states and so on.")
 ]
 Motion = Annotated[
-    float | None,
-    typer.Option("--motion", min=10.0, metavar="SECONDS", help="Most motion taken of a recording."),
+    float | None, typer.Option("--motion", min=10.0, metavar="SECONDS", help="Most motion taken of a recording.")
 ]
 RobotFile = Annotated[Path | None, typer.Option("--robot", help="Arm file, URDF or MJCF; the nominal arm by default.")]
 Chain = Annotated[
@@ -92,10 +91,7 @@ def completions(ctx: typer.Context, incomplete: str) -> list[str]:
 
 PriorsFile = Annotated[
     Path | None,
-    typer.Option(
-        "--priors",
-        help="YAML of how far masses, stiffness and sensors may be off; see docs/diagnosis.md.",
-    ),
+    typer.Option("--priors", help="YAML of how far masses, stiffness and sensors may be off; see docs/diagnosis.md."),
 ]
 KnownEffects = Annotated[
     list[str] | None,
@@ -183,11 +179,7 @@ def read_motion(
 
 
 def read_by_clock(
-    path: Path,
-    channels: ChannelMap | None,
-    robot: Robot,
-    clock: ClockChoice,
-    namespace: str | None = None,
+    path: Path, channels: ChannelMap | None, robot: Robot, clock: ClockChoice, namespace: str | None = None
 ) -> Recording:
     """Read a recording whose stamps mean what the user demands, with notes on what cannot be right of it.
 

@@ -39,11 +39,7 @@ class Attachment:
     """
 
     def __init__(
-        self,
-        model: Any,
-        robot: Robot,
-        instances: Sequence[EffectInstance],
-        stated: Sequence[EffectInstance] = (),
+        self, model: Any, robot: Robot, instances: Sequence[EffectInstance], stated: Sequence[EffectInstance] = ()
     ) -> None:
         self.model, self.robot, self.instances = model, robot, tuple(instances)
         self._theta, self._wound = _addresses(model, robot)

@@ -17,11 +17,7 @@ from elastic_arm.report.html import Block, Figure, Section, Table, Text, Written
 from elastic_arm.report.style import BLUE, GREEN, GREY, ORANGE, VERMILION, draw_signal, drawing
 
 COLOURS = {"well": GREEN, "poorly": ORANGE, "not": VERMILION}
-VERDICTS = {
-    "well": f"well determined, up to {WELL:.0%}",
-    "poorly": f"poorly, up to {POORLY:.0%}",
-    "not": "not at all",
-}
+VERDICTS = {"well": f"well determined, up to {WELL:.0%}", "poorly": f"poorly, up to {POORLY:.0%}", "not": "not at all"}
 GAPS = " Gaps: where a joint sticks, any torque within its dry friction is right."
 
 

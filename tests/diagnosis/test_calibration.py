@@ -25,9 +25,7 @@ def ordinary_arm() -> tuple[Diagnosis, list[Fault], Robot]:
 
 
 @pytest.mark.slow
-def test_an_arm_that_is_only_ordinarily_wrong_has_no_cause(
-    ordinary_arm: tuple[Diagnosis, list[Fault], Robot],
-) -> None:
+def test_an_arm_that_is_only_ordinarily_wrong_has_no_cause(ordinary_arm: tuple[Diagnosis, list[Fault], Robot]) -> None:
     """Wrong masses, stiffness, friction and sensors are found as such, and nothing is blamed."""
     found, ordinary, _ = ordinary_arm
     assert found.verdict == "none" and not found.causes

@@ -44,10 +44,7 @@ TWO_MJCF = """<mujoco><compiler angle="radian" autolimits="true"/><option timest
 <inertial pos="0.01 0 0.1" mass="1" diaginertia="0.006 0.006 0.001"/>
 </body></body></body></worldbody>
 <actuator><motor joint="j1" ctrlrange="-50 50"/><motor joint="j2" ctrlrange="-20 20"/></actuator></mujoco>"""
-FILES = {
-    "two.urdf": f"{TWO_URDF}</robot>",
-    "two.xml": TWO_MJCF,
-}
+FILES = {"two.urdf": f"{TWO_URDF}</robot>", "two.xml": TWO_MJCF}
 ARMS = [
     (
         "two.urdf",

@@ -14,10 +14,7 @@ from elastic_arm.studies.blind_challenge.hidden_arms.sensor_models import Sensor
 from tests.helpers.noise_kinds import recording
 
 ROBOT = load_robot(None)
-FAULTS = {
-    "none": (),
-    "friction": (Fault("coulomb_friction", 1, {"torque": 3.0}),),
-}
+FAULTS = {"none": (), "friction": (Fault("coulomb_friction", 1, {"torque": 3.0}),)}
 CHANNELS = ("q", "dq", "theta", "dtheta", "tau_J", "tau_m")
 
 

@@ -11,13 +11,7 @@ from elastic_arm.effects.library.base_tilt import TILT
 from elastic_arm.identification import Identification, IdentificationSettings, identify, parse_laws
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.batch.identify import FELT
-from elastic_arm.identification.batch.imperfections import (
-    LEVEL,
-    ZERO,
-    NuisanceLaw,
-    possible_imperfections,
-    told_apart,
-)
+from elastic_arm.identification.batch.imperfections import LEVEL, ZERO, NuisanceLaw, possible_imperfections, told_apart
 from elastic_arm.identification.batch.mounting import turned
 from elastic_arm.identification.law_columns import law_columns, on_recorded_side
 from elastic_arm.identification.regularisation import law_sizes, prior_of

@@ -188,12 +188,7 @@ def swinging() -> FourierTrajectory:
 def start_arm(graph: Graph) -> None:
     """Start an arm that has more friction than its model and moves on and on."""
     swinging().save(graph.folder / "trajectory.yaml")
-    graph.start(
-        "simulator",
-        effects=f"['{EFFECT}']",
-        real_time_factor=0.8,
-        initial_position="[0.0]",
-    )
+    graph.start("simulator", effects=f"['{EFFECT}']", real_time_factor=0.8, initial_position="[0.0]")
     graph.start("trajectory_generator", trajectory=graph.folder / "trajectory.yaml", repeat=0, use_sim_time=True)
 
 

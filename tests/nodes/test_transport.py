@@ -61,8 +61,7 @@ def test_no_range_of_discovery_takes_shared_memory(before: dict[str, str], after
 
 
 @pytest.mark.parametrize(
-    "chosen",
-    [{PROFILE_VARIABLE: "/mine.xml"}, {TRANSPORTS_VARIABLE: "SHM"}, {PEERS_VARIABLE: "10.0.0.7"}],
+    "chosen", [{PROFILE_VARIABLE: "/mine.xml"}, {TRANSPORTS_VARIABLE: "SHM"}, {PEERS_VARIABLE: "10.0.0.7"}]
 )
 def test_the_user_s_own_settings_count(chosen: dict[str, str]) -> None:
     """A profile, transports and static peers of the user's stay, and the range of discovery with them."""

@@ -15,15 +15,7 @@ from elastic_arm.recording.inspection.check import check_bag
 from elastic_arm.recording.inspection.info import bag_info
 from elastic_arm.recording.inspection.repair import repair_bag
 from elastic_arm.recording.storage.messages import read_messages, read_topics
-from tests.helpers.bags import (
-    JOINT_STATE,
-    assert_equal,
-    both,
-    stamps,
-    states,
-    write_foreign,
-    write_sqlite,
-)
+from tests.helpers.bags import JOINT_STATE, assert_equal, both, stamps, states, write_foreign, write_sqlite
 
 SHARED = Path(__file__).parents[3] / "shared" / "data" / "ur10"
 

@@ -99,6 +99,5 @@ def company(others: list[str], topic: str) -> GraphError:
     if topic in topics.GLOBAL:  # which a namespace does not part
         return GraphError(problem, "Start this one with real_time_factor:=1.0, or with another ROS_DOMAIN_ID.")
     return GraphError(
-        problem,
-        "Stop it, or start this one in a namespace (--ros-args -r __ns:=/left) or with another ROS_DOMAIN_ID.",
+        problem, "Stop it, or start this one in a namespace (--ros-args -r __ns:=/left) or with another ROS_DOMAIN_ID."
     )

@@ -283,13 +283,7 @@ def _sized(motion: SideMotion, side: str, robot: Robot, arm: _Arm) -> list[Findi
     turning = [place for place, joint in zip(places, robot.joints, strict=True) if not joint.prismatic]
     kinds = (
         ("the zero of {} seems to lie {} rad from the described one", "the zero of {} ({})", zero, ZERO, turning),
-        (
-            "the torque of {} lacks a share of {} of its described gravity",
-            "gravity of {} ({})",
-            share,
-            SHARE,
-            loaded,
-        ),
+        ("the torque of {} lacks a share of {} of its described gravity", "gravity of {} ({})", share, SHARE, loaded),
         ("", "the gain of {}", gain, SHARE, loaded),
     )
     tried = []

@@ -59,8 +59,7 @@ def create(
         float | None, typer.Option(min=4.0, help="Duration of what judges; 8 s, beyond the laboratory 10 s.")
     ] = None,
     level: Annotated[
-        LevelName,
-        typer.Option(help="laboratory: arms perfect but for their effects; workshop, field: as they are."),
+        LevelName, typer.Option(help="laboratory: arms perfect but for their effects; workshop, field: as they are.")
     ] = EXACT,
     foreign: Annotated[int, typer.Option(min=0, help="Recordings of each effect that no catalogue has.")] = 0,
     workers: Workers = CORES,

@@ -14,14 +14,7 @@ import numpy as np
 
 from elastic_arm.studies.paper.identification_study import ErrorShares, mean_shares, shares, smallness
 from elastic_arm.studies.paper.study import StudyResult
-from elastic_arm.studies.paper.torques import (
-    MODELS,
-    PROTOTYPE,
-    LinearTrend,
-    LinkErrors,
-    Metric,
-    line_over_ratio,
-)
+from elastic_arm.studies.paper.torques import MODELS, PROTOTYPE, LinearTrend, LinkErrors, Metric, line_over_ratio
 
 SECTIONS = ("IV-A", "IV-C", "V", "VI-A", "VI-B", "VII")
 HOLDS, IN_PART, FAILS, UNDECIDED = "holds", "holds in part", "does not hold", "undecided"

@@ -149,10 +149,7 @@ def _identify(
 
 
 def _tracking(
-    arms: Mapping[float, Robot],
-    estimates: list[CoefficientEstimate],
-    settings: StudySettings,
-    rng: np.random.Generator,
+    arms: Mapping[float, Robot], estimates: list[CoefficientEstimate], settings: StudySettings, rng: np.random.Generator
 ) -> list[Task]:
     """Drive the prototype under feed-forward of each identified model at the lowest and highest ratio identified.
 

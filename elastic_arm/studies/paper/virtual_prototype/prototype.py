@@ -185,12 +185,7 @@ class Prototype:
         return self._gather(samples)
 
     def _follow_piece(
-        self,
-        piece: SmoothPiece,
-        state: np.ndarray,
-        division: tuple[int, float],
-        kept: set[int],
-        samples: list[_Sample],
+        self, piece: SmoothPiece, state: np.ndarray, division: tuple[int, float], kept: set[int], samples: list[_Sample]
     ) -> np.ndarray:
         """Integrate the bushings over one smooth piece.
 
