@@ -230,6 +230,14 @@ class Transmission:
             "spline": (self.spline, 1.0),
         }
 
+    def with_inertias(self, ratio: float) -> Transmission:
+        """Return it with the moments of inertia of all components times a ratio."""
+        scaled: dict[str, Any] = {
+            name: replace(part, ixx=part.ixx * ratio, izz=part.izz * ratio)
+            for name, (part, _) in self.components.items()
+        }
+        return replace(self, **scaled)
+
 
 @dataclass(frozen=True)
 class Limits:

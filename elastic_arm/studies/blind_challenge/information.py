@@ -21,7 +21,7 @@ from scipy.signal import decimate
 
 from elastic_arm.arrays import Array
 from elastic_arm.errors import SimulationError
-from elastic_arm.robot import Joint, Robot, Transmission
+from elastic_arm.robot import Joint, Robot
 from elastic_arm.studies.blind_challenge.hidden_arms.base_arms import strained
 from elastic_arm.studies.blind_challenge.hidden_arms.effect_laws import SENSOR_EFFECTS, Fault
 from elastic_arm.studies.blind_challenge.hidden_arms.hidden_arm import RATE
@@ -251,15 +251,8 @@ def _alterations(robot: Robot, j: int) -> list[tuple[str, float, Robot]]:
     for name, strain in zip(SHAPES, np.eye(9).reshape(9, 3, 3), strict=True):
         shape = strained(np.asarray(link.inertia), STEP * strain)
         add(name, SHAPE, replace(joint, link=replace(link, inertia=shape)))
-    add("rotor", ORDINARY["rotor"], replace(joint, transmission=_with_rotors(gear, up)))
+    add("rotor", ORDINARY["rotor"], replace(joint, transmission=gear.with_inertias(up)))
     return found
-
-
-def _with_rotors(gear: Transmission, factor: float) -> Transmission:
-    parts = {
-        name: replace(part, ixx=part.ixx * factor, izz=part.izz * factor) for name, (part, _) in gear.components.items()
-    }
-    return replace(gear, rotor=parts["rotor"], wave_generator=parts["wave_generator"], spline=parts["spline"])
 
 
 @dataclass(frozen=True)

@@ -95,10 +95,7 @@ def imprecise(robot: Robot, rng: np.random.Generator) -> Robot:
         com = np.asarray(link.com) + rng.uniform(-0.01, 0.01, 3)
         rotor = 1 + rng.uniform(-0.05, 0.05)
         gear = replace(
-            gear,
-            rotor=_scaled(gear.rotor, rotor),
-            wave_generator=_scaled(gear.wave_generator, rotor),
-            spline=_scaled(gear.spline, rotor),
+            gear.with_inertias(rotor),
             stiffness=gear.stiffness * (1 + rng.uniform(-0.1, 0.1)),
             damping=gear.damping * (1 + rng.uniform(-0.2, 0.2)),
         )
@@ -186,7 +183,3 @@ def _drive(load: float, carrier: str, outward: float, rng: np.random.Generator) 
 
 def _solid(izz: float, mass: float, carrier: str) -> Component:
     return Component(float(mass), 0.8 * float(izz), float(izz), carrier)
-
-
-def _scaled(part: Component, ratio: float) -> Component:
-    return replace(part, ixx=part.ixx * ratio, izz=part.izz * ratio)

@@ -1,7 +1,7 @@
 """The effects of the contract as the hidden arm has them, written here apart from the catalogue.
 
 Effects that change a number of the arm (a mass, a stiffness) act on its description; those that add a torque are
-written here, for all joints at once; those of the sensors act on what was simulated (:mod:`.instruments`).
+written here, for all joints at once; those of the sensors act on what was simulated (:mod:`.sensor_models`).
 """
 
 from collections.abc import Mapping, Sequence
@@ -11,47 +11,29 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-SENSOR_EFFECTS = frozenset(
-    {
-        "motor_torque_gain",
-        "joint_torque_gain",
-        "motor_torque_offset",
-        "joint_torque_offset",
-        "encoder_offset",
-        "encoder_eccentricity",
-        "time_delay",
-        "torque_drift",
-        "torque_lowpass",
-        "sensor_crosstalk",
-        "joint_zero",
-        "gravity_compensation",
-    }
-)
-# Ids of all effects that this engine has; the suite's own simulator moves arms with others.
-KNOWN = SENSOR_EFFECTS | {
-    "viscous_friction",
-    "coulomb_friction",
-    "stribeck_friction",
-    "load_dependent_friction",
-    "nonlinear_stiffness",
-    "hysteresis",
-    "backlash",
-    "transmission_error",
-    "torque_ripple",
-    "bearing_compliance",
-    "payload",
-    "base_tilt",
-    "link_inertia_mismatch",
-    "rotor_inertia_mismatch",
-    "stiffness_mismatch",
-    "damping_mismatch",
-    "spline_inertia",
-    "inertia_coupling",
-    "joint_spring",
-    "thermal_friction",
-    "asymmetric_friction",
-    "load",
+SENSOR_EFFECTS = frozenset({
+    "motor_torque_gain", "joint_torque_gain", "motor_torque_offset", "joint_torque_offset", "encoder_offset",
+    "encoder_eccentricity", "time_delay", "torque_drift", "torque_lowpass", "sensor_crosstalk", "joint_zero",
+    "gravity_compensation",
+})  # fmt: skip
+# Numbers of a joint that effects of the contract are, by their parameters.
+_NAMES = {
+    "viscous_friction": {"coefficient": "viscous_{side}"},
+    "coulomb_friction": {"torque": "coulomb_{side}"},
+    "stribeck_friction": {"torque": "stribeck_{side}", "speed": "stribeck_speed_{side}"},
+    "load_dependent_friction": {"coefficient": "load_{side}"},
+    "asymmetric_friction": {"asymmetry": "asymmetry_{side}"},
+    "nonlinear_stiffness": {"cubic": "cubic"},
+    "backlash": {"half_gap": "half_gap"},
+    "hysteresis": {"torque": "hysteresis", "width": "width"},
+    "transmission_error": {"amplitude": "error", "order": "error_rate", "phase": "error_phase"},
+    "torque_ripple": {"amplitude": "ripple", "order": "ripple_rate", "phase": "ripple_phase"},
 }
+# Ids of all effects that this engine has; the suite's own simulator moves arms with others.
+KNOWN = SENSOR_EFFECTS | set(_NAMES) | {
+    "bearing_compliance", "payload", "load", "base_tilt", "link_inertia_mismatch", "rotor_inertia_mismatch",
+    "stiffness_mismatch", "damping_mismatch", "spline_inertia", "inertia_coupling", "joint_spring", "thermal_friction",
+}  # fmt: skip
 FRICTION = ("viscous", "coulomb", "stribeck", "stribeck_speed", "load", "asymmetry")
 # Numbers of a joint, in the order in which the laws take them; what is not there has its value of no effect.
 NUMBERS = (
@@ -90,30 +72,11 @@ def joint_numbers(faults: Sequence[Fault], n: int, r_hd: np.ndarray, r_tot: np.n
     """
     found = {name: np.full(n, _NEUTRAL.get(name, 0.0)) for name in NUMBERS}
     for fault in faults:
-        i, p, side = fault.joint, fault.parameters, fault.side
-        own: dict[str, float] = {}
-        if fault.effect == "viscous_friction":
-            own = {f"viscous_{side}": p["coefficient"]}
-        elif fault.effect == "coulomb_friction":
-            own = {f"coulomb_{side}": p["torque"]}
-        elif fault.effect == "stribeck_friction":
-            own = {f"stribeck_{side}": p["torque"], f"stribeck_speed_{side}": p["speed"]}
-        elif fault.effect == "load_dependent_friction":
-            own = {f"load_{side}": p["coefficient"]}
-        elif fault.effect == "asymmetric_friction":
-            own = {f"asymmetry_{side}": p["asymmetry"]}
-        elif fault.effect == "nonlinear_stiffness":
-            own = {"cubic": p["cubic"]}
-        elif fault.effect == "backlash":
-            own = {"half_gap": p["half_gap"]}
-        elif fault.effect == "hysteresis":
-            own = {"hysteresis": p["torque"], "width": p["width"]}
-        elif fault.effect == "transmission_error" and i is not None:
-            own = {"error": p["amplitude"], "error_rate": p["order"] * r_hd[i], "error_phase": p["phase"]}
-        elif fault.effect == "torque_ripple" and i is not None:
-            own = {"ripple": p["amplitude"], "ripple_rate": p["order"] * r_tot[i], "ripple_phase": p["phase"]}
-        for name, value in own.items():
-            found[name][i] = value
+        for name, number in _NAMES.get(fault.effect, {}).items():
+            found[number.format(side=fault.side)][fault.joint] = fault.parameters[name]
+    # Orders count waves over a turn of the wave generator, and of the rotor.
+    found["error_rate"] *= r_hd
+    found["ripple_rate"] *= r_tot
     return found
 
 

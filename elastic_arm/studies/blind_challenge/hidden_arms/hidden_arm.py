@@ -8,7 +8,7 @@ from scipy.interpolate import CubicSpline
 
 from elastic_arm.errors import SimulationError
 from elastic_arm.recording import Recording
-from elastic_arm.robot import Component, Inertia, Robot, Transmission
+from elastic_arm.robot import Inertia, Robot, Transmission
 from elastic_arm.studies.blind_challenge.hidden_arms.compiled_arm import StateHistory, compiled_arm, inertial_numbers
 from elastic_arm.studies.blind_challenge.hidden_arms.effect_laws import Fault, joint_numbers
 from elastic_arm.studies.blind_challenge.hidden_arms.further_laws import further_numbers, needs_further_laws
@@ -196,17 +196,7 @@ def _altered_gear(gear: Transmission, fault: Fault) -> Transmission:
         return replace(gear, stiffness=gear.stiffness * p["stiffness"])
     if fault.effect == "damping_mismatch":
         return replace(gear, damping=gear.damping * p["damping"])
-    factor = p["inertia"]
-    return replace(
-        gear,
-        rotor=_scaled(gear.rotor, factor),
-        wave_generator=_scaled(gear.wave_generator, factor),
-        spline=_scaled(gear.spline, factor),
-    )
-
-
-def _scaled(part: Component, factor: float) -> Component:
-    return replace(part, ixx=part.ixx * factor, izz=part.izz * factor)
+    return gear.with_inertias(p["inertia"])
 
 
 def _with_point(link: Inertia, mass: float, position: np.ndarray) -> Inertia:
