@@ -58,7 +58,7 @@ def info(
 @reports_errors
 def check(
     bag: BagPath,
-    repair: Annotated[bool, typer.Option("--repair", help="Write a usable copy beside the bag.")] = False,
+    repair: Annotated[bool, typer.Option("--repair", help="Write a usable copy next to the bag.")] = False,
     out_folder: Annotated[Path | None, typer.Option("--out", help="Of the copy; BAG_repaired by default.")] = None,
     robot: Annotated[
         Path | None, typer.Option(help="Arm file, URDF or MJCF: its joint names and its gravity are looked for.")

@@ -64,7 +64,7 @@ def identify(
     """Identify an arm's parameters from recordings.
 
     Writes identification.json, report.html and, with physical consistency, robot.yaml, an arm file that
-    `elastic-arm simulate --robot` takes, and beside it the MJCF or URDF that the arm came from, its numbers changed.
+    `elastic-arm simulate --robot` takes, with the MJCF or URDF that the arm came from, its numbers changed.
 
     Examples:
 

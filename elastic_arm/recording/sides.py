@@ -57,7 +57,7 @@ class Side:
             object.__setattr__(self, name, values)
             if values.ndim != 2 or len(values) != len(self.stamp_ns):
                 raise RecordingError(
-                    f"{name} has shape {values.shape} beside {len(self.stamp_ns)} stamps",
+                    f"{name} has shape {values.shape} for {len(self.stamp_ns)} stamps",
                     "Give one row per stamp and one column per joint.",
                 )
 

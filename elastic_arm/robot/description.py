@@ -65,7 +65,7 @@ class Joint:
             check_number(self.armature, "armature")
             require(
                 self.transmission is None,
-                "there is an armature beside a transmission",
+                "there are an armature and a transmission",
                 "The rotor of the transmission holds this inertia: leave armature out",
             )
         object.__setattr__(self, "before", checked_placement(self.before, "before"))

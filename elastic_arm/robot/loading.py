@@ -184,7 +184,7 @@ def _base(entry: BaseEntry) -> tuple[DH | None, np.ndarray]:
     row = (entry.a, entry.d, entry.alpha, entry.offset)
     if entry.placement is not None:
         if any(number is not None for number in row):
-            raise RobotError("placement: is there beside a, d, alpha, offset", "Keep one of them")
+            raise RobotError("placement: is there, and so is one of a, d, alpha, offset", "Keep one of them")
         return None, np.array(entry.placement)
     dh = DH(*(0.0 if number is None else number for number in row))
     return dh, dh.placement
@@ -199,7 +199,7 @@ def _joint(entry: JointEntry, link_name: str) -> Joint:
     placed = entry.before is not None or entry.after is not None
     if (entry.dh is not None) == placed:
         raise RobotError(
-            "dh: is there beside before/after" if placed else "dh: missing field",
+            "dh: is there, and so is before or after" if placed else "dh: missing field",
             "Place the joint by a dh row, or by the 4x4 matrices before and after",
         )
     rest: dict[str, Any] = {"limits": limits, "transmission": transmission, "armature": entry.armature}

@@ -140,7 +140,7 @@ BAD: dict[str, tuple[Edit, str]] = {
     "a joint that is no block": (lambda c: c.update(joints=[3]), r"joints\[0\]: is 3, not a block of fields"),
     "no joints": (lambda c: c.update(joints=[]), r"joints: has 0 entries"),
     "unplaced joint": (lambda c: joint(c).pop("dh"), r"joints\[1\]\.dh: missing field"),
-    "joint placed twice": (lambda c: joint(c).update(before=np.eye(4).tolist()), "beside before/after"),
+    "joint placed twice": (lambda c: joint(c).update(before=np.eye(4).tolist()), "so is before or after"),
     "skew placement": (
         lambda c: (joint(c).pop("dh"), joint(c).update(after=np.diag([2.0, 1.0, 1.0, 1.0]).tolist())),
         r"joints\[1\]\.after is not a rigid placement",

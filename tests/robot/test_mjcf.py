@@ -210,7 +210,7 @@ def test_an_arm_file_keeps_armatures_and_effects(tmp_path: Path) -> None:
     again = load_robot(tmp_path / "arm.yaml")
     motion = random_motion(3)
     np.testing.assert_allclose(stated_torque(again, *motion), stated_torque(robot, *motion), atol=1e-12)
-    with pytest.raises(RobotError, match="armature beside a transmission"):
+    with pytest.raises(RobotError, match="armature and a transmission"):
         replace(load_robot().joints[0], armature=0.1)
 
 

@@ -199,7 +199,7 @@ def import_runs(path: str | Path, mapping: str | Path) -> dict[str, Recording]:
     urdf = None
     if rules.robot_description is not None:
         file = Path(mapping).parent / rules.robot_description
-        urdf = read_text(file, RecordingError, f"Mend robot_description in {mapping}: a path beside that file.")
+        urdf = read_text(file, RecordingError, f"Mend robot_description in {mapping}: a path from its folder.")
     try:
         _refuse_strays(arrays, rules)
         notes: list[str] = []

@@ -68,4 +68,4 @@ def paper(
     for claim in claims:
         table.add_row(claim.section, escape(claim.claim), f"[{COLOURS[claim.verdict]}]{claim.verdict}[/]")
     out.print(table)
-    out.print(f"report: {escape(str(report))}; numbers beside it: {escape(', '.join(f.name for f in files))}")
+    out.print(f"report: {escape(str(report))}; numbers in its folder: {escape(', '.join(f.name for f in files))}")

@@ -491,7 +491,7 @@ READINGS = Section(
         ),
         Text(
             f"The Fourier series of the excitation is read as {SHAPE.harmonics} harmonics of 1/{SHAPE.period:g} Hz "
-            "a joint, a constant beside them; the paper states the duration of 10 s and refers to another work "
+            "a joint, and a constant; the paper states the duration of 10 s and refers to another work "
             "for the rest. The optimiser is a pattern search, as in the paper."
         ),
         Text(
@@ -500,7 +500,7 @@ READINGS = Section(
         ),
         Text(
             "The true Psi of mod1 counts the spline with the link that it is folded into. The other reading leaves "
-            "it out; its shares stand beside ours under Fig. 5."
+            "it out; its shares are under Fig. 5, too."
         ),
         Text(
             "The paper counts 64 coefficients for mod1 and 38 for mod2 and mod3 (its percentages are those of "
