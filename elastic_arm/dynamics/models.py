@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.codegen import kernels
-from elastic_arm.codegen.program_cache import cached_program
+from elastic_arm.codegen.derivations import cached_program
 from elastic_arm.dynamics.bodies import Bodies, ModelParameter
 from elastic_arm.dynamics.composition import compose
 from elastic_arm.dynamics.gram import Information

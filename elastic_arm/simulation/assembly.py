@@ -9,7 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from elastic_arm.codegen.function_cache import stored
+from elastic_arm.codegen.derivations import cached_functions
 from elastic_arm.dynamics.derivation import bias, mass_matrix, solve
 from elastic_arm.effects.effect_set import EffectSet
 from elastic_arm.effects.equations import ArmEquations
@@ -72,7 +72,7 @@ def assemble(equations: ArmEquations, instances: Sequence[EffectInstance], durat
         functions = (
             _derive(equations, effect_set)
             if instances
-            else stored(shape, lambda: _derive(equations, effect_set), SOURCES)
+            else cached_functions(shape, lambda: _derive(equations, effect_set), SOURCES)
         )
         named: dict[str, Any] = dict(zip(_DERIVED, functions, strict=True))
         _known[shape] = System(equations, effect_set, integrators={}, **named)

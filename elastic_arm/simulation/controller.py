@@ -14,7 +14,7 @@ import casadi as ca
 import numpy as np
 
 from elastic_arm.arrays import Array
-from elastic_arm.codegen.function_cache import stored
+from elastic_arm.codegen.derivations import cached_functions
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.errors import SimulationError
 from elastic_arm.robot import Robot
@@ -196,7 +196,7 @@ def _together(equations: ArmEquations) -> ca.Function:
     """(q, dq, ddq, Psi) -> sum of both sides' torques (n,) when link and motor move alike."""
     shape = equations.bodies.fingerprint()
     if shape not in _known:
-        (_known[shape],) = stored(f"together:{shape}", lambda: [_derive_together(equations)], SOURCES)
+        (_known[shape],) = cached_functions(f"together:{shape}", lambda: [_derive_together(equations)], SOURCES)
     return _known[shape]
 
 

@@ -14,8 +14,7 @@ import pytest
 
 from elastic_arm.codegen import compiler, kernels
 from elastic_arm.codegen.cache import CACHE_VARIABLE, LARGEST_FILE, cache_folder, is_own_file
-from elastic_arm.codegen.function_cache import stored
-from elastic_arm.codegen.program_cache import cached_program
+from elastic_arm.codegen.derivations import cached_functions, cached_program
 from elastic_arm.effects import parse
 from elastic_arm.errors import KernelError
 from elastic_arm.robot import load_robot
@@ -141,7 +140,7 @@ def test_an_entry_that_is_no_file_is_made_again(cache: Path, kind: str, ending: 
         double = ca.Function("double", [x], [2 * x])
         if ending == "npz":
             return float(kernels.make(cached_program("double", lambda: double, []), "numpy")(np.array([[21.0]])).item())
-        return float(stored("double", lambda: [double], [])[0](21.0))
+        return float(cached_functions("double", lambda: [double], [])[0](21.0))
 
     assert run() == 42.0
     (entry,) = cache.iterdir()
