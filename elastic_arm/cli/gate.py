@@ -20,7 +20,7 @@ FailOn = Annotated[
         "--fail-on",
         metavar="unknown|explained|change:P%",
         help="Exit status 1 with this verdict, or with a size that differs by more than P %: between recordings, or "
-        "from what is stated. May be given again.",
+        "from what is stated. May be repeated.",
     ),
 ]
 

@@ -34,11 +34,11 @@ Laws = Annotated[
     list[str] | None,
     typer.Option(
         "--with",
-        help="Law identified too: EFFECT[:JOINT][:side=link]; may be given again.",
+        help="Law identified too: EFFECT[:JOINT][:side=link]; may be repeated.",
         autocompletion=options.completions,
     ),
 ]
-HeldOut = Annotated[list[Path] | None, typer.Option(help="Recording that no fit may see; may be given again.")]
+HeldOut = Annotated[list[Path] | None, typer.Option(help="Recording that no fit may see; may be repeated.")]
 
 
 @reports_errors

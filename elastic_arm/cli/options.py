@@ -65,7 +65,7 @@ At = Annotated[
     typer.Option(
         "--at",
         metavar="JOINT=VALUE,…",
-        help="Where joints of an MJCF outside the chain are held, or the name of a keyframe.",
+        help="Where joints of an MJCF outside the chain are fixed, or the name of a keyframe.",
         show_default=False,
     ),
 ]
@@ -104,7 +104,7 @@ KnownEffects = Annotated[
 ]
 EffectsFiles = Annotated[
     list[Path] | None,
-    typer.Option("--effects", is_eager=True, help="Python file with effects of your own; may be given again."),
+    typer.Option("--effects", is_eager=True, help="Python file with effects of your own; may be repeated."),
 ]
 
 

@@ -60,7 +60,7 @@ def simulate(
     effect: Annotated[
         list[str] | None,
         typer.Option(
-            "--effect", help="EFFECT[:JOINT][:NAME=VALUE,…]; may be given again.", autocompletion=options.completions
+            "--effect", help="EFFECT[:JOINT][:NAME=VALUE,…]; may be repeated.", autocompletion=options.completions
         ),
     ] = None,
     effects_files: options.EffectsFiles = None,

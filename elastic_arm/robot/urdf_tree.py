@@ -74,8 +74,8 @@ class UrdfTree:
         if self.held:
             mass = self.mass_of({link for joint in self.held for link in self.links_from(joint)})
             notes.append(
-                f"joints {', '.join(sorted(self.held))} mimic one another, as a gripper's do: they are held at zero, "
-                f"and their links ({mass:.3g} kg) are part of what carries them"
+                f"joints {', '.join(sorted(self.held))} mimic one another, as a gripper's do: they are fixed at zero, "
+                f"and their links ({mass:.3g} kg) are part of what they stand on"
             )
         if self.left_out:
             links = {link for joint in self.left_out for link in self.links_from(joint)}

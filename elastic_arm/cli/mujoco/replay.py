@@ -27,7 +27,7 @@ RESULTS = ("replay.json", "report.html")
 @reports_errors
 def replay_command(
     bag: Annotated[Path, typer.Argument(metavar="BAG", help="Recording with positions and motor torques.")],
-    robots: Annotated[list[Path], typer.Option("--robot", help="MJCF; may be given again.", show_default=False)],
+    robots: Annotated[list[Path], typer.Option("--robot", help="MJCF; may be repeated.", show_default=False)],
     window: Annotated[float, typer.Option(help="s that the arm moves on its own before it is put back.")] = WINDOW,
     chain: options.Chain = None,
     at: options.At = None,

@@ -172,7 +172,7 @@ def _require_axis(model: Any, joint: int) -> None:
         what = "is a ball joint" if kind == int(mj.mjtJoint.mjJNT_BALL) else "is free"
         raise RobotError(
             f"joint {name_of(model, 'joint', joint)!r} {what}",
-            "Only hinges and slides are handled: name a chain without it (--chain base:tip); joints outside are held "
+            "Only hinges and slides are handled: name a chain without it (--chain base:tip); joints outside are fixed "
             "at --at",
         )
     name = name_of(model, "joint", joint)

@@ -254,16 +254,16 @@ def _notes(model: Any, chain: MjcfChain) -> list[str]:
     for play, joint in chain.plays.items():
         name, half = name_of(model, "joint", joint), 0.5 * float(np.ptp(model.jnt_range[play]))
         notes.append(
-            f"joint {name_of(model, 'joint', play)} is play of ±{half:g} rad in {name}: it is held in its middle; with "
-            f"drives of some stiffness, in an arm file, it is backlash:{name}:half_gap={half:g}"
+            f"joint {name_of(model, 'joint', play)} is play of ±{half:g} rad in {name}: it is fixed in its middle; "
+            f"with drives of some stiffness, in an arm file, it is backlash:{name}:half_gap={half:g}"
         )
     if chain.held:
         names = ", ".join(name_of(model, "joint", joint) for joint in chain.held)
-        notes.append(f"joints {names} are held, and their bodies are part of the link that they stand on")
+        notes.append(f"joints {names} are fixed, and their bodies are part of the link that they stand on")
     outside = set(range(1, model.nbody)) - set(chain.link_of)
     moving = [name_of(model, "joint", j) for body in outside for j in joints_of(model, body)]
     if moving:
-        notes.append(f"joints {', '.join(moving)} are outside the chain and held")
+        notes.append(f"joints {', '.join(moving)} are outside the chain and fixed")
     if float(model.opt.density) or float(model.opt.viscosity):
         notes.append("the fluid that MuJoCo's option states (density, viscosity) is not part of the models")
     return notes

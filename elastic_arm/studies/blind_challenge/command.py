@@ -50,7 +50,7 @@ def create(
     pairs: Annotated[int, typer.Option(min=0, help="Recordings of two effects.")] = 4,
     triples: Annotated[int, typer.Option(min=0, help="Recordings of three effects.")] = 0,
     effects_files: EffectsFiles = None,
-    effect: Annotated[list[str] | None, typer.Option(help="Only this effect; may be given again.")] = None,
+    effect: Annotated[list[str] | None, typer.Option(help="Only this effect; may be repeated.")] = None,
     ratio: Annotated[str, typer.Option(help="Sizes LOW:HIGH, over the smallest that theory lets detect.")] = "10:300",
     seconds: Annotated[
         float | None, typer.Option(min=4.0, help="Duration of what is fitted; 12 s, beyond the laboratory 20 s.")
