@@ -64,10 +64,10 @@ def test_a_description_that_is_cut_off_anywhere_is_refused(tmp_path: Path) -> No
             load_robot(tmp_path / "cut.yaml")
 
 
-@pytest.mark.parametrize("name", ["arm.urdf.xacro", "arm.sdf"])
+@pytest.mark.parametrize("name", ["arm.urdf.xacro", "arm.sdf", "arm.xml", "arm.world"])
 def test_other_descriptions_name_what_makes_one(tmp_path: Path, name: str) -> None:
     """A xacro by its command, an SDF by what converts it."""
-    (tmp_path / name).write_text("<robot/>")
+    (tmp_path / name).write_text("<sdf/>")
     with pytest.raises(RobotError) as told:
         load_robot(tmp_path / name)
     assert ("> arm.urdf" if "xacro" in name else "sdf2urdf") in told.value.remedy

@@ -3,6 +3,7 @@
 import os
 import sys
 from dataclasses import replace
+from functools import partial
 from json import dumps as json_text
 from pathlib import Path
 from typing import Annotated, Any
@@ -57,7 +58,9 @@ def info(
 @bag_app.command("check")
 @reports_errors
 def check(
-    bag: BagPath,
+    bags: Annotated[
+        list[Path], typer.Argument(metavar="BAG…", help="Recordings, or folders of them.", show_default=False)
+    ],
     repair: Annotated[bool, typer.Option("--repair", help="Write a usable copy next to the bag.")] = False,
     out_folder: Annotated[Path | None, typer.Option("--out", help="Of the copy; BAG_repaired by default.")] = None,
     robot: Annotated[
@@ -69,29 +72,45 @@ def check(
     namespace: options.Namespace = None,
     json: options.Json = False,
 ) -> None:
-    """List what is wrong with a bag; with --repair, save what can be saved.
+    """List what is wrong with bags; with --repair, save what can be saved.
 
     Exit status: 0 nothing wrong (with --repair: the copy can be used), 1 something is, 2 not readable at all.
 
     Example: elastic-arm bag check --repair runs/killed
     """
+    paths = options.bags_in(bags)
+    if out_folder is not None and len(paths) > 1:
+        raise typer.BadParameter("names the copy of one bag", param_hint="--out")
     arm = None if robot is None else options.load_arm(robot, chain, at)
-    with err.status(f"checking {escape(str(bag))}") as status:
-        report = check_bag(bag, options.channel_map(channels), arm, namespace, shares_of(status))
-    mended = repair_bag(bag, out_folder) if repair and not report.ok else None
-    after = None if mended is None else check_bag(mended.path, options.channel_map(channels), arm, namespace)
+    of_bag = partial(check_bag, channels=options.channel_map(channels), robot=arm, namespace=namespace)
+    told, status = [], 0
+    for path in paths:
+        try:
+            with err.status(f"checking {escape(str(path))}") as shown:
+                report = of_bag(path, report_share=shares_of(shown))
+        except RecordingError as error:
+            if len(paths) == 1:
+                raise
+            report = Report(str(path))
+            report.add("error", "unreadable", str(error))
+            status = 2
+        # What no reader opens no repair does.
+        wanted = repair and not report.ok and report.findings[0].code != "unreadable"
+        mended = repair_bag(path, out_folder) if wanted else None
+        after = None if mended is None else of_bag(mended.path)
+        told.append({**report.to_json(), "repaired": _repaired(mended, after)})
+        if not json:
+            _print_report(report)
+            if mended is not None and after is not None:
+                _print_repair(mended)
+                _print_report(after)
+            elif _MENDABLE & {finding.code for finding in report.findings}:
+                out.print(f"`elastic-arm bag check --repair {escape(str(path))}` copies what is whole", soft_wrap=True)
+        # What was never recorded no copy can mend: gaps and the like are left to be judged.
+        status = max(status, 0 if (report.ok if after is None else after.usable) else 1)
     if json:
-        print_json({**report.to_json(), "repaired": _repaired(mended, after)})
-    else:
-        _print_report(report)
-        if mended is not None and after is not None:
-            _print_repair(mended)
-            _print_report(after)
-        elif _MENDABLE & {finding.code for finding in report.findings}:
-            out.print(f"`elastic-arm bag check --repair {escape(str(bag))}` copies what is whole", soft_wrap=True)
-    # What was never recorded no copy can mend: gaps and the like are left to be judged.
-    fine = report.ok if after is None else after.usable
-    raise typer.Exit(0 if fine else 1)
+        print_json(told[0] if len(told) == 1 else {"bags": told})
+    raise typer.Exit(status)
 
 
 @bag_app.command("import")

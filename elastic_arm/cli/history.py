@@ -22,17 +22,15 @@ from elastic_arm.diagnosis.result import Diagnosis, from_dict
 from elastic_arm.diagnosis.words import size_text, step_text
 from elastic_arm.effects import Catalogue
 from elastic_arm.effects.text import known_effects
-from elastic_arm.errors import ElasticArmError, RecordingError
+from elastic_arm.errors import ElasticArmError
 from elastic_arm.estimation.segments import DIAGNOSED, SEGMENT, in_parts
 from elastic_arm.memory import keep_memory
 from elastic_arm.output_files import csv_text, write_result
 from elastic_arm.processes import ProcessPool
 from elastic_arm.recording import Recording
-from elastic_arm.recording.storage.bag import METADATA
 from elastic_arm.robot import Robot
 
 RESULTS = ("history.json", "history.csv", "report.html")
-FILES = (".mcap", ".db3")
 Read = Callable[..., Recording]
 Ask = Callable[[Sequence[Recording]], Diagnosis]
 Followed = tuple[Diagnosis, tuple[Course, ...], list[str]]  # with the numbers, and when each recording begins
@@ -83,7 +81,7 @@ def history_command(
         elastic-arm history archive/ --with coulomb_friction --scheduler tcp://10.0.0.2:8786
     """
     check_gate(fail_on or ())
-    paths = _bags(bags)
+    paths = options.bags_in(bags)
     options.require_bags(paths)
     claim_folder(out_dir, RESULTS, force=force)
     robot = options.load_arm(robot_file, chain, at, Catalogue.default())
@@ -152,16 +150,6 @@ def _alone(path: Path, read: Read, ask: Ask) -> tuple[int, dict[str, Any]] | str
         return recording.start_ns, ask([recording]).to_dict()
     except (ElasticArmError, MemoryError) as error:
         return f"left out: {str(error) or f'{path}: memory is used up'}"
-
-
-def _bags(paths: Sequence[Path]) -> list[Path]:
-    """Return bags: those in a folder that is none itself."""
-    if len(paths) > 1 or not paths[0].is_dir() or (paths[0] / METADATA).exists():
-        return list(paths)
-    found = [path for path in sorted(paths[0].iterdir()) if path.suffix in FILES or (path / METADATA).exists()]
-    if not found:
-        raise RecordingError(f"{paths[0]} holds no bags", "Name the folder that the bags are in, or the bags.")
-    return found
 
 
 def _date(begin_ns: int) -> str:

@@ -135,6 +135,19 @@ def channel_map(path: Path | None) -> ChannelMap | None:
     return None if path is None else load_channels(path)
 
 
+def bags_in(paths: Sequence[Path], *, bare: bool = False) -> list[Path]:
+    """Return bags, for a folder those in it; `bare` files in a folder are bags of their own, else it is one bag."""
+    from elastic_arm.recording.storage.bag import METADATA
+
+    found: list[Path] = []
+    for path in paths:
+        inside = [] if os.path.exists(path / METADATA) else sorted(path.glob("*"))
+        files = [one for one in inside if one.suffix in (".mcap", ".db3")]
+        folders = [one for one in inside if os.path.exists(one / METADATA)]
+        found += (sorted(files + folders) if bare else [] if files else folders) or [path]
+    return found
+
+
 def require_bags(bags: Sequence[Path]) -> None:
     """Raise if a recording is not there, or given twice: it would count double, or judge a fit that has seen it.
 

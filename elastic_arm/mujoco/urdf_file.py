@@ -64,8 +64,8 @@ def export_urdf(
     )
     document = ShapedXml(text, str(base or robot.name))
     root = document.root
-    arm = parse_urdf(text, chain)
     with located(f"{base or robot.name}: "):
+        arm = parse_urdf(text, chain)
         if base is not None:
             require_same_joints(robot, arm, base)
         numbers = robot if base is not None else arm.with_(effects=robot.effects)
@@ -73,7 +73,7 @@ def export_urdf(
         before = stated_arm(arm, catalogue)
         left = list(after.left) + [(one, _NO_NUMBER) for one in after.delays]
         changes = [*_joints(root, arm, before, after, deviations, left), *_links(root, arm, before, after)]
-        if not robot.elastic:
+        if not numbers.elastic:
             springs = [one for one in robot_effects(numbers, catalogue) if one.effect.id == "joint_spring"]
             left += [(spring, _NO_NUMBER) for spring in springs]
         if not np.allclose(before.gravity, after.gravity, rtol=0.0, atol=1e-9):
@@ -81,7 +81,7 @@ def export_urdf(
         _check(document.text(), chain, after)
     write_result(out, document.text())
     as_placed = numbers.with_(base_placement=arm.base_placement)
-    listed = [*left_effects(as_placed, left, catalogue), *_numbers_left(robot, numbers, before, after)]
+    listed = [*left_effects(as_placed, left, catalogue), *_numbers_left(robot, stated_arm(robot, catalogue), before)]
     return Exported((out,), tuple(changes), tuple(listed), units=robot.units)
 
 
@@ -93,19 +93,9 @@ def _mounting(before: Array, after: Array) -> EffectInstance:
     return EffectInstance(EFFECTS[TILT], None, {"x": x, "y": y})
 
 
-def _numbers_left(robot: Robot, numbers: Robot, before: StatedArm, after: StatedArm) -> Iterator[Left]:
+def _numbers_left(robot: Robot, whole: StatedArm, before: StatedArm) -> Iterator[Left]:
     """Yield motor inertia that the file does not state by Drake's tags, elasticity and controllers."""
-    # A new file is made without: what the arm has, and effects add, is missing.
-    own = [
-        (joint.armature or 0.0) - (file.armature or 0.0)
-        for joint, file in zip(robot.joints, numbers.joints, strict=True)
-    ]
-    stated = [new.armature - old.armature for new, old in zip(after.joints, before.joints, strict=True)]
-    missing = [a + b for a, b in zip(own, stated, strict=True)]
-    if robot.elastic:
-        gears = [joint.transmission for joint in robot.joints]
-        turning = [[(c.izz, r) for c, r in gear.components.values()] if gear else [] for gear in gears]
-        missing = [sum(r**2 * izz for izz, r in parts) for parts in turning]
+    missing = [all_of.armature - of_file.armature for all_of, of_file in zip(whole.joints, before.joints, strict=True)]
     yield from left_numbers(robot, _NO_NUMBER, armatures=missing, elasticity=True)
 
 

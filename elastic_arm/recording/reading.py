@@ -228,6 +228,7 @@ def recording_of(
             recording = recording if joints is None else recording.select(joints)
     except RecordingError as error:
         raise RecordingError(f"{source}: {error.problem}", error.remedy) from None
+    found = list(dict.fromkeys(found))
     notes = tuple(dict.fromkeys((*content.damage, *(finding.message for finding in found), *recording.notes)))
     return replace(recording, source=source, notes=notes), found
 
@@ -236,8 +237,6 @@ def _mapped_recording(
     series: Mapping[str, Series], content: Content, channels: ChannelMap, found: list[Finding]
 ) -> Recording:
     link, motor, command = (mapped_side(channels, side, series, found) for side in SIDE_NAMES)
-    for each in series.values():
-        found += each.findings
     joints, urdf = tuple(channels.joints), content.robot_description
     return Recording(joints, link, motor, command, robot_description=urdf, currents=channels.currents())
 
@@ -341,7 +340,7 @@ def _side(series: Series | None, joints: tuple[str, ...], paths: dict[str, str],
         found.append(note(f"{series.count - used} messages on {series.topic} that hold other joints were left out"))
     for part, names in parts:
         own = _part(part, joints, names, paths)
-        found += [finding for finding in part.findings if finding not in found]
+        found += part.findings
         if side is None:
             side = own
             continue

@@ -76,15 +76,11 @@ def load_robot(path: str | Path | None = None, chain: str | None = None, at: str
         return read_mjcf(path, ends, at)
     if at is not None:
         raise RobotError(f"{path}: at {at} goes with an MJCF alone", "Leave it out, or give the MJCF.")
-    if path.suffix.lower() in (".urdf", ".xml"):
+    if path.suffix.lower() in (".urdf", ".xml", ".sdf", ".world"):
         return read_urdf(path, ends)
     if path.suffix.lower() == ".xacro":
         urdf = f"{path.name.split('.')[0]}.urdf"
         raise RobotError(f"{path} is a xacro, of which a URDF is made", f"Run: xacro {path} > {urdf}, and give that.")
-    if path.suffix.lower() == ".sdf":
-        raise RobotError(
-            f"{path} is an SDF", "Give the robot's URDF or MJCF; pysdf's sdf2urdf.py makes a URDF of an SDF."
-        )
     if chain is not None:
         raise RobotError(f"{path}: chain {chain} goes with a URDF or MJCF alone", "Leave it out, or give that file.")
     content = read_fields(path, RobotError, REMEDY)

@@ -231,16 +231,18 @@ class _Reading:
         if self._motors:
             self._notes.append("<transmission> states no stiffness: the joints are taken as rigid")
         for name, (inertia, ratio) in self._motors.items():
+            words = ""
             if name not in self._used:
-                continue
-            if inertia is not None:
-                of = f"rotor inertia {inertia:g} kg m² by a ratio of {ratio:g}"
-                self._notes.append(f"<transmission> of joint {name!r}: {of} is its armature")
+                # Of a joint beside the arm, such as a gripper's, nothing is needed.
+                words = "" if name in self._tree.joints else "it is left out, as the file has no such joint"
+            elif inertia is not None:
+                words = f"rotor inertia {inertia:g} kg m² by a ratio of {ratio:g} is its armature"
+            elif ratio == 0.0:
+                words = "it couples several joints and is left out; `coupling` of a channel map states that"
             elif ratio != 1.0:
-                self._notes.append(
-                    f"<transmission> of joint {name!r}: its reduction of {ratio:g} is left out, as no rotor inertia is "
-                    "stated (drake:rotor_inertia)"
-                )
+                words = f"its reduction of {ratio:g} is left out, as no rotor inertia is stated (drake:rotor_inertia)"
+            if words:
+                self._notes.append(f"<transmission> of joint {name!r}: {words}")
 
 
 def _endless(text: str) -> bool:

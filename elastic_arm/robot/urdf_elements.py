@@ -21,7 +21,8 @@ def parse(text: str | bytes) -> ET.Element:
         # The last two for encodings that nobody knows, and for text that is none of the encoding it claims.
         raise RobotError(f"is no XML ({error})", "Give a URDF file") from error
     if tree.tag != "robot":
-        raise RobotError(f"is no URDF: its root element is <{tree.tag}>, not <robot>", "Give a URDF file")
+        remedy = "Give a URDF file" + ("; pysdf's sdf2urdf.py makes one of an SDF" if tree.tag == "sdf" else "")
+        raise RobotError(f"is no URDF: its root element is <{tree.tag}>, not <robot>", remedy)
     if any(isinstance(e.tag, str) and e.tag.startswith(tuple(f"{{{ns}}}" for ns in _XACRO)) for e in tree.iter()):
         raise RobotError("holds xacro macros", "Expand them first: xacro FILE > arm.urdf")
     return tree
@@ -41,7 +42,7 @@ def by_name(tree: ET.Element, tag: str) -> dict[str, ET.Element]:
 
 
 def motors(tree: ET.Element) -> dict[str, tuple[float | None, float]]:
-    """Return rotor inertia (kg m², None where none is stated) and ratio of the motors of joints, by joint.
+    """Return rotor inertia (kg m², None where none is stated) and ratio (0 where motors are coupled) by joint.
 
     As Drake's tags in <actuator> state them, or as the reduction of ROS 1 and ros2_control, in <actuator> or <joint>.
     """
@@ -61,7 +62,8 @@ def motors(tree: ET.Element) -> dict[str, tuple[float | None, float]]:
             raise RobotError(
                 f"transmission {transmission.get('name')!r}: rotor_inertia is {inertia:g}", "Give zero or more"
             )
-        found |= dict.fromkeys(joints, (inertia, ratio))
+        # Of a differential each motor moves several joints: none has an inertia of its own.
+        found |= dict.fromkeys(joints, (inertia, ratio) if len(set(joints)) == 1 else (None, 0.0))
     return found
 
 

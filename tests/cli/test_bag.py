@@ -1,6 +1,7 @@
 """The bag subcommands: what they print, what they leave behind, and their exit codes."""
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -51,6 +52,18 @@ def test_check_ends_with_1_for_a_torn_bag_and_repairs_it(bag: Path) -> None:
     assert told["repaired"]["after"]["ok"]
     assert Path(told["repaired"]["path"]) == bag.with_name("bag_repaired")
     assert len(read_recording(told["repaired"]["path"]).link) > 0
+
+
+def test_several_bags_and_folders_are_checked_one_by_one(bag: Path, tmp_path: Path) -> None:
+    """Each has an opinion of its own; what is no bag does not stop the others, and is the exit status."""
+    again = tmp_path / "runs" / "again"
+    shutil.copytree(bag, again)
+    done = run("bag", "check", bag, again.parent, "--json")
+    told = json.loads(done.stdout)["bags"]
+    assert done.exit_code == 0 and [one["path"] for one in told] == [str(bag), str(again)]
+    done = run("bag", "check", tmp_path / "nothing", bag)
+    assert done.exit_code == 2 and "does not exist" in done.stdout and "nothing wrong" in done.stdout
+    assert run("bag", "check", bag, again, "--out", tmp_path / "x").exit_code == 2
 
 
 def test_check_ends_with_2_for_what_is_no_bag(tmp_path: Path) -> None:

@@ -145,4 +145,4 @@ def test_a_cause_that_appears_for_good_is_a_change_and_one_that_may_hide_is_none
 def test_a_folder_without_bags_is_refused(tmp_path: Path) -> None:
     """In one line that says what to name."""
     result = CliRunner().invoke(app, ["history", str(tmp_path)])
-    assert result.exit_code == 2 and "holds no bags" in result.stderr
+    assert result.exit_code == 2 and "holds no .mcap or .db3 file" in result.stderr

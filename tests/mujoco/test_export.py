@@ -213,13 +213,15 @@ def test_a_urdf_lists_what_it_has_no_number_for(tmp_path: Path) -> None:
     # 0.5 rad at 2 rad/s: accelerations of 2 rad/s² times a sine.
     assert own.numbers == {"armature": 0.03} and own.cost == {"joint5": pytest.approx(0.03 * np.sqrt(2.0), rel=0.01)}
     assert left["joint_spring", "joint2"].cost["joint2"] > 10.0 and not left["time_delay", "joint2"].cost
-    elastic = export_urdf(load_robot(), None, tmp_path / "elastic.urdf")
+    spring["joint"] = "joint_1"
+    rotor = {"effect": "rotor_inertia_mismatch", "joint": "joint_1", "parameters": {"inertia": 1.5}}
+    elastic = export_urdf(load_robot().with_(effects=(spring, rotor)), None, tmp_path / "elastic.urdf")
     kinds = {one.what for one in elastic.left}
-    assert kinds == {"armature", "drive", "bearing"}
+    assert kinds == {"armature", "drive", "bearing", "joint_spring"}
     gear = load_robot().joints[0].transmission
     motor = next(one for one in elastic.left if (one.what, one.joint) == ("armature", "joint_1"))
     inertias = (gear.rotor.izz * gear.r_tot**2, gear.wave_generator.izz * gear.harmonic_drive_ratio**2, gear.spline.izz)
-    assert motor.numbers["armature"] == pytest.approx(sum(inertias))
+    assert motor.numbers["armature"] == pytest.approx(1.5 * sum(inertias))
 
 
 def test_what_the_whole_arm_has_is_listed(base: Path) -> None:

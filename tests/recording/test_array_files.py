@@ -248,3 +248,21 @@ def test_units_in_names_are_those_of_the_channels(tmp_path: Path) -> None:
     run = imported(tmp_path / "run.npz", "a", 100.0, motor=motor)
     np.testing.assert_allclose(run.motor.effort[:, 0], np.arange(5.0) * 1e-3)
     np.testing.assert_array_equal(run.motor.position[:, 0], np.arange(5.0))
+
+
+@pytest.mark.parametrize(
+    ("head", "gap", "encoding"),
+    [
+        ("t [s];q1 [°];q2 [°]\n", "", "utf-16"),
+        ("t [s];q1 [°];q2 [°]\n", "n/a", "cp1252"),
+        ("# arm 7\n# Größe\nt [s];q1 [deg];q2 [deg]\n", "NA", "utf-8-sig"),
+        ("# arm 7\n# t [s];q1 [deg];q2 [deg]\n", "NULL", "utf-8"),
+    ],
+)
+def test_tables_are_read_as_other_programs_write_them(tmp_path: Path, head: str, gap: str, encoding: str) -> None:
+    """Encodings of Windows, comments above the names, and what stands for no number."""
+    (tmp_path / "run.csv").write_text(f"{head}0;90;1\n1;{gap};2\n2;180;3\n", encoding)
+    names = list(load_arrays(tmp_path / "run.csv"))
+    side = imported(tmp_path / "run.csv", "ab", names[0], link={"position": {"key": names[1:]}}).link
+    np.testing.assert_allclose(side.position, np.radians([[90, 1], [180, 3]]))
+    np.testing.assert_array_equal(side.stamp_ns, [0, 2_000_000_000])

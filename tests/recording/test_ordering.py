@@ -45,7 +45,7 @@ def test_messages_out_of_order_are_sorted(tmp_path: Path, block: int) -> None:
     assert any("came after later ones" in note for note in recording.notes)
 
 
-@pytest.mark.parametrize("back", [0.5, 0.5003, 0.08, 2.0])
+@pytest.mark.parametrize("back", [0.5, 0.5003, 0.08, 2.0, 3600.0])
 def test_a_clock_that_was_set_back_is_named_as_that(tmp_path: Path, back: float) -> None:
     """The later samples run on from where it was, none is lost."""
     set_back = TAKEN - np.where(np.arange(COUNT) > 1800, round(1e9 * back), 0)
@@ -112,6 +112,9 @@ def test_half_messages_of_one_arm_are_joined(tmp_path: Path, late_ns: int) -> No
     )
     mapped = read_recording(bag, file)
     np.testing.assert_allclose(mapped.motor.position, recording.motor.position, rtol=0, atol=1e-9)
+    assert len(mapped.notes) == (late_ns > 0) and "duplicate" not in {
+        f.code for f in check_bag(bag, load_channels(file)).findings
+    }
 
 
 def test_messages_of_a_gripper_are_no_fault(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from elastic_arm.errors import RecordingError
 from elastic_arm.identification import IdentificationSettings, identify
 from elastic_arm.recording import Recording, Side, read_recording, write_recording
 from elastic_arm.recording.inspection.check import check_bag
-from elastic_arm.recording.inspection.outliers import find_outliers, without_outliers
+from elastic_arm.recording.inspection.outliers import find_outliers, without_outliers, without_zeros
 from elastic_arm.robot import load_robot
 from tests.helpers.bags import JOINT_STATE, joint_state, two_sided, write_foreign
 
@@ -237,9 +237,9 @@ def test_what_forces_do_is_no_jump() -> None:
     assert all("of a" in note or "of b" in note for note in without_outliers(stop).notes)
 
 
-@pytest.mark.parametrize("same_stamp", [False, True])
-def test_a_second_publisher_of_zeros_is_left_out(tmp_path: Path, same_stamp: bool) -> None:
-    """Between the samples of the arm, or at their stamps: the arm's alone are left, and that is said."""
+@pytest.mark.parametrize(("same_stamp", "pose"), [(False, 0.0), (True, 0.0), (False, 2.5)])
+def test_a_second_publisher_of_one_pose_is_left_out(tmp_path: Path, same_stamp: bool, pose: float) -> None:
+    """Between the samples of the arm, or zeros at their stamps: the arm's alone are left, and that is said."""
     whole = turning()
     later = STAMPS + (0 if same_stamp else 2_000_000)
     values = {"position": whole.motor.position, "velocity": None, "effort": whole.motor.effort}
@@ -248,7 +248,7 @@ def test_a_second_publisher_of_zeros_is_left_out(tmp_path: Path, same_stamp: boo
         for row, t in enumerate(STAMPS)
         for log, stamp, q, tau in (
             (t, t, values["position"][row], values["effort"][row]),  # type: ignore[index]
-            (t + 2_000_000, later[row], np.zeros(2), np.zeros(2)),
+            (t + 2_000_000, later[row], np.full(2, pose), np.zeros(2)),
         )
     ]
     bag = write_foreign(tmp_path / "bag", messages)
@@ -256,6 +256,14 @@ def test_a_second_publisher_of_zeros_is_left_out(tmp_path: Path, same_stamp: boo
     np.testing.assert_array_equal(found.motor.stamp_ns, STAMPS)
     np.testing.assert_array_equal(found.motor.position, whole.motor.position)
     assert not check_bag(bag).ok
+
+
+def test_a_pose_that_an_arm_comes_back_to_is_no_second_publisher() -> None:
+    """It rests there again and again, as still as a simulation without noise is."""
+    phase = np.clip(np.abs(T % 2.0 - 1.0) * 3.0 - 1.0, 0.0, 1.0)
+    still = moved(turning(), lambda q: 0.3 + np.outer(3 * phase**2 - 2 * phase**3, [0.5, -0.8]))
+    still = replace(still, motor=replace(still.motor, effort=None))
+    assert without_zeros(still, []) is still
 
 
 @pytest.mark.slow(3)

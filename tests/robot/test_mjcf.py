@@ -313,7 +313,11 @@ def test_a_second_hinge_of_small_range_is_play(tmp_path: Path) -> None:
     assert robot.joint_names == ("j1", "j2") and robot.effects == plain.effects
     (note,) = (note for note in robot.notes if "slack" in note)
     assert "play of ±0.015 rad in j2" in note and "backlash:j2:half_gap=0.015" in note
-    two_joints(tmp_path, play='<joint name="slack" axis="0 1 0" range="-0.01 0.01" armature="0.001"/>')
+    slack = '<joint name="slack" axis="0 1 0" range="-0.01 0.01" armature="0.001"/>'
+    two_joints(tmp_path, play=slack)
+    assert_same_torque(path)
+    path.write_text(two_joints(tmp_path).read_text().replace('<joint name="j2"', f'{slack}<joint name="j2"'))
+    assert load_robot(path).joint_names == ("j1", "j2")
     assert_same_torque(path)
 
 

@@ -507,3 +507,12 @@ def test_an_overlays_transmission_takes_the_place_of_the_urdfs(tmp_path: Path) -
     (tmp_path / "over.yaml").write_text(f"urdf: arm.urdf\ntransmissions: {{j: {{{parts}, {numbers}}}}}\n")
     robot = load_robot(tmp_path / "over.yaml")
     assert robot.elastic and robot.joints[0].armature is None and not any("armature" in note for note in robot.notes)
+
+
+def test_transmissions_that_no_joint_has_are_named() -> None:
+    """One that couples several joints, and one of a joint that the file has not."""
+    both = ROS_2.replace('<joint name="j">', '<joint name="k"/><joint name="j">')
+    robot = parse_urdf(MOTOR.format(both))
+    assert robot.joints[0].armature is None and any("'j': it couples several joints" in note for note in robot.notes)
+    robot = parse_urdf(MOTOR.format(DRAKE.replace('name="j"', 'name="jj"')))
+    assert robot.joints[0].armature is None and any("'jj': it is left out" in note for note in robot.notes)

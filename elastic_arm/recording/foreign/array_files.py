@@ -1,6 +1,8 @@
 """Named arrays from files: .npz, .npy, .mat, tables as text, Parquet and HDF5, and folders of such files."""
 
+import codecs
 import csv
+import itertools
 import os
 import re
 import stat
@@ -10,6 +12,7 @@ import zipfile
 import zlib
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +31,7 @@ _UNREADABLE: tuple[type[Exception], ...] = (OSError, ValueError, TypeError, Look
 _UNREADABLE += (AttributeError, NameError, SyntaxError, OverflowError, RuntimeError, AssertionError, struct.error)
 _UNREADABLE += (csv.Error, zlib.error, zipfile.BadZipFile, tokenize.TokenError)
 _WHOLE_TABLE = ""
+_BLANK = ("", "na", "n/a", "#n/a", "null", "none", "-", "--")  # cells that hold no number
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?$")
 
 
@@ -161,9 +165,12 @@ def _npz(path: Path) -> Arrays:
 
 def _table(path: Path, decimal: str | None) -> Arrays:
     """Read a table as text: with or without a line of names, a row of units, columns of texts, and blank cells."""
-    # Excel begins a file with a mark that it is UTF-8.
-    lines = path.read_text(encoding="utf-8-sig").split("\n")
+    lines = _text(path).split("\n")
     numbered = [(n, line) for n, line in enumerate(lines, start=1) if line.strip()]
+    # Names stand in the first line that is no comment, or in the last of the comments before it, as numpy writes them.
+    remarks = sum(1 for _ in itertools.takewhile(lambda row: row[1].lstrip().startswith("#"), numbered))
+    named = remarks < len(numbered) and not any(map(_is_number, re.split(r"[;,\s]+", numbered[remarks][1])))
+    numbered = numbered[remarks if named else max(remarks - 1, 0) :]
     if not numbered:
         raise RecordingError(f"{path} cannot be read: it is empty", "Give a file with a table of numbers.")
     delimiter = _delimiter([line for _, line in numbered[:2]], decimal)
@@ -209,6 +216,16 @@ def _table(path: Path, decimal: str | None) -> Arrays:
     return arrays
 
 
+def _text(path: Path) -> str:
+    """Return the text of a file in UTF-8, or in what Excel and Windows write."""
+    with path.open("rb") as file:
+        wide = file.read(2) in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+    for encoding in ("utf-16",) if wide else ("utf-8-sig", "cp1252"):
+        with suppress(UnicodeDecodeError):
+            return path.read_text(encoding)
+    raise ValueError("it is no text")
+
+
 def _by_cells(
     path: Path, names: Sequence[str], rows: Sequence[tuple[int, str]], delimiter: str | None, decimal: str
 ) -> Arrays:
@@ -219,16 +236,16 @@ def _by_cells(
             cells.pop()  # a mark at the end of the line parts nothing
         if len(cells) != len(names):
             problem = f"{path} cannot be read: line {n}: {len(cells)} columns, where the lines before have {len(names)}"
-            raise RecordingError(problem, "Give all lines as many columns; decimal marks are points.")
+            raise RecordingError(problem, "Begin with the line of names, and give all lines as many columns.")
     arrays = Arrays()
     for k, name in enumerate(names):
         column = [cells[k].strip().replace(decimal, ".") for _, cells in parted]
         try:
             if name or any(column):
-                arrays[name] = np.array([float(cell) if cell else np.nan for cell in column])
+                arrays[name] = np.array([np.nan if cell.lower() in _BLANK else float(cell) for cell in column])
         except ValueError:
             arrays[name] = np.array(column)
-            wrong = next(i for i, cell in enumerate(column) if cell and not _is_number(cell))
+            wrong = next(i for i, cell in enumerate(column) if not (cell.lower() in _BLANK or _is_number(cell)))
             arrays.faults[name] = f"line {parted[wrong][0]}: {column[wrong][:60]!r} is no number"
     return arrays
 

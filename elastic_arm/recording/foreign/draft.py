@@ -41,6 +41,8 @@ class Draft:
     def missing(self) -> list[str]:
         """What has to be filled in before the mapping can be used."""
         words = [] if self.times is not None else ["times.rate"]
+        if not any(guess.channel == "position" and guess.side != "command" for guess in self.channels):
+            words.append("a position of link or motor, which no array looks like")
         return words + [f"{g.side}.{g.channel}.{key}" for g in self.channels for key in g.missing]
 
     def to_yaml(self) -> str:

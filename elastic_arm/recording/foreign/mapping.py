@@ -69,6 +69,7 @@ def _channel(
         for part, some in _parts(messages, {joint: sources[joint] for joint in joints}):
             values = np.column_stack([_one(part, sources[joint], name) for joint in some])
             side = checked(Side(part.stamp_ns, **{name: values}), topic, some)
+            found += part.findings
             if built is None:
                 built = side
             else:

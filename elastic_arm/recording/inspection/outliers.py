@@ -83,28 +83,54 @@ def cleared(recording: Recording) -> tuple[Recording, list[Finding]]:
 
 
 def without_zeros(recording: Recording, found: list[Finding]) -> Recording:
-    """Leave out samples of zeros alone where most are no motion: their neighbours are nearer to each other."""
+    """Leave out samples of zeros alone, or of another pose that is sent again and again, where most are no motion.
+
+    Neighbours are nearer to each other than to them, by more than the joints go in the samples around.
+    """
     kept: dict[str, Any] = {}
     for name, side in recording.measured().items():
         q = side.position
-        if q is None or len(side) < _FEWEST:
+        if name in kept or q is None or len(side) < _FEWEST:
             continue
-        zero = np.flatnonzero(~np.nan_to_num(q).any(axis=1))
-        for values in side.channels().values():
-            zero = zero[~np.nan_to_num(values[zero]).any(axis=1)]
-        others = np.delete(np.arange(len(side)), zero)
-        if not len(zero) or not len(others):
+        sent, what = _sent_again(side, q)
+        others = np.delete(np.arange(len(side)), sent)
+        if not len(sent) or not len(others):
             continue
-        place = np.clip(np.searchsorted(others, zero), 1, len(others) - 1)
-        before, after = q[others[place - 1]], q[others[place]]
+        place = np.clip(np.searchsorted(others, sent), 1, len(others) - 1)
+        far, before, after, later = (q[others[np.clip(place + k, 0, len(others) - 1)]] for k in (-2, -1, 0, 1))
+        pose = q[sent[0]]
         least = [_STEPS * _resolution(column) for column in q[others].T]
-        away = np.minimum(np.abs(before), np.abs(after)) - np.abs(after - before) > least
+        around = np.abs(after - before) + np.abs(before - far) + np.abs(later - after)
+        away = np.minimum(np.abs(before - pose), np.abs(after - pose)) - around > least
         if np.mean(away.any(axis=1)) > 0.5:
-            words = f"{len(zero)} of {len(side)} samples of the {name} side hold zeros alone, between others"
-            first = moment(side.stamp_ns, int(zero[0]))
+            words = f"{len(sent)} of {len(side)} samples of the {name} side hold {what}, between others"
+            first = moment(side.stamp_ns, int(sent[0]))
             found.append(warning("zeros_between", words, f"a second publisher? They are left out, first at {first}"))
-            kept[name] = side.at(others)
+            # Sides of the same messages have the same stamps.
+            for also, one in recording.measured().items():
+                if np.array_equal(one.stamp_ns, side.stamp_ns):
+                    kept[also] = one.at(others)
     return replace(recording, **kept) if kept else recording
+
+
+def _sent_again(side: Side, q: Array) -> tuple[NDArray[np.intp], str]:
+    """Return where samples of zeros stand, or else of the one sample that comes anew more often than any other."""
+    zero, same = np.flatnonzero(~np.nan_to_num(q).any(axis=1)), _most_often(q.sum(axis=1))
+    for values in side.channels().values():
+        zero = zero[~np.nan_to_num(values[zero]).any(axis=1)]
+        same = same[(np.nan_to_num(values[same]) == np.nan_to_num(values[same[:1]])).all(axis=1)]
+    return (zero, "zeros alone") if len(zero) else (same, "one and the same numbers")
+
+
+def _most_often(numbers: Array) -> NDArray[np.intp]:
+    """Return where the number (N,) stands that comes anew, after others, more often than any other one."""
+    ordered = np.sort(numbers)
+    if not (ordered[1:] == ordered[:-1]).any():
+        return np.empty(0, np.intp)
+    which = np.unique(numbers, return_inverse=True)[1]
+    counts = np.bincount(which[np.flatnonzero(np.diff(which, prepend=-1))], minlength=2)
+    most = int(np.argmax(counts))
+    return np.flatnonzero(which == most) if np.partition(counts, -2)[-2] < counts[most] else np.empty(0, np.intp)
 
 
 def _without_far_samples(recording: Recording, found: list[Finding]) -> Recording:

@@ -53,7 +53,7 @@ def pair(
     origin = int(base.stamp_ns[0])
     wanted, given = _times((base, other), origin, clock)
     at = base.at(inside)
-    found.append(note(f"{other_name} was interpolated to the stamps of {base_name} by a cubic spline"))
+    found.append(note(f"interpolated to the stamps of {base_name} by a cubic spline: {other_name}"))
     return at, _interpolate(other, given, at.stamp_ns, wanted[inside])
 
 

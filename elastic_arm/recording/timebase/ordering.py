@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 from elastic_arm.recording.inspection.report import Finding, check_stamped, moment
 from elastic_arm.recording.sides import Stamps
 
+_LATE_NS = 1_000_000_000  # no message is on its way for longer
 _AROUND = 50  # messages on either side of a step back that show whether the clock stays behind
 
 
@@ -53,8 +54,10 @@ def _one_clock(stamp_ns: Stamps, topic: str) -> tuple[Stamps, list[Finding]]:
         again, until = np.searchsorted(ranked, (stamp_ns[k + 1], stamp_ns[k]))
         # 0.75 sample intervals, below which two clocks seem to stamp in turn
         crowded = np.mean(steps[again:until] < 0.75 * usual) if until > again else 0.0
+        # A hole that no message came through, as none is on its way for a second
+        apart = until > again and steps[again:until].max() > _LATE_NS
         # 0.2 of the intervals that stand twice in what the clock passed twice; half where that is all of it
-        if back > 0.5 * (stamp_ns[k] - stamp_ns[k + 1]) and crowded > 0.2 and number[-1] > 5:
+        if back > 0.5 * (stamp_ns[k] - stamp_ns[k + 1]) and (crowded > 0.2 or apart) and number[-1] > 5:
             words = f"{topic}: the clock was set back by {back * 1e-9:.4g} s after {moment(stamp_ns, k)}"
             message = f"{words}: later stamps are taken for as much later"
             time = float(stamp_ns[k] - stamp_ns[0]) * 1e-9
@@ -69,8 +72,7 @@ def _far_off(stamp_ns: Stamps, rows: NDArray[np.intp]) -> NDArray[np.bool_]:
     for ends, last in ((range(len(rows) - 1, 0, -1), len(rows) - 1), (range(len(rows) - 1), 0)):
         for i in ends:
             inner = i - 1 if last else i + 1
-            # 1_000_000_000 ns; no message is on its way for longer
-            if rows[i] == last or abs(int(stamp_ns[i] - stamp_ns[inner])) < 1_000_000_000:
+            if rows[i] == last or abs(int(stamp_ns[i] - stamp_ns[inner])) < _LATE_NS:
                 break
             far[i] = True
     return far

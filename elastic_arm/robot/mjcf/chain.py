@@ -53,11 +53,11 @@ def find_chain(model: Any, chain: Chain | None) -> MjcfChain:
 
 
 def _plays(model: Any, joints: Sequence[int]) -> Iterator[tuple[int, int]]:
-    """Yield hinges that are the play of one before them on the same body and axis: limited more narrowly, else free.
+    """Yield hinges that are the play of another on the same body and axis: limited more narrowly, else free.
 
     Of two joints about one axis one is no freedom of its own; this is how MuJoCo's models have backlash.
     """
-    for joint, play in itertools.combinations(joints, 2):
+    for joint, play in itertools.permutations(joints, 2):
         if slides(model, play) != slides(model, joint) or not model.jnt_limited[play]:
             continue
         axis, other = (np.array(model.jnt_axis[k], dtype=float) for k in (play, joint))
@@ -65,7 +65,9 @@ def _plays(model: Any, joints: Sequence[int]) -> Iterator[tuple[int, int]]:
         coaxial = np.allclose(np.cross(axis, other), 0.0) and np.allclose(np.cross(axis, apart), 0.0)
         width = [np.ptp(model.jnt_range[k]) if model.jnt_limited[k] else np.inf for k in (play, joint)]
         driven = any(int(model.actuator_trnid[k, 0]) == play for k in range(len(model.actuator_trntype)))
-        if coaxial and width[0] < width[1] and not driven and not model.jnt_stiffness[play]:
+        # A hinge that one without limits follows may be either.
+        told = play > joint or model.jnt_limited[joint]
+        if coaxial and told and width[0] < width[1] and not driven and not model.jnt_stiffness[play]:
             yield play, joint
 
 
