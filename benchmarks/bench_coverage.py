@@ -5,8 +5,6 @@ description by up to 15 %. Counted is, parameter by parameter, how often the tru
 deviations of the estimate: over all recordings, and over those in which the parameter is called "well" determined.
 """
 
-from __future__ import annotations
-
 import argparse
 import math
 import time

@@ -6,8 +6,6 @@ a process of its own; its columns are processor seconds, those over the first ca
 Work of more than ten minutes is ten minutes of it again and again.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

@@ -8,8 +8,6 @@ little wrong, and ten causes to find, with and without ``--refit --with coulomb_
 to fit and 20 s to judge.
 """
 
-from __future__ import annotations
-
 import argparse
 import math
 import os

@@ -4,8 +4,6 @@ A subscriber is stopped (SIGSTOP) for longer than Fast DDS's shared memory lasts
 time without a message in the three seconds after: with the suite's profile, and with Fast DDS's own settings.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import signal

@@ -4,8 +4,6 @@ Each history is of another arm, up to 15 % from its description, with dry fricti
 8 s of a motion each. In every second one the friction of one joint differs from some recording on, by 10 to 60 %.
 """
 
-from __future__ import annotations
-
 import argparse
 import time
 from dataclasses import dataclass, replace

@@ -9,8 +9,6 @@ in brackets processor time, which a busy machine disturbs less; ours and the pee
 with N and n.
 """
 
-from __future__ import annotations
-
 import argparse
 import ctypes
 import tempfile

@@ -8,8 +8,6 @@ load of the graph does to a message's way, and one of the arm's own samples, who
 the stamp names (so it holds the simulator's step as well).
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

@@ -9,8 +9,6 @@ falls on all alike; figures are medians of wall time, and in brackets of process
 machine disturbs less.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import shutil

@@ -10,8 +10,6 @@ Times are of processor, all threads and compilers included. The first call of `i
 kernels, which later processes find on disk.
 """
 
-from __future__ import annotations
-
 import argparse
 import resource
 import tempfile

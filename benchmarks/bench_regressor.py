@@ -6,8 +6,6 @@ Results go to fresh memory, or to an array given (`out`). Then first and later u
 to line, with n from table to table.
 """
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import tempfile

@@ -8,8 +8,6 @@ under the commands of another recording (mrad, rms over joints), of the descript
 arm, the processor's time, and what is said. Elasticity and play lie behind the encoder, as in a servo's gears.
 """
 
-from __future__ import annotations
-
 import argparse
 import re
 import tempfile

@@ -6,8 +6,6 @@ RK4 in steps of 1e-5 s of the engine itself; MuJoCo's
 Euler schemes need smaller steps for splines this light. Then the engine that needs no compiler, and growth with n.
 """
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import tempfile

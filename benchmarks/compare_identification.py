@@ -9,13 +9,12 @@ offset for every joint, minimum-norm least squares. Both are judged on the same 
 ROBOT is an arm file or a URDF, FIT and BAG are recordings (`elastic-arm bag import` makes them of arrays).
 """
 
-from __future__ import annotations
-
 import argparse
 import tempfile
 import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 import pinocchio
@@ -57,7 +56,7 @@ class Errors:
     t: Array
     values: Array
 
-    def within(self, spans: list[tuple[float, float]]) -> Errors:
+    def within(self, spans: list[tuple[float, float]]) -> Self:
         """Return those of samples within these spans of time."""
         kept = np.any([(first <= self.t) & (self.t <= last) for first, last in spans], axis=0)
         return Errors(self.t[kept], self.values[kept])

@@ -15,8 +15,6 @@ is 0; the log score takes 0.001 for less. A size is one value of a cause that th
 true one in standard deviations.
 """
 
-from __future__ import annotations
-
 import argparse
 import csv
 import itertools

@@ -3,8 +3,6 @@
 python -m benchmarks.kills --kills 100 --seed 1
 """
 
-from __future__ import annotations
-
 import argparse
 import shutil
 import signal

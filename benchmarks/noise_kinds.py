@@ -5,8 +5,6 @@ one effect each. The same true motion gets each kind of noise (`tests/helpers/no
 and causes; a clean arm must come out `none`, an effect by its name, and no other cause at a confidence of 0.9.
 """
 
-from __future__ import annotations
-
 import argparse
 import time
 from functools import cache

@@ -5,8 +5,6 @@ They are those of the challenge's levels `servo` (30 to 100 Hz and 12 bits) and 
     python -m benchmarks.servo_arms FOLDER [SEED]
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Iterator
 from pathlib import Path

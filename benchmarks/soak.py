@@ -7,8 +7,6 @@ Simulator, trajectory generator, identifier, gap monitor and recorder run at onc
 them, and their delay from the instant that the stamp names. `soak.png` shows the course, the table ten parts of it.
 """
 
-from __future__ import annotations
-
 import argparse
 import csv
 import os

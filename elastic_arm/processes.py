@@ -1,7 +1,5 @@
 """Independent tasks over the machine's cores, or the workers of a Dask cluster, with progress."""
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import signal
@@ -11,7 +9,7 @@ from concurrent.futures import Executor, ProcessPoolExecutor
 from functools import partial
 from multiprocessing.process import BaseProcess
 from types import TracebackType
-from typing import Any, TypeVar
+from typing import Any, Self, TypeVar
 
 from elastic_arm.errors import ElasticArmError, one_line, require_libraries
 from elastic_arm.interrupts import interrupts_held, take_interrupts
@@ -37,7 +35,7 @@ class ProcessPool:
             self._pool = pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_begin)
             self._end = partial(pool.shutdown, cancel_futures=True)
 
-    def __enter__(self) -> ProcessPool:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(

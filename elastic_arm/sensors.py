@@ -4,12 +4,10 @@ A layer of its own on arrays of samples: it knows no dynamics. A :class:`SensorB
 so that samples fed one at a time and samples fed at once give the same bits.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import lru_cache
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import scipy  # its parts are loaded when they are used
@@ -118,17 +116,17 @@ class Sensors:
             )
 
     @classmethod
-    def exact(cls) -> Sensors:
+    def exact(cls) -> Self:
         """Return sensors that record the truth."""
         return cls(joint_torque=TorqueSensor(noise=0.0), motor_torque=TorqueSensor(noise=0.0))
 
     @classmethod
-    def real(cls) -> Sensors:
+    def real(cls) -> Self:
         """Return sensors as on a real arm: 23-bit encoders with noise of a microradian, jittered stamps."""
         encoder = Encoder(noise=1e-6, velocity_noise=1e-4, resolution=2 * np.pi / 2**23)
         return cls(link_encoder=encoder, motor_encoder=encoder, stamp_jitter=2e-5)
 
-    def changed(self, channel: str, joint: int, n: int, **settings: float) -> Sensors:
+    def changed(self, channel: str, joint: int, n: int, **settings: float) -> Self:
         """Return these sensors with settings of one channel (`joint_torque`, …) and joint (index) of `n` changed."""
         return replace(self, **{channel: getattr(self, channel).changed(joint, n, **settings)})
 

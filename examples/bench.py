@@ -8,8 +8,6 @@ answer is judged against that to the recordings as they are: what they have alre
 be found is theirs and the change together, of which an effect that was named before has to show half or more.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import re

@@ -4,8 +4,6 @@ The simulated arm differs from its description by up to 15 % in every inertial a
 something to find. Its true numbers are read only by the comparison at the end.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

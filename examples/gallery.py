@@ -9,8 +9,6 @@ they replace those of that folder, and a picture of each robot's residuals goes 
 and pictures of robots that have no results below `--out` stay as they are, so that robots can be run one after another.
 """
 
-from __future__ import annotations
-
 import argparse
 import csv
 import json

@@ -6,8 +6,6 @@ It writes replay.webp, which browsers show: the first 10 s. MuJoCo renders throu
 ($MUJOCO_GL chooses otherwise); links without a shape are drawn as capsules between the joints. Needs Pillow.
 """
 
-from __future__ import annotations
-
 import io
 import os
 import sys

@@ -8,11 +8,9 @@ derivatives vanish at its ends: the motion begins and ends at q0 at rest, withou
 and in between it is exactly periodic.
 """
 
-from __future__ import annotations
-
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -69,7 +67,7 @@ class FourierTrajectory:
     @classmethod
     def of_periods(
         cls, period: float, a: Array, b: Array, q0: Array, *, periods: float = 1.0, ramp: float, joints: Any = ()
-    ) -> FourierTrajectory:
+    ) -> Self:
         """Make a trajectory that holds `periods` whole periods of `period` seconds between its ramps."""
         require(period > 0.0, f"period is {period:g} s", "Give a time above zero")
         require(periods > 0.0, f"{periods:g} periods are asked for", "Ask for at least one")
@@ -109,14 +107,14 @@ class FourierTrajectory:
         """Return `count` times (count,) evenly over one period of the periodic section, its end left out."""
         return self.ramp + self.period * np.arange(count) / count
 
-    def scaled(self, factor: Array | float) -> FourierTrajectory:
+    def scaled(self, factor: Array | float) -> Self:
         """Return the same motion about q0 with amplitudes times `factor`, one number or one a joint."""
         column = np.broadcast_to(factor, (self.n,))[:, None]
-        return self._with(a=self.a * column, b=self.b * column)
+        return replace(self, a=self.a * column, b=self.b * column)
 
-    def repeated(self, periods: float) -> FourierTrajectory:
+    def repeated(self, periods: float) -> Self:
         """Return the same motion with `periods` whole periods between its ramps."""
-        return self._with(duration=periods * self.period + 2.0 * self.ramp)
+        return replace(self, duration=periods * self.period + 2.0 * self.ramp)
 
     def save(self, path: str | Path) -> None:
         """Write the trajectory as YAML that :func:`load_trajectory` reads back exactly."""
@@ -129,9 +127,6 @@ class FourierTrajectory:
             **{name: getattr(self, name).tolist() for name in ("q0", "a", "b")},
         }
         write_result(path, yaml_text(content), ExcitationError, "Give a file in a folder you may write to")
-
-    def _with(self, **changes: Any) -> FourierTrajectory:
-        return FourierTrajectory(**{**vars(self), **changes})
 
     def _series(self, t: Array) -> tuple[Array, Array, Array]:
         frequency = self.omega * np.arange(1, self.harmonics + 1)

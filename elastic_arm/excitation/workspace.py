@@ -1,8 +1,7 @@
 """No link through the floor or another link, roughly: links are capsules from joint to joint."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 import scipy  # its parts are loaded when they are used
@@ -28,7 +27,7 @@ class Workspace:
     pairs: NDArray[np.intp]  # (P, 2) links that must stay clear of each other
 
     @classmethod
-    def of(cls, robot: Robot, *, radius: float | None = None, floor: float | None = 0.0) -> Workspace:
+    def of(cls, robot: Robot, *, radius: float | None = None, floor: float | None = 0.0) -> Self:
         """Make the workspace of `robot`, from what its links do in evenly spread poses.
 
         Neighbours are left out, and so are links that touch in every pose (a wrist whose axes meet) and link ends

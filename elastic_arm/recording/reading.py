@@ -1,13 +1,11 @@
 """From bags to recordings."""
 
-from __future__ import annotations
-
 import re
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -56,7 +54,7 @@ class Content:
         """How much of the bags has been read, as far as they say how much they hold."""
         return min(self.messages / (self.promised or self.messages or 1), 1.0)
 
-    def decoded(self) -> Content:
+    def decoded(self) -> Self:
         """Turn what was decoded since the last time into series; return itself."""
         self.series = {topic: decoder.series() for topic, decoder in self.decoders.items()}
         self.decoders = {}

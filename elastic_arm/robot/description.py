@@ -5,11 +5,9 @@ Frames (paper, (2) and (3)): ``O_G`` is the ground and ``O_0 = T_0^G``; link i's
 own frame, all inertias about the body's own centre of mass. SI units and radians throughout.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -76,7 +74,7 @@ class Joint:
         return linear_unit(unit) if self.prismatic else unit
 
     @classmethod
-    def from_dh(cls, name: str, link_name: str, link: Inertia, dh: DH, **rest: Any) -> Joint:
+    def from_dh(cls, name: str, link_name: str, link: Inertia, dh: DH, **rest: Any) -> Self:
         """Make a joint from its Denavit-Hartenberg row (paper, (3))."""
         return cls(name, link_name, link, after=dh.placement, dh=dh, **rest)
 
@@ -166,18 +164,18 @@ class Robot:
         """Return the two bodies on which transmission i (from 0) can ride: the one before its joint and its link."""
         return ("base", *self.link_names)[i], self.link_names[i]
 
-    def with_(self, **changes: Any) -> Robot:
+    def with_(self, **changes: Any) -> Self:
         """Return a copy with these fields changed."""
         return replace(self, **changes)
 
-    def with_joint(self, name: str, **changes: Any) -> Robot:
+    def with_joint(self, name: str, **changes: Any) -> Self:
         """Return a copy in which these fields of joint `name` are changed."""
         use = f"Use one of {', '.join(self.joint_names)}."
         require(name in self.joint_names, f"robot {self.name} has no joint {name!r}", use)
         joints = tuple(replace(j, **changes) if j.name == name else j for j in self.joints)
         return self.with_(joints=joints)
 
-    def with_armatures(self) -> Robot:
+    def with_armatures(self) -> Self:
         """Return a copy whose models hold the inertia of its motors, from zero, where its description states none.
 
         A description of links alone, like a URDF, has no motor inertia. Geared motors have as much as the links that
@@ -188,7 +186,7 @@ class Robot:
             return self
         return self.with_(joints=tuple(replace(joint, armature=joint.armature or 0.0) for joint in self.joints))
 
-    def with_ratio(self, r_tot: float) -> Robot:
+    def with_ratio(self, r_tot: float) -> Self:
         """Return a copy whose joints all have total ratio `r_tot`, split as in the description."""
         require(self.elastic, f"robot {self.name} has no transmissions", "Use an arm file with transmissions")
         known = ", ".join(f"{r:g}" for r in self.total_ratios_studied) or "none"

@@ -3,12 +3,10 @@
 Every object checks its own physics when it is made. SI units and radians.
 """
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -230,7 +228,7 @@ class Transmission:
             "spline": (self.spline, 1.0),
         }
 
-    def with_inertias(self, ratio: float) -> Transmission:
+    def with_inertias(self, ratio: float) -> Self:
         """Return it with the moments of inertia of all components times a ratio."""
         scaled: dict[str, Any] = {
             name: replace(part, ixx=part.ixx * ratio, izz=part.izz * ratio)
@@ -309,7 +307,7 @@ class JointController:
         """Gains of the error of the angle, of its rate, and of its integral: an integral of speeds is an angle."""
         return (self.ki, self.kd, 0.0) if self.mode == "velocity" else (self.kp, self.kd, self.ki)
 
-    def scaled(self, kp: float = 1.0, kd: float = 1.0) -> JointController:
+    def scaled(self, kp: float = 1.0, kd: float = 1.0) -> Self:
         """Return it with other gains of the error of the angle and of its rate, as ratios to its own."""
         own = "ki" if self.mode == "velocity" else "kp"
         return replace(self, **{own: kp * getattr(self, own), "kd": kd * self.kd})

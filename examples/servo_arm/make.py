@@ -6,8 +6,6 @@ Commands at 50 Hz, encoders of 12 bits, no torque. Its commands reach the servos
 friction, and its masses, armatures and gains are a few percent off.
 """
 
-from __future__ import annotations
-
 import sys
 import tempfile
 from pathlib import Path

@@ -3,11 +3,9 @@
 Tolerances, their defaults and outcomes are those of joint_trajectory_controller.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from builtin_interfaces.msg import Duration
@@ -42,7 +40,7 @@ class Tolerances:
     velocity: Array
 
     @classmethod
-    def of(cls, stated: Sequence[JointTolerance], joints: Sequence[str], velocity: float = 0.0) -> Tolerances:
+    def of(cls, stated: Sequence[JointTolerance], joints: Sequence[str], velocity: float = 0.0) -> Self:
         """Take the tolerances of a request: 0 stands for the default there, and less for no limit.
 
         joints: of the arm, (n,).

@@ -1,8 +1,7 @@
 """Limits of position, velocity and acceleration that a motion has to keep."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -42,7 +41,7 @@ class JointLimits:
     assumed: bool = False
 
     @classmethod
-    def of(cls, robot: Robot, assumed: bool) -> JointLimits:
+    def of(cls, robot: Robot, assumed: bool) -> Self:
         """Take the limits that `robot` states; the others are assumed, or those of any arm."""
 
         def all_of(name: str, unlimited: float) -> Array:

@@ -5,11 +5,9 @@ by 6 %, centres by 3 mm, moments by 8 %, armatures by 6 %, friction by 20 % and 
 (standard deviations).
 """
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -42,7 +40,7 @@ class ServoJoint:
     limit: float = LIMIT
     payload: float = 0.0
 
-    def scaled(self, name: str, ratio: float) -> ServoJoint:
+    def scaled(self, name: str, ratio: float) -> Self:
         """Return it with an attribute of joint or actuator times a ratio."""
         numbers, servo = (
             {k: ratio * v if k == name else v for k, v in own.items()} for own in (self.numbers, self.servo)

@@ -5,11 +5,9 @@ the paper's Fig. 1b: rotor, wave generator and spline each turn about the joint'
 and the link hangs on the spline by a bushing with three translations and three rotations.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from types import ModuleType
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -41,7 +39,7 @@ class Bushing:
     # The bushing's rotations about x and y and its translations do not move at all: the limit of a stiff bushing
     locked: bool = False
 
-    def with_translation(self, stiffness: float) -> Bushing:
+    def with_translation(self, stiffness: float) -> Self:
         """Return a bushing with this translation stiffness, N/m, at the same damping ratio."""
         damping = self.translation_damping * (stiffness / self.translation_stiffness) ** 0.5
         return replace(self, translation_stiffness=stiffness, translation_damping=damping)
