@@ -1,4 +1,4 @@
-"""Columns of a candidate effect: what its law adds, phases, and coefficients back to parameters."""
+"""Columns of a candidate effect: what its law adds, phases, internal states, and coefficients back to parameters."""
 
 from typing import Any
 
@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from elastic_arm.dynamics import build_model
-from elastic_arm.effects import EffectInstance, SymbolicMotion, parse
+from elastic_arm.effects import EFFECTS, EffectInstance, SymbolicMotion, parse
 from elastic_arm.effects.effect_set import EffectSet
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.effects.parameters import Role
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.motion import CompletedMotion, completed
-from elastic_arm.estimation.regressors import INPUTS, Signals
+from elastic_arm.estimation.regressors import INPUTS, CompiledColumns, Signals, Term
 from elastic_arm.robot import load_robot
 from tests.helpers.smooth_motion import smooth_motion
 
@@ -78,3 +78,24 @@ def test_a_sine_and_a_cosine_column_make_every_phase() -> None:
     np.testing.assert_allclose(columns @ coefficients, expected, atol=1e-9 * np.abs(expected).max())
     found = own.parameters(coefficients, [2.0])
     assert found["amplitude"] == pytest.approx(2.0) and found["phase"] == pytest.approx(0.7)
+
+
+def test_internal_states_run_from_zero_and_settle() -> None:
+    """Under a steady motion hysteresis settles at its limit, in the direction of the motion."""
+    effect = EFFECTS["hysteresis"]
+    own = next(feature(instance) for instance in effect.candidates(ROBOT) if instance.joint == "joint_1")
+    signals = Signals.of(motion(), STANDSTILL)
+    searched = [float(np.sqrt(p.low * p.high)) for p in own.searched]
+    columns = own.columns(signals, searched)
+    assert columns[0, :, 0] == pytest.approx(0.0, abs=1e-12) and np.isfinite(columns).all() and columns.any()
+
+
+def test_both_engines_give_the_same_columns() -> None:
+    """Identification's engine (numbers of the arm as arguments) and the diagnosis's agree to rounding."""
+    instance = parse("payload:mass=5,position=0/0/0.1", ROBOT)
+    linear = [p for p in instance.effect.parameters if p.role is Role.LINEAR]
+    points = [{p.name: instance.parameters[p.name] for p in instance.effect.parameters}]
+    terms = [Term(instance.effect, [ROBOT.n - 1], {}, linear, points)]
+    signals = Signals.of(motion(), STANDSTILL)
+    one, other = (CompiledColumns(terms, EQUATIONS, engine)(signals) for engine in ("numpy", None))
+    np.testing.assert_allclose(one, other, atol=1e-10 * np.abs(one).max())

@@ -1,23 +1,21 @@
-"""Recorder and replayer on a real DDS graph: topics of any type, and what is latched."""
+"""Recorder and replayer on a real DDS graph: topics of any type, what is latched, and a disk that fills up."""
 
 import time
-from collections.abc import Iterator
+from pathlib import Path
 
+import numpy as np
 import pytest
 from control_msgs.msg import JointTolerance
+from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from elastic_arm.nodes.support.graph import LATCHED, STREAM
+from elastic_arm.recording import read_recording
 from elastic_arm.recording.storage.messages import read_topics
 from tests.helpers.ros_graph import Graph, ros_graph
+from tests.helpers.small_disk import mounted
 
 pytestmark = pytest.mark.graph
-
-
-@pytest.fixture(scope="module")
-def graph(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Graph]:
-    with ros_graph(tmp_path_factory.mktemp("bags")) as made:
-        yield made
 
 
 def test_a_topic_of_any_type_is_recorded_and_played_back(graph: Graph) -> None:
@@ -45,3 +43,21 @@ def test_a_topic_of_any_type_is_recorded_and_played_back(graph: Graph) -> None:
     assert replayer.process.returncode == 0, replayer.output
     graph.until(lambda: told and len(heard) == 10, "the whole bag has come")
     assert [message.position for message in heard] == [float(k) for k in range(10)]
+
+
+def test_a_disk_that_fills_up_ends_the_recorder_alone(tmp_path: Path) -> None:
+    """It ends with one line and code 2, what was written is read again, and the arm goes on."""
+    with mounted(tmp_path / "disk", 300) as disk, ros_graph(tmp_path) as graph:
+        heard = graph.listen(JointState, "/motor_states")
+        recorder = graph.start("recorder", bag=disk / "bag")
+        simulator = graph.start("simulator", rate=500.0)
+        graph.until(lambda: recorder.process.poll() is not None, "the disk is full")
+        assert recorder.process.returncode == 2
+        (line,) = [line for line in recorder.output.splitlines() if "recording to" not in line]
+        assert line.startswith("error: ") and "No space left on device" in line
+        motor = read_recording(disk / "bag").motor
+        assert len(motor) > 500
+        assert set(np.diff(motor.stamp_ns)) == {2_000_000}
+        count = len(heard)
+        graph.until(lambda: len(heard) > count + 100, "the arm goes on")
+        assert simulator.stop() == 0

@@ -18,7 +18,8 @@ from elastic_arm.errors import ElasticArmError, RecordingError
 from elastic_arm.excitation import FourierTrajectory
 from elastic_arm.nodes.following.reference import ReferenceQueue
 from elastic_arm.nodes.following.splines import Row
-from elastic_arm.nodes.recorder import Recorder
+from elastic_arm.nodes.recorder import Recorder, installed_definition
+from elastic_arm.nodes.replayer import Playback
 from elastic_arm.nodes.simulator import Pace
 from elastic_arm.nodes.support import running
 from elastic_arm.nodes.support.collecting import Collector
@@ -26,7 +27,9 @@ from elastic_arm.nodes.support.pairing import Pairing
 from elastic_arm.nodes.support.running import run
 from elastic_arm.nodes.support.wire import Form, Inbox
 from elastic_arm.nodes.trajectory_generator import Plan
-from elastic_arm.recording import ChannelMap, limits, load_channels
+from elastic_arm.recording import ChannelMap, limits, load_channels, message_types
+from elastic_arm.recording.message_types import parse_definition
+from elastic_arm.recording.storage.messages import Message
 
 
 @pytest.fixture(autouse=True)
@@ -550,3 +553,39 @@ def test_a_node_whose_tick_fails_knows_so_at_its_end(monkeypatch: pytest.MonkeyP
     with pytest.raises(RecordingError):
         running._spin(make, cast("running._Stop", SimpleNamespace(asked=False)))
     assert known == [full]
+
+
+# Playing back
+
+
+def playback() -> Playback:
+    """Ten messages a second apart, from 100 s on."""
+    return Playback(iter([Message((100 + k) * 1000 * MS, 0, "/a", "", bytes([k])) for k in range(10)]))
+
+
+def test_messages_are_due_in_the_rhythm_of_their_recording() -> None:
+    """The first is due at once, the next a second later, or half a second at twice the speed."""
+    bag = playback()
+    assert bag.wait(5.0, 1.0) == 0.0
+    assert bag.take().data == b"\x00"
+    assert bag.wait(5.25, 1.0) == pytest.approx(0.75)
+    assert bag.wait(5.25, 2.0) == pytest.approx(0.375)
+    assert bag.wait(5.625, 2.0) == pytest.approx(0.0)
+
+
+@pytest.mark.parametrize("type_name", ["control_msgs/msg/JointTolerance", "trajectory_msgs/msg/JointTrajectory"])
+def test_the_definition_of_an_installed_type_holds_all_that_it_is_made_of(type_name: str) -> None:
+    """The text made of the installed files parses, and is what the library has for a type that it knows."""
+    text, type_hash = installed_definition(type_name)
+    assert type_hash.startswith("RIHS01_")
+    fields = parse_definition(type_name, "ros2msg", text)
+    assert type_name in fields
+    if message_types.known(type_name):
+        assert type_hash == message_types.definition(type_name)[1]
+        known = message_types.typestore().fielddefs
+        assert all(fields[name][1] == known[name][1] for name in fields)
+
+
+def test_a_type_that_is_not_installed_has_no_definition() -> None:
+    """Its messages are recorded all the same."""
+    assert installed_definition("nowhere_msgs/msg/Nothing") == ("", "")
