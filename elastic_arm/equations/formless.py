@@ -1,7 +1,7 @@
 """Laws that no catalogue states: any smooth function of what a joint's friction, springs, drive and sensors depend on.
 
 A law of the catalogue has a form. Where the form is wrong, a function without one explains more, although each of its
-many coefficients has a price (:mod:`.comparison`).
+many coefficients has a price (:mod:`elastic_arm.evidence`).
 """
 
 from __future__ import annotations
@@ -61,6 +61,7 @@ def general_laws(sets: Sequence[WhitenedData], joint: int, gear: Transmission | 
         resisting = {
             "its speed": _and(_times(sign, over_speed), over_speed),
             "its direction, changing with its angle": _times(sign, _splines(sets, angle, PLACES)),
+            "its direction, changing with its load": _times(sign, _splines(sets, _load(joint), PLACES)),
         }
         found += [GeneralLaw(joint, side, argument, shapes, friction=True) for argument, shapes in resisting.items()]
         found.append(_over_angle(sets, joint, side, angle))
@@ -144,9 +145,10 @@ def _scaled(sets: Sequence[WhitenedData], shapes: Argument) -> Argument:
 
 
 def _splines(sets: Sequence[WhitenedData], argument: Argument, count: int) -> Argument:
-    """Return cubic B-splines over the range of an argument in all recordings, and their mean.
+    """Return cubic B-splines over the range of an argument in all recordings, of random bends, and their mean.
 
-    The mean has a wider prior than the bends: a large constant does not have to be paid for by each spline.
+    Coefficients are a random walk of second order (P-splines, Eilers and Marx 1996): a smooth law is likelier than a
+    rough one. The mean has a wider prior.
 
     argument: signals -> (N,).
     """
@@ -155,12 +157,15 @@ def _splines(sets: Sequence[WhitenedData], argument: Argument, count: int) -> Ar
     high = max(high, low + 1e-9)
     step = (high - low) / (count - DEGREE)
     knots = low + step * np.arange(-DEGREE, count + 1)
+    walk = np.cumsum(np.cumsum(np.eye(count), axis=0), axis=0)
+    walk -= walk.mean(axis=0)
+    walk /= np.sqrt(np.mean(np.sum(walk**2, axis=1)))
 
     def shapes(signals: Signals) -> Array:
         within = np.clip(argument(signals), low, high)
         # The right end belongs to the last interval.
         local = BSpline.design_matrix(np.minimum(within, high - 1e-9 * step), knots, DEGREE).toarray()
-        return np.hstack([local, np.full((len(within), 1), MEAN)])
+        return np.hstack([local @ walk, np.full((len(within), 1), MEAN)])
 
     return shapes
 
