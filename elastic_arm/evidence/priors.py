@@ -54,7 +54,8 @@ UNSURE = 0.9  # probability that a size is wrong where something is unknown: of 
 MOTION = 8.0  # Hz; above, what is left is the encoders'
 NOISY = 2.0  # power that a place may keep over its sensors' noise, in that noise: how badly a noise is known
 LISTED = 0.01  # probability of an alternative that is listed (contract)
-TRIED = 5  # proposals of a kind that are evaluated in full at each step of the search
+# Proposals that are evaluated in full: of terms that are added or exchanged, and where two of them change.
+TRIED, TRIED_OF_TWO = 5, 2
 SHORT = 0.3  # share of what a move needs that its first-order gain must reach to be evaluated in full
 WORTH = 1.0  # nats of a move that is taken: less is an alternative
 COMPARED = 100.0  # nats up to which scores at different linearisations compare, as those of one set at several show

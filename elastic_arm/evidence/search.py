@@ -18,11 +18,11 @@ from elastic_arm.evidence.changes import CHANGE, possible_changes
 from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.model import Fit, LinearModel, Screen
 from elastic_arm.evidence.nonlinear import is_open, refined
-from elastic_arm.evidence.priors import MOST, NEAR, RELATED, SCALES, SHORT, TRIED, WORTH
+from elastic_arm.evidence.priors import MOST, NEAR, RELATED, SCALES, SHORT, TRIED, TRIED_OF_TWO, WORTH
 from elastic_arm.evidence.term import Ident, Key, Term
 
 Thetas = dict[Key, tuple[float, ...]]
-ADDED, SIMPLE, ALL = 2, 4, 7  # kinds of moves: more of them take longer
+ADDED, SIMPLE, ALL = 2, 4, 7  # how many kinds of moves, in the order of `_better`: the later ones take longer
 
 
 class Instead(NamedTuple):
@@ -51,7 +51,7 @@ class Search:
     def run(self, start: Sequence[Term] = (), *, moves: int = ALL, most: int = MOST) -> Fit:
         """Return the most probable set met on the way from one to start from.
 
-        moves: :data:`ADDED` alone, :data:`SIMPLE` ones, or :data:`ALL`; most: terms by which it may differ.
+        moves: as many kinds as :data:`ADDED`, :data:`SIMPLE` or :data:`ALL`; most: terms by which it may differ.
         """
         first = best = self._keep(self.model.fit(start))
         while len(best.keys ^ first.keys) < most and (better := self._better(best, moves)) is not None:
@@ -63,16 +63,8 @@ class Search:
     def _better(self, fit: Fit, count: int) -> Fit | None:
         """Return a better set one move away: more terms first, as they are cheap to find."""
         simple = self._added, self._rescaled, self._dropped, self._exchanged
-        for moves in (*simple, self._scanned, self._two_for_one, self._one_for_two)[:count]:
-            best = fit
-            for one in moves(fit):
-                if one.score > best.score:
-                    best = one
-                    if moves is not self._added and best.score > fit.score + WORTH:
-                        break
-            if best.score > fit.score + WORTH:
-                return best
-        return None
+        moves = (*simple, self._scanned, self._two_for_one, self._one_for_two)[:count]
+        return next((one for move in moves for one in move(fit) if one.score > fit.score + WORTH), None)
 
     def _added(self, fit: Fit) -> Iterator[Fit]:
         if len(fit.optional) < MOST:
@@ -182,15 +174,15 @@ class Search:
             if fit.correlation(*pair) < RELATED:
                 continue
             less = self._keep(self.model.fit(without(fit, *pair), fit))
-            for t in self.proposals(less, 2, self._instead(fit, *pair), fit.score - less.score):
+            for t in self.proposals(less, TRIED_OF_TWO, self._instead(fit, *pair), fit.score - less.score):
                 yield self._with(less.optional, t, less)
 
     def _one_for_two(self, fit: Fit) -> Iterator[Fit]:
         for gone, less in self._left_out(fit):
             instead = self._instead(fit, gone)
-            for t in self.proposals(less, 2, instead):
+            for t in self.proposals(less, TRIED_OF_TWO, instead):
                 one = self._with(less.optional, t, less)
-                for u in self.proposals(one, 2, instead, fit.score - one.score):
+                for u in self.proposals(one, TRIED_OF_TWO, instead, fit.score - one.score):
                     yield self._with(one.optional, u, one)
 
     def _left_out(self, fit: Fit) -> list[tuple[Term, Fit]]:

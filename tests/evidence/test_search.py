@@ -207,3 +207,27 @@ def test_a_set_that_is_less_probable_at_its_own_linearisation_is_not_taken() -> 
     second = again.run()
     assert {k[0] for k in first.keys} == {"one"} and {k[0] for k in second.keys} == {"twin"}
     assert again.probability(lambda key: key[0] == "one") < 1e-6
+
+
+def test_each_move_finds_what_only_it_can() -> None:
+    """From a set that one move improves, that move yields the better set."""
+    one, third = term("one", COLUMNS[:, 0], odds=ODDS), term("third", COLUMNS[:, 2], odds=ODDS)
+    other = term("other", COLUMNS[:, 1] + 0.5 * COLUMNS[:, 0], odds=ODDS)
+    twin = term("twin", COLUMNS[:, 0] + 0.3 * COLUMNS[:, 3], odds=ODDS)
+    both = term("both", one.columns[:, 0] + other.columns[:, 0], odds=ODDS)
+    quietly = np.random.default_rng(3).standard_normal(ROWS)
+    data, pair = model(quietly + 2.0 * COLUMNS[:, 0], N), model(quietly + both.columns[:, 0], N)
+    wide = one.scaled(1.0)
+    small = model(quietly + 1e-2 * COLUMNS[:, 0], N)
+    for data_, terms, start, move, expected in (
+        (data, [one, other], [], Search._added, {"one"}),
+        (data, [one, other], [one, other], Search._dropped, {"one"}),
+        (data, [one, twin], [twin], Search._exchanged, {"one"}),
+        (pair, [one, other, both], [one, other], Search._two_for_one, {"both"}),
+        (pair, [one, other, both, third], [both], Search._one_for_two, {"one", "other"}),
+    ):
+        found = search(data_, terms)
+        sets = {frozenset(key[0] for key in fit.keys): fit for fit in move(found, data_.fit(start))}
+        assert frozenset(expected) in sets, move.__name__
+    (scaled,) = search(small, [wide])._rescaled(small.fit([wide]))
+    assert scaled.optional[0].scale < 0.1 and scaled.score > small.fit([wide]).score
