@@ -84,7 +84,7 @@ def test_a_limit_without_end_is_none(tmp_path: Path, written: str) -> None:
     assert (limits.position_min, limits.position_max, limits.velocity, limits.torque) == (None, 3.0, None, 5.0)
     (tmp_path / "o.yaml").write_text(f"urdf: a.urdf\nlimits: {{j: {{position_max: {written}, torque: 4.0}}}}\n")
     (limits,) = [joint.limits for joint in load_robot(tmp_path / "o.yaml").joints]
-    assert limits.torque == 4.0
+    assert (limits.torque, limits.position_max) == (4.0, None)
 
 
 def test_errors_of_other_kinds_are_raised_as_asked(tmp_path: Path) -> None:

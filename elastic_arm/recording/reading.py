@@ -298,7 +298,7 @@ def _joints(states: Sequence[Series], wanted: Sequence[str] | None, urdf: str | 
         if matched is None:
             missing = [name for name in wanted if name not in names]
             raise RecordingError(
-                f"joint {', '.join(missing)} was not recorded; there are {', '.join(names)}",
+                f"not recorded: joint {', '.join(missing)}; there are {', '.join(names)}",
                 "Give the description of the recorded arm (--robot), or map its names in a channel map (--channels).",
             )
         return tuple(matched)

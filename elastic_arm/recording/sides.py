@@ -133,13 +133,16 @@ def short_names(names: Sequence[str]) -> list[str]:
 def matched_names(wanted: Sequence[str], recorded: Sequence[str]) -> list[str] | None:
     """Return what the joints wanted are called among those recorded; None where one of them is not there.
 
-    Names that are the same but for a prefix that all of each list share (`fer_`, `panda_`) are those of one joint.
+    Names that are the same but for a prefix that all of one arm share (`fer_`, `panda_`) are those of one joint, unless
+    two arms have them.
     """
     if set(wanted) <= set(recorded):
         return list(wanted)
-    called = dict(zip(short_names(recorded), recorded, strict=True))
     short = short_names(wanted)
-    return [called[name] for name in short] if set(short) <= set(called) else None
+    begins = {name.removesuffix(short[0]) for name in recorded if name.endswith(short[0])}
+    arms = [[begin + name for name in short] for begin in begins if begin[-1:] in "_./-"]
+    found = [names for names in arms if set(names) <= set(recorded)]
+    return found[0] if len(found) == 1 else None
 
 
 def listed(joints: Sequence[str], chosen: Any) -> str:

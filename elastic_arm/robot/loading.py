@@ -160,7 +160,7 @@ def _overlaid(entry: OverlayEntry, folder: Path) -> Robot:
     robot = robot.with_(joints=tuple(joints))
     for name, limits in entry.limits.items():
         with located(f"limits.{name}: "):
-            stated = {what: value for what, value in limits.model_dump().items() if value is not None}
+            stated = limits.model_dump(exclude_unset=True)
             changed = [joint.limits for joint in robot.joints if joint.name == name]
             robot = robot.with_joint(name, limits=replace(changed[0], **stated) if changed else Limits(**stated))
     others = entry.model_dump(exclude={"urdf", "chain", "transmissions", "limits", "controller"}, exclude_none=True)

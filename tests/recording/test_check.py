@@ -102,12 +102,12 @@ def test_missing_topics_are_named(tmp_path: Path) -> None:
 def test_unknown_joints_are_named(tmp_path: Path) -> None:
     """Joints that the robot does not have are named, with those that were recorded."""
     bag = write_foreign(tmp_path / "bag", both(stamps(100)))
-    with pytest.raises(RecordingError, match="joint elbow was not recorded; there are joint_1, joint_2, joint_3"):
+    with pytest.raises(RecordingError, match="not recorded: joint elbow; there are joint_1, joint_2, joint_3"):
         read_recording(bag, joints=["joint_1", "elbow"])
     arm = random_arm(2, np.random.default_rng(0), elastic=False)
     named = [replace(joint, name=name) for joint, name in zip(arm.joints, ("joint_1", "elbow"), strict=True)]
     (error,) = [f for f in check_bag(bag, robot=arm.with_(joints=tuple(named))).findings if f.severity == "error"]
-    assert "joint elbow was not recorded" in error.message
+    assert "not recorded: joint elbow" in error.message
 
 
 def test_a_field_filled_now_and_then_is_named(tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ from elastic_arm.recording.foreign.array_files import load_arrays
 from elastic_arm.recording.foreign.arrays import import_arrays, import_runs
 from elastic_arm.recording.foreign.guess import guess_mapping
 from tests.helpers.bags import assert_equal, stamps, two_sided
+from tests.helpers.command_line import refusal
 
 pa = pytest.importorskip("pyarrow")
 pq = pytest.importorskip("pyarrow.parquet")
@@ -156,7 +157,7 @@ def recording() -> Recording:
     position[:, 1] = np.nan
     command = Side(stamps(20, 2_000_003), *rng.normal(size=(4, 20, 3)))
     link = Side(stamps(13, 4_000_001), position[:13], effort=whole.link.effort[:13])
-    names = ("a,b", 'the "second"\njoint', "c")
+    names = ("a,b [mNm] ", 'the "second"\njoint', "c")
     return Recording(names, link, whole.motor, command, "<robot name='x'/>\n", currents=("motor_torque",))
 
 
@@ -172,7 +173,7 @@ def test_a_bag_as_arrays_and_back_is_the_same_bag(tmp_path: Path, name: str, sid
     again = import_arrays(tmp_path / name, tmp_path / "run.yaml")
     second = read_recording(write_recording(tmp_path / "second", again))
     assert_equal(second, first)
-    assert second.currents == first.currents and not again.notes
+    assert second.currents == first.currents and all("mNm by its name" in note for note in again.notes)
 
 
 def test_sides_are_joined_on_request_alone_and_with_a_word(tmp_path: Path, recording: Recording) -> None:
@@ -191,3 +192,4 @@ def test_other_endings_are_refused(tmp_path: Path) -> None:
     """The ending chooses the format."""
     with pytest.raises(RecordingError, match=r"none of .csv, .npz, .parquet, .h5"):
         export_arrays(two_sided(np.random.default_rng(0), 50), tmp_path / "run.xlsx")
+    assert "none of .csv" in refusal("bag", "export", tmp_path, "--out", tmp_path / "run.xlsx")

@@ -11,6 +11,7 @@ from elastic_arm.recording import Recording, Side, read_recording, write_recordi
 from elastic_arm.recording.foreign.array_files import load_arrays
 from elastic_arm.recording.foreign.arrays import import_arrays, load_array_map
 from elastic_arm.recording.foreign.guess import guess_mapping
+from elastic_arm.recording.sides import matched_names
 
 ROOT = Path(__file__).parents[2]
 SHARED = ROOT.parent / "shared" / "data"
@@ -280,6 +281,9 @@ def test_names_with_and_without_a_prefix_are_those_of_one_arm(tmp_path: Path, ow
         assert taken.joints == tuple(joints) and taken.link is not None
         np.testing.assert_array_equal(taken.link.position, Q)
         assert "by their names without what all" in taken.notes[-1]
+    called = [f"{written}joint{k}" for k in (1, 2, 3)]
+    assert matched_names(joints, [*recorded.joints, "gripper"]) == called
+    assert matched_names(joints, [f"{arm}_{name}" for name in called for arm in "lr"]) is None
     with pytest.raises(RecordingError, match="no joint arm_1"):
         recorded.select(["arm_1", "arm_2", "arm_3"])
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from elastic_arm.errors import RecordingError, require_libraries
 from elastic_arm.output_files import write_result, yaml_text
+from elastic_arm.recording.foreign.channels import DEFAULT_UNIT
 from elastic_arm.recording.foreign.compiled_readers import LIBRARIES
 from elastic_arm.recording.recording import Recording
 
@@ -20,7 +21,9 @@ Table = dict[str, np.ndarray]
 
 
 def export_paths(path: Path, joined: bool = False) -> list[Path]:
-    """Return the files or folder that an export to `path` may make."""
+    """Return the files or folder that an export to `path` may make; refuse a path of another kind."""
+    if path.suffix.lower() not in KINDS:
+        raise RecordingError(f"{path} is none of {', '.join(KINDS)}", "Give the file one of these endings.")
     return [path] if joined else [path, path.with_suffix(".yaml"), path.with_suffix(".urdf")]
 
 
@@ -31,10 +34,8 @@ def export_arrays(recording: Recording, path: Path, joined: bool = False) -> lis
     is a folder with a file for each. With `joined` all channels go on one time base, by interpolation where stamps are
     apart.
     """
-    kind = path.suffix.lower()
-    if kind not in KINDS:
-        raise RecordingError(f"{path} is none of {', '.join(KINDS)}", "Give the file one of these endings.")
-    if kind in LIBRARIES:
+    export_paths(path, joined)
+    if (kind := path.suffix.lower()) in LIBRARIES:
         require_libraries(f"{kind} files need", LIBRARIES[kind])
     return _joined(recording, path) if joined else _sides(recording, path)
 
@@ -42,8 +43,9 @@ def export_arrays(recording: Recording, path: Path, joined: bool = False) -> lis
 def _sides(recording: Recording, path: Path) -> list[str]:
     sides = {"command" if name == "reference" else name: side for name, side in recording.sides().items()}
     tables = {name: {"stamp_ns": side.stamp_ns, **side.channels()} for name, side in sides.items()}
-    joints = list(recording.joints)
-    mapping: dict[str, Any] = {"times": {}, "joints": joints}
+    mapping: dict[str, Any] = {"times": {}, "joints": list(recording.joints)}
+    # Blanks at the end of a line of names are none of a name.
+    joints = [joint.rstrip() for joint in recording.joints]
     said = []
     of_joints = path.suffix.lower() in _ONE_TABLE
     in_folder = of_joints and len(tables) > 1
@@ -54,7 +56,9 @@ def _sides(recording: Recording, path: Path) -> list[str]:
         mapping["times"] = mapping["times"] or dict(times)
         mapping[side] = {"times": times}
         for name in list(table)[1:]:
-            mapping[side][name] = {"key": [f"{prefix}{name}.{j}" for j in joints] if of_joints else f"{prefix}{name}"}
+            key = [f"{prefix}{name}.{j}" for j in joints] if of_joints else f"{prefix}{name}"
+            # Stated, as a joint's name may end as a unit does.
+            mapping[side][name] = {"key": key, "unit": DEFAULT_UNIT[name]}  # type: ignore[index]
         if of_joints:
             _write(file, _columns(table, joints))
         said.append(f"{file}: {len(table['stamp_ns'])} samples of the {side} side, {', '.join(table)}")
