@@ -10,8 +10,8 @@ import numpy as np
 from scipy.stats import truncnorm
 
 from elastic_arm.arrays import Array
-from elastic_arm.effects.model import EffectInstance
-from elastic_arm.equations.numbers import Number
+from elastic_arm.effects.model import ControllerEffect, EffectInstance
+from elastic_arm.equations.numbers import SCALE, Number
 from elastic_arm.evidence.model import Fit
 from elastic_arm.evidence.nonlinear import components, moved
 from elastic_arm.evidence.term import Term
@@ -41,10 +41,20 @@ def estimated(
         covariance = fit.number_covariance[np.ix_(moved_by, moved_by)]
         own = [parameters[int(k)] for k in moved_by]
         return _of(term, lambda x: _number_values(term, own, x), total[moved_by], covariance)
-    x, covariance = _coefficients(fit, term)
+    rows = _rows(fit, term)
+    x, covariance = rows @ fit.found.x, rows @ fit.found.S @ rows.T
+    whose = (SCALE, term.feature.joint) if isinstance(term.feature.effect, ControllerEffect) else None
+    scale = next((k for k, p in enumerate(parameters) if (p.what, p.joint) == whose), None)
+    if scale is not None:
+        cross = rows @ fit.found.S @ fit.moves[scale]
+        x = np.append(x, fit.numbers[scale])
+        covariance = np.block([[covariance, cross[:, None]], [cross, fit.number_covariance[scale, scale]]])
     if term.kind == "effect":
         x, covariance = within(x, covariance, term.low, term.high)
-    return _of(term, lambda x: _effect_values(term, x), x, covariance)
+    if scale is None:
+        return _of(term, lambda x: _effect_values(term, x), x, covariance)
+    number, here = parameters[scale], float(values[scale])
+    return _of(term, lambda x: _scaled(term, x[:-1], number.value(here + x[-1]) / number.value(here)), x, covariance)
 
 
 def within(x: Array, covariance: Array, low: Array, high: Array) -> tuple[Array, Array]:
@@ -58,16 +68,19 @@ def within(x: Array, covariance: Array, low: Array, high: Array) -> tuple[Array,
     return x, covariance
 
 
-def _coefficients(fit: Fit, term: Term) -> tuple[Array, Array]:
-    """Return the coefficients of an effect and their covariance; of a stated one that is off, of both together."""
-    beta, covariance = fit.beta(term), fit.covariance(term)
+def _rows(fit: Fit, term: Term) -> Array:
+    """Return an effect's coefficients (k, p) by the fit's; of a stated one that is off, of both together."""
+    rows = fit.rows(term)
     if term.kind == "stated":
         (known,) = (t for t in fit.terms if t.kind == "effect" and t.key == term.key)
-        first, second = fit.slices[known.ident], fit.slices[term.ident]
-        S = fit.found.S
-        covariance = S[first, first] + S[second, second] + S[first, second] + S[second, first]
-        beta = beta + fit.found.x[first]
-    return beta, covariance
+        rows[:, fit.slices[known.ident]] += np.eye(len(rows))
+    return rows
+
+
+def _scaled(term: Term, beta: Array, ratio: float) -> dict[str, Any]:
+    """Return the parameters of an effect of a controller: the scale of the torques that it makes is theirs, too."""
+    found = _effect_values(term, beta)
+    return found | {p.name: ratio * found[p.name] for p in term.feature.effect.parameters if p.unit.startswith("Nm")}
 
 
 def _effect_values(term: Term, beta: Array) -> dict[str, Any]:

@@ -78,26 +78,26 @@ class Fit:
         return frozenset(t.key for t in self.optional)
 
     @property
-    def _moves(self) -> Array:
+    def moves(self) -> Array:
         """How the numbers move with the coefficients (K, p), what is far off included."""
         V, _ = self.model.basis
         found = np.zeros((len(V), len(self.found.x)))
         found[:, : V.shape[1]] = V
         for t in self.optional:
             if t.kind == "number":
-                found += t.what @ self._rows(t)
+                found += t.what @ self.rows(t)
         return found
 
     @cached_property
     def numbers(self) -> Array:
         """Posterior means (K,) of the numbers' coefficients, what is far off included."""
         V, _ = self.model.basis
-        return self._moves @ self.found.x + self.model.mean - V @ (V.T @ self.model.mean)
+        return self.moves @ self.found.x + self.model.mean - V @ (V.T @ self.model.mean)
 
     @cached_property
     def number_covariance(self) -> Array:
         """Their covariance (K, K)."""
-        (V, _), moves = self.model.basis, self._moves
+        (V, _), moves = self.model.basis, self.moves
         own = self.model.factors(self.model.kinds)
         return moves @ self.found.S @ moves.T + np.outer(own, own) * (np.eye(len(V)) - V @ V.T)
 
@@ -106,7 +106,7 @@ class Fit:
         """The part (K,) of the numbers that is far off."""
         return sum((t.what @ self.beta(t) for t in self.optional if t.kind == "number"), np.zeros(len(self.model.mean)))
 
-    def _rows(self, term: Term) -> Array:
+    def rows(self, term: Term) -> Array:
         """Return the coefficients (k, p) of a term by the fit's: of one that changes, its mean over recordings."""
         found = np.zeros((term.count, len(self.found.x)))
         found[:, self.slices[term.ident]] = np.eye(term.count)
@@ -121,7 +121,7 @@ class Fit:
 
     def beta(self, term: Term) -> Array:
         """Return the coefficients (k,) of a term; of one that changes between recordings, with their mean change."""
-        return self._rows(term) @ self.found.x
+        return self.rows(term) @ self.found.x
 
     def correlation(self, one: Term, other: Term) -> float:
         """Return the largest correlation of coefficients of two terms."""
@@ -144,7 +144,7 @@ class Fit:
 
     def covariance(self, term: Term) -> Array:
         """Return their covariance (k, k)."""
-        rows = self._rows(term)
+        rows = self.rows(term)
         return rows @ self.found.S @ rows.T
 
 

@@ -182,7 +182,7 @@ class Robot:
         they move (it counts by the square of the ratio), and all torque that they make has passed it. A single joint
         has none beside its link's: no motion separates the two.
         """
-        if self.n == 1 or self.elastic:
+        if self.n == 1 or self.elastic or all(joint.armature for joint in self.joints):
             return self
         return self.with_(joints=tuple(replace(joint, armature=joint.armature or 0.0) for joint in self.joints))
 
