@@ -49,7 +49,7 @@ def _write_episode(path: Path, trajectory: FourierTrajectory, rate: float) -> No
     import pyarrow.parquet as pq
 
     t, q, *_ = _sampled(trajectory, rate)
-    columns = {"action": q.astype(np.float32).tolist(), "timestamp": t.astype(np.float32)}
+    columns = {"action": pa.array(list(q.astype(np.float32))), "timestamp": t.astype(np.float32)}
     columns |= {"frame_index": np.arange(len(t)), "episode_index": np.zeros(len(t), dtype=int)}
     content = io.BytesIO()
     pq.write_table(pa.table(columns), content)

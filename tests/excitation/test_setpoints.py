@@ -40,8 +40,9 @@ def test_a_csv_file_holds_the_motion(tmp_path: Path) -> None:
 
 def test_a_parquet_file_is_an_episode_of_commands(tmp_path: Path) -> None:
     """Its `action` is the motion at its `timestamp`, to single precision, as datasets of LeRobot are read."""
-    pytest.importorskip("pyarrow")
+    pq = pytest.importorskip("pyarrow.parquet")
     write_csv(tmp_path / "motion.parquet", motion(), JOINTS, 50.0)
+    assert str(pq.read_schema(tmp_path / "motion.parquet").field("action").type.value_type) == "float"
     found = load_arrays(tmp_path / "motion.parquet")
     np.testing.assert_allclose(found["action"], motion().evaluate(found["timestamp"])[0], atol=1e-5)
     assert found["frame_index"][-1] == 750 and not found["episode_index"].any()
