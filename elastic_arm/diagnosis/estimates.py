@@ -41,20 +41,25 @@ def estimated(
         covariance = fit.number_covariance[np.ix_(moved_by, moved_by)]
         own = [parameters[int(k)] for k in moved_by]
         return _of(term, lambda x: _number_values(term, own, x), total[moved_by], covariance)
-    rows = _rows(fit, term)
-    x, covariance = rows @ fit.found.x, rows @ fit.found.S @ rows.T
+    rows = fit.rows(term)
+    if term.kind == "stated":  # what is stated and by how much it is off, together
+        (known,) = (t for t in fit.terms if t.kind == "effect" and t.key == term.key)
+        rows[:, fit.slices[known.ident]] += np.eye(len(rows))
+    # The scale of the torques that a controller makes is that of its effects, too.
     whose = (SCALE, term.feature.joint) if isinstance(term.feature.effect, ControllerEffect) else None
-    scale = next((k for k, p in enumerate(parameters) if (p.what, p.joint) == whose), None)
-    if scale is not None:
-        cross = rows @ fit.found.S @ fit.moves[scale]
-        x = np.append(x, fit.numbers[scale])
-        covariance = np.block([[covariance, cross[:, None]], [cross, fit.number_covariance[scale, scale]]])
+    scale, n = [k for k, p in enumerate(parameters) if (p.what, p.joint) == whose], len(rows)
+    rows = np.vstack([rows, fit.moves[scale]])
+    x, covariance = rows @ fit.found.x, rows @ fit.found.S @ rows.T
+    x[n:], covariance[n:, n:] = fit.numbers[scale], fit.number_covariance[np.ix_(scale, scale)]
     if term.kind == "effect":
         x, covariance = within(x, covariance, term.low, term.high)
-    if scale is None:
-        return _of(term, lambda x: _effect_values(term, x), x, covariance)
-    number, here = parameters[scale], float(values[scale])
-    return _of(term, lambda x: _scaled(term, x[:-1], number.value(here + x[-1]) / number.value(here)), x, covariance)
+
+    def found(x: Array) -> dict[str, Any]:
+        own, there = _effect_values(term, x[:n]), zip(scale, x[n:], strict=True)
+        ratio = np.prod([parameters[k].value(values[k] + d) / parameters[k].value(values[k]) for k, d in there])
+        return own | {p.name: ratio * own[p.name] for p in term.feature.effect.parameters if p.unit.startswith("Nm")}
+
+    return _of(term, found, x, covariance)
 
 
 def within(x: Array, covariance: Array, low: Array, high: Array) -> tuple[Array, Array]:
@@ -66,21 +71,6 @@ def within(x: Array, covariance: Array, low: Array, high: Array) -> tuple[Array,
         x = x + gain * (mean - x[k])
         covariance = covariance - np.outer(gain, covariance[k]) * (1.0 - variance / std**2)
     return x, covariance
-
-
-def _rows(fit: Fit, term: Term) -> Array:
-    """Return an effect's coefficients (k, p) by the fit's; of a stated one that is off, of both together."""
-    rows = fit.rows(term)
-    if term.kind == "stated":
-        (known,) = (t for t in fit.terms if t.kind == "effect" and t.key == term.key)
-        rows[:, fit.slices[known.ident]] += np.eye(len(rows))
-    return rows
-
-
-def _scaled(term: Term, beta: Array, ratio: float) -> dict[str, Any]:
-    """Return the parameters of an effect of a controller: the scale of the torques that it makes is theirs, too."""
-    found = _effect_values(term, beta)
-    return found | {p.name: ratio * found[p.name] for p in term.feature.effect.parameters if p.unit.startswith("Nm")}
 
 
 def _effect_values(term: Term, beta: Array) -> dict[str, Any]:

@@ -72,10 +72,7 @@ def test_what_is_withheld_is_named(
     ("number", "size", "effect"), [("dead_band", 0.02, "position_dead_band"), ("ki", 15.0, "integral_gain")]
 )
 def test_what_no_actuator_of_mujoco_has_is_named(number: str, size: float, effect: str) -> None:
-    """A dead band and an integral of the controller are the one cause, their sizes right to 3 %.
-
-    A gain of the integral is known no better than the scale of the torques that it makes.
-    """
+    """A dead band and an integral of the controller are the one cause, right to 3 %; ki is no surer than its scale."""
     stated = servo_arm({LIMIT: LIMIT.replace("4", "30")})  # Nm; an integral beside a torque at its limit would rest
     drive = stated.robot.joints[1].controller
     assert drive is not None
@@ -83,10 +80,10 @@ def test_what_no_actuator_of_mujoco_has_is_named(number: str, size: float, effec
     true = replace(stated, robot=stated.robot.with_joint("lift", controller=changed))
     runs = [recorded(true, 50.0, 12, seed=seed) for seed in (0, 1)]
     diagnosed = diagnose(runs[:1], Question(stated.robot, refit=True), runs[1:])
-    ((cause,), scale) = diagnosed.causes, diagnosed.torque_scale["lift"]
+    (cause,) = diagnosed.causes
     (found,) = cause.parameters.values()
     assert (cause.effect, cause.joint, found.value) == (effect, "lift", pytest.approx(size, rel=0.03))
-    assert number == "dead_band" or found.std > scale * found.value
+    assert number == "dead_band" or found.std > diagnosed.torque_scale["lift"] * found.value
 
 
 @pytest.mark.parametrize(("kind", "size", "within"), [("play", 0.015, 0.1), ("elasticity", 40.0, 0.15)])
