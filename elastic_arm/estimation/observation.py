@@ -355,7 +355,7 @@ def observe(recording: Recording, band: float | None = None) -> Observation:
     said = [*([clock.note] if clock.note else []), *left_out(placed, grids)]
     if len(holes):
         longest_hole = 1e3 * float(np.ptp(holes, axis=1).max())
-        said.append(f"{len(holes)} holes of up to {longest_hole:.0f} ms are bridged, and nothing is taken from them")
+        said.append(f"holes of up to {longest_hole:.0f} ms are bridged, and nothing is taken from them: {len(holes)}")
     notes = (*recording.notes, *samples.notes, *(f"{where}: {words}" for words in said))
     span = (0.0, float(samples.t[-1]))
     pieces, quiet = (tuple(replace(piece, span=span) for piece in some) for some in (pieces, quiet))

@@ -251,7 +251,7 @@ def _contract_recording(
     if not states:
         listed = ", ".join(f"{topic} ({name})" for topic, name in content.topics.items()) or "no messages at all"
         raise RecordingError(
-            f"neither {JOINT_STATES} nor {MOTOR_STATES} was recorded; there is {listed}",
+            f"neither {JOINT_STATES} nor {MOTOR_STATES} was recorded; the bag holds {listed}",
             "Record one of them, or name in a channel map (--channels) the topics that hold the joints.",
         )
     joints = _joints(states, wanted, content.robot_description)
@@ -337,6 +337,7 @@ def _side(series: Series | None, joints: tuple[str, ...], paths: dict[str, str],
     if used < series.count:
         found.append(note(f"{series.count - used} messages on {series.topic} that hold other joints were left out"))
     for part, names in parts:
+        part = part.fullest(paths.values(), found)
         own = _part(part, joints, names, paths)
         found += part.findings
         if side is None:
@@ -344,6 +345,7 @@ def _side(series: Series | None, joints: tuple[str, ...], paths: dict[str, str],
             continue
         words = f"{series.topic} holds messages of {', '.join(names)} apart from the others: they are joined"
         found.append(note(words))
+        own = checked(own.holding(), series.topic, joints)
         side, own = pair(side, own, f"messages of {', '.join(names)}", "those of the other joints", found)
         before = side.channels()
         joined = {name: np.fmax(before.get(name, values), values) for name, values in own.channels().items()}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -92,6 +92,17 @@ class Series:
                 "Name the joints of the arm: give its robot description, or a channel map (--channels).",
             )
         return found
+
+    def fullest(self, paths: Iterable[str], found: list[Finding]) -> Series:
+        """Return the series without messages that leave fields empty which others fill, which `found` gets."""
+        partly = [path for path in paths if len({piece.has(path) for piece in self.pieces}) > 1]
+        full = self.keep(lambda piece: all(piece.has(path) for path in partly))
+        if not 0 < full.count < self.count:
+            return self
+        words = f"{self.count - full.count} of {self.count} messages on {self.topic} leave {', '.join(partly)} empty"
+        message = f"{words}, which others fill: a second publisher? They are left out"
+        found.append(Finding("warning", "second_publisher", message, topic=self.topic))
+        return full
 
     @cached_property
     def _in_order(self) -> tuple[Stamps, Rows | slice, list[Finding]]:

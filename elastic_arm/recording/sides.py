@@ -64,6 +64,11 @@ class Side:
     def __len__(self) -> int:
         return len(self.stamp_ns)
 
+    def holding(self) -> Side:
+        """Return it without channels that no joint has."""
+        there = {name: values for name, values in self.channels().items() if joints_with(values).any()}
+        return Side(self.stamp_ns, **there)
+
     def channels(self) -> dict[str, Array]:
         """Return the channels that were recorded, by name."""
         return {name: values for name in CHANNELS if (values := getattr(self, name)) is not None}

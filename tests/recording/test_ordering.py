@@ -117,6 +117,35 @@ def test_half_messages_of_one_arm_are_joined(tmp_path: Path, late_ns: int) -> No
     }
 
 
+@pytest.mark.parametrize("bad", JOINTS)
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_a_number_that_is_none_in_half_a_message_is_named(tmp_path: Path, bad: str, value: float) -> None:
+    """In whichever half it is, and though the halves are brought to one time."""
+    halves = [
+        (int(t) + late, ("/motor_states", JOINT_STATE, int(t) + late, joint_state(int(t) + late, names, numbers)))
+        for t in TAKEN
+        for names, late in ((JOINTS[:1], 0), (JOINTS[1:], 300_000))
+        if (numbers := [value if name == bad and t == TAKEN[900] else 0.1 for name in names])
+    ]
+    bag = write_foreign(tmp_path / "bag", [message for _, message in sorted(halves)])
+    (finding,) = [finding for finding in check_bag(bag).findings if finding.severity == "error"]
+    assert finding.code == "nan" and f"position of {bad} is {value} at 0.9" in finding.message
+
+
+def test_a_second_publisher_of_positions_alone_is_left_out(tmp_path: Path) -> None:
+    """Its messages lack what the arm's have; one of other joints is joined, whatever it fills."""
+    given = states("/motor_states", TAKEN)
+    other = [(topic, kind, t + 400_000, joint_state(t + 400_000, JOINTS, [0.0] * 3)) for topic, kind, t, _ in given]
+    bag = write_foreign(tmp_path / "bag", sorted(given + other, key=lambda message: message[2]))
+    file = tmp_path / "map.yaml"
+    file.write_text("joints:\n" + "".join(f"  {j}: {{motor: {{effort: {{topic: /motor_states}}}}}}\n" for j in JOINTS))
+    for recording in (read_recording(bag), read_recording(bag, file)):
+        np.testing.assert_array_equal(recording.motor.stamp_ns, TAKEN)  # type: ignore[union-attr]
+        assert any("effort empty, which others fill" in note for note in recording.notes)
+    (finding,) = [finding for finding in check_bag(bag).findings if finding.code == "second_publisher"]
+    assert finding.severity == "warning" and f"{COUNT} of {2 * COUNT} messages" in finding.message
+
+
 def test_messages_of_a_gripper_are_no_fault(tmp_path: Path) -> None:
     """What the reader sets aside the check sets aside: one note, no number that is none."""
     gripper = states("/motor_states", TAKEN + 300_000, ["finger"])

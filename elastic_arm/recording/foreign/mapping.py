@@ -67,6 +67,7 @@ def _channel(
                 "elastic-arm bag info lists those of the bag.",
             )
         for part, some in _parts(messages, {joint: sources[joint] for joint in joints}):
+            part = part.fullest({sources[joint].field for joint in some}, found)
             values = np.column_stack([_one(part, sources[joint], name) for joint in some])
             side = checked(Side(part.stamp_ns, **{name: values}), topic, some)
             found += part.findings

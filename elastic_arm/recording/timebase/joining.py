@@ -125,7 +125,9 @@ def _filled_side(t: Array, side: Side, other: Side) -> Side:
         angle = np.where(joints_with(angle), angle, other.position)
     if side.position is not None and angle is not None:
         if np.isnan(angle[:1]).any():
-            raise RecordingError("a joint has no positions on either side", "Record positions of every joint.")
+            which = ", ".join(str(j + 1) for j in np.flatnonzero(np.isnan(angle[0])))
+            problem = f"joint {which} of {angle.shape[1]} has no positions on either side"
+            raise RecordingError(problem, "Record them, or name the joints of the arm alone: --robot.")
         found["position"] = angle
     if side.velocity is not None and angle is not None:
         found["velocity"] = np.where(joints_with(side.velocity), side.velocity, np.gradient(angle, t, axis=0))
