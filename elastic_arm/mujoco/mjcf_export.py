@@ -35,7 +35,9 @@ from elastic_arm.robot.urdf_tree import Chain
 
 # What is read back from a written file is what was meant, to this share: nine digits are written.
 READ_BACK = 1e-6
-UNROLLED = "bodies of the arm come from <attach> or <replicate>: the file is as MuJoCo saves it, without your layout"
+UNROLLED = (
+    "the file is as MuJoCo saves it, without your layout: bodies of the arm come from <attach>, <replicate> or a URDF"
+)
 _NEW = "a new file (without --base) states it; to this one elastic_arm.mujoco.attach adds its law"
 _ORIENTATIONS = ("quat", "axisangle", "xyaxes", "zaxis", "euler")
 

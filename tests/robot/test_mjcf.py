@@ -348,6 +348,9 @@ def test_friction_of_a_dc_motor_is_friction_of_its_joint(tmp_path: Path) -> None
     assert "bristles are left out" in words and "3 Nm at j1 and 6 waves" in words and "voltage" in words
     plain = load_robot(two_joints(tmp_path, actuator=motor.format("")))
     assert not any(e["effect"] == "stribeck_friction" for e in plain.effects) and "LuGre" not in " ".join(plain.notes)
+    electrical = motor.format('inductance="0.001 0" saturation="5 0 24" thermal="0.1 0.2 0.3 0.004 20 30"')
+    notes = load_robot(two_joints(tmp_path, actuator=electrical)).notes
+    assert any("inductance, limit of the voltage, thermal resistance of actuator m: left out" in one for one in notes)
 
 
 SERVOS = {

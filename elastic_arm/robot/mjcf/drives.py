@@ -133,6 +133,10 @@ def left_out(model: Any, joint: int) -> list[str]:
             )
         if not passive(model, k):
             notes.append(f"actuator {name} is driven by voltage: a recorded motor torque is that of its current")
+        lag, volts, *thermal = model.actuator_dynprm[k, :5]
+        electrical = {"inductance": lag, "limit of the voltage": volts, "thermal resistance": any(thermal)}
+        if named := [what for what, value in electrical.items() if value]:
+            notes.append(f"{', '.join(named)} of actuator {name}: left out, as they act on the current")
     fed_back = [k for k in drives if k not in dc and (model.actuator_biasprm[k].any() or model.actuator_dyntype[k])]
     if fed_back and _servo(model, joint) is None:
         names = ", ".join(name_of(model, "actuator", k) for k in fed_back)
