@@ -241,13 +241,22 @@ def test_a_share_of_a_torque_is_no_torque(tmp_path: Path, name: str) -> None:
         assert len(imported(tmp_path / "run.csv", "a", "t", link=link, motor={"effort": effort}).notes) == notes
 
 
-def test_units_in_names_are_those_of_the_channels(tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["tau [mNm]", "tau / mNm", "tau in mNm", "tau_mNm", "tau (mN m)"])
+def test_units_in_names_are_those_of_the_channels(tmp_path: Path, name: str) -> None:
     """Millinewtonmetres are a thousandth; a number in brackets counts, and is no unit."""
-    np.savez(tmp_path / "run.npz", **{"tau [mNm]": np.arange(5.0), "q[0]": np.arange(5.0)})
-    motor = {"position": {"key": ["q[0]"]}, "effort": {"key": ["tau [mNm]"]}}
+    np.savez(tmp_path / "run.npz", **{name: np.arange(5.0), "q[0]": np.arange(5.0)})
+    motor = {"position": {"key": ["q[0]"]}, "effort": {"key": [name]}}
     run = imported(tmp_path / "run.npz", "a", 100.0, motor=motor)
     np.testing.assert_allclose(run.motor.effort[:, 0], np.arange(5.0) * 1e-3)
     np.testing.assert_array_equal(run.motor.position[:, 0], np.arange(5.0))
+
+
+@pytest.mark.parametrize("name", ["t [ms]", "t (ms)", "Zeit / ms", "t in ms"])
+def test_units_in_the_name_of_the_times_count(tmp_path: Path, name: str) -> None:
+    """Where the mapping gives none."""
+    np.savez(tmp_path / "run.npz", **{name: np.arange(5.0), "q": np.arange(5.0)})
+    run = imported(tmp_path / "run.npz", "a", name, motor={"position": {"key": "q"}})
+    np.testing.assert_array_equal(run.motor.stamp_ns, np.arange(5) * 1_000_000)
 
 
 @pytest.mark.parametrize(

@@ -56,7 +56,10 @@ _WRITTEN |= {word: (unit, 1.0) for unit, words in _CALLED.items() for word in wo
 _WRITTEN |= {"mrad": ("rad", 1e-3), "mrad/s": ("rad/s", 1e-3), "ma": ("A", 1e-3)}
 _WRITTEN |= {"mnm": ("Nm", 1e-3), "knm": ("Nm", 1e3), "kn": ("N", 1e3)}
 # The unit in a column's name: in brackets, unless it is a number; in parentheses, unless it is a remark; at the end.
-_IN_NAME = re.compile(r"\[\s*([^\]\d][^\]]*?)\s*\]|\(\s*([^()\d][^()]*?)\s*\)|_((?:deg|rad)(?:_s)?|Nm|rpm|mm)$")
+_IN_NAME = re.compile(
+    r"\[\s*([^\]\d][^\]]*?)\s*\]|_((?:deg|m?rad)(?:_s)?|[mk]?Nm|rpm|m[mA])$"
+    r"|\(\s*([^()\d][^()]*?)\s*\)|\s(?:/|in)\s+(\S.*?)\s*$"
+)
 _OF_A_RANGE = re.compile(r"%|‰|per ?cent|per ?mille?", re.I)
 DEFAULT_UNIT: dict[ChannelName, Unit] = {
     "position": "rad",
@@ -71,8 +74,9 @@ def stated_unit(name: str, row: str = "") -> str:
     if row:
         return row
     for match in _IN_NAME.finditer(name):
-        if match[1] or match[3] or known_unit(match[2]) is not None:
-            return match[1] or match[3] or match[2]
+        certain, likely = match[1] or match[2], match[3] or match[4]
+        if certain or known_unit(likely) is not None or likely in ("s", "ms", "us", "µs", "ns"):
+            return certain or likely
     share = _OF_A_RANGE.search(name)
     return "" if share is None else share[0]
 
