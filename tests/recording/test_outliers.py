@@ -259,11 +259,15 @@ def test_a_second_publisher_of_one_pose_is_left_out(tmp_path: Path, same_stamp: 
 
 
 def test_a_pose_that_an_arm_comes_back_to_is_no_second_publisher() -> None:
-    """It rests there again and again, as still as a simulation without noise is."""
+    """It rests there again and again, as still as a simulation without noise is, or its encoder changes by a code."""
     phase = np.clip(np.abs(T % 2.0 - 1.0) * 3.0 - 1.0, 0.0, 1.0)
     still = moved(turning(), lambda q: 0.3 + np.outer(3 * phase**2 - 2 * phase**3, [0.5, -0.8]))
     still = replace(still, motor=replace(still.motor, effort=None))
     assert without_zeros(still, []) is still
+    codes = np.full((6000, 2), 0.3)
+    codes[5100::97] += 2e-4
+    flickering = Recording(("a", "b"), motor=Side(1_000_000 * np.arange(6000), codes))
+    assert without_zeros(flickering, []) is flickering
 
 
 @pytest.mark.slow(3)

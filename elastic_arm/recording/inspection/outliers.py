@@ -99,7 +99,7 @@ def without_zeros(recording: Recording, found: list[Finding]) -> Recording:
         place = np.clip(np.searchsorted(others, sent), 1, len(others) - 1)
         far, before, after, later = (q[others[np.clip(place + k, 0, len(others) - 1)]] for k in (-2, -1, 0, 1))
         pose = q[sent[0]]
-        least = [_STEPS * _resolution(column) for column in q[others].T]
+        least = [max(_STEPS * _resolution(column), _LEAST["position"]) for column in q[others].T]
         around = np.abs(after - before) + np.abs(before - far) + np.abs(later - after)
         away = np.minimum(np.abs(before - pose), np.abs(after - pose)) - around > least
         if np.mean(away.any(axis=1)) > 0.5:
@@ -119,6 +119,8 @@ def _sent_again(side: Side, q: Array) -> tuple[NDArray[np.intp], str]:
     for values in side.channels().values():
         zero = zero[~np.nan_to_num(values[zero]).any(axis=1)]
         same = same[(np.nan_to_num(values[same]) == np.nan_to_num(values[same[:1]])).all(axis=1)]
+    if not len(zero) and not (np.diff(same) > 1).any():
+        return same[:0], ""  # equal sums of other numbers
     return (zero, "zeros alone") if len(zero) else (same, "one and the same numbers")
 
 
