@@ -198,9 +198,11 @@ def _verdict_sentence(found: Diagnosis, beside: str) -> str:
     unit, verb = found.units.at(joint, "Nm"), "falls" if after < before else "rises"
     where = f"at {joint} ({side} side{f', noise {noise:.3g} {unit}' if noise else ''})"
     added = f"{causes} and {beside}" if beside else causes
+    gone = f"{percent(found.shrink)} of the gap is gone"
+    gone = "the correction makes the gap as a whole larger" if gone.startswith("-") else gone
     sentence = (
         f"With {added}, the model's error {motion} {verb} from {before:.3g} to {after:.3g} {unit} {where}, "
-        f"where it exceeds the noise most; {percent(found.shrink)} of the gap is gone"
+        f"where it exceeds the noise most; {gone}"
     )
     return f"{sentence}." if found.verdict == "explained" else f"{sentence}, and what is left has another cause."
 

@@ -134,12 +134,10 @@ def _where(found: Diagnosis) -> list[Block]:
     blocks: list[Block] = [Text(text)]
     if found.causes and found.shrink is not None:
         low, high = found.shrink_interval or (np.nan, np.nan)
-        blocks.append(
-            Text(
-                f"All causes together take {percent(found.shrink)} off the gap (95 % interval {percent(low)} to "
-                f"{percent(high)}), as power over the sensors' noise, on motion that no fit has seen."
-            )
-        )
+        taken = f"take {percent(found.shrink)} off the gap (95 % interval {percent(low)} to {percent(high)})"
+        taken = "make the gap as a whole larger" if taken.startswith("take -") else taken
+        what = f"All causes together {taken}, as power over the sensors' noise, on motion that no fit has seen."
+        blocks.append(Text(what))
     return [*blocks, Figure(figures.gap_map(found)), Table(["side", "compares", "residual, Nm"], rows)]
 
 
