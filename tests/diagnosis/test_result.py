@@ -217,7 +217,7 @@ def test_the_summary_says_what_the_arm_has_and_how_right_the_model_is_then() -> 
     assert first.startswith("explained: Joint 2 loses 6 Nm of dry friction") and "error on another motion" in last
     assert "0.4 Nm at joint_2 (motor side, noise 0.1 Nm), where it exceeds the noise most;" in last
     assert last.endswith("90.0 % of the gap is gone.")
-    assert summary(replace(diagnosis(cause()), shrink=-147.69))[-1].endswith("correction makes the gap as a whole larger.")
+    assert summary(replace(diagnosis(cause()), shrink=-147.69))[-1].endswith("makes the gap as a whole larger.")
     inertia = Imperfection("rotor_inertia", "joint_2", "kg m^2", 1.2, 0.01, 2.0, ordinary=True)
     _, then, named = summary(replace(diagnosis(cause()), imperfections=(inertia,)))
     assert then.startswith("With it and the motor inertia, the model") and "1.2 kg m² at joint_2" in named
