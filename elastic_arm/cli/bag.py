@@ -172,6 +172,7 @@ def export(
     file: Annotated[Path, typer.Option("--out", help=f"File: {', '.join(KINDS)}.", show_default=False)],
     joined: Annotated[bool, typer.Option("--joined", help="Bring all channels to one time base.")] = False,
     channels: options.Channels = None,
+    namespace: options.Namespace = None,
     force: Force = False,
 ) -> None:
     """Write a bag as arrays, each side with its own stamps, and the mapping that imports them again.
@@ -179,7 +180,7 @@ def export(
     Example: elastic-arm bag export bags/excitation --out excitation.parquet
     """
     claim_folder(file.parent, [path.name for path in export_paths(file, joined)], force=force)
-    recording = read_recording(bag, options.channel_map(channels))
+    recording = read_recording(bag, options.channel_map(channels), namespace=namespace)
     for line in (*export_arrays(recording, file, joined), *recording.notes):
         out.print(escape(line), soft_wrap=True)
 

@@ -60,6 +60,15 @@ def test_a_repair_never_drops_a_good_message(tmp_path: Path) -> None:
     assert (mended.kept, mended.dropped) == (1200, [])
 
 
+def test_arms_in_namespaces_are_repaired(tmp_path: Path) -> None:
+    """Of each arm the messages with numbers that are none are left out."""
+    given = [m for arm in ("/left", "/right") for m in states(f"{arm}/joint_states", stamps(100))]
+    topic, kind, log, _ = given[130]
+    given[130] = (topic, kind, log, joint_state(log, JOINTS, [0.0, np.nan, 0.0]))
+    mended = repair_bag(write_foreign(tmp_path / "bag", given))
+    assert mended.kept == 199 and "1 of 100 messages on /right/joint_states" in mended.dropped[0]
+
+
 def test_repair_copies_everything_else(tmp_path: Path, rng: np.random.Generator) -> None:
     """A repaired copy of a sound bag holds every message, topic and type of it."""
     given = Recording(JOINTS, side(rng, stamps(500)), side(rng, stamps(500)), robot_description="<robot/>")

@@ -35,19 +35,18 @@ def repair_bag(path: str | Path, out: str | Path | None = None) -> Repair:
     """
     path = Path(path)
     repair = Repair(Path(out) if out is not None else path.with_name(f"{bag_stem(path)}_repaired"))
-    (content,) = contents(path, wanted=_MENDED, strict=False)
+    topics = list(read_topics(path))
+    # Of all arms that are in it, by their namespaces.
+    of_arms = {t.name for t in topics for name in _MENDED if t.name.endswith(name) and t.type_name == TYPES[name]}
+    (content,) = contents(path, wanted=of_arms, strict=False)
     if not content.messages:
         raise RecordingError(f"{path}: nothing in it can be saved", "Record again.")
     repair.dropped += content.damage
-    keep = {
-        topic: _finite(series, repair.dropped)
-        for topic, series in content.series.items()
-        if series.type_name == TYPES[topic]
-    }
+    keep = {topic: _finite(series, repair.dropped) for topic, series in content.series.items()}
     seen: Counter[str] = Counter()
     late = 0
     with StreamWriter(repair.path, sync_every=float("inf")) as writer:
-        for topic in read_topics(path):
+        for topic in topics:
             # Without a definition in the bag the writer takes the type's known one.
             writer.add_topic(topic.name, topic.type_name, topic.definition or None, topic.type_hash, topic.qos)
         for message in read_messages(path, strict=False):
