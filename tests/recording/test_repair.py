@@ -64,7 +64,7 @@ def test_arms_in_namespaces_are_repaired(tmp_path: Path) -> None:
     """Of each arm the messages with numbers that are none are left out."""
     given = [m for arm in ("/left", "/right") for m in states(f"{arm}/joint_states", stamps(100))]
     topic, kind, log, _ = given[130]
-    given[130] = (topic, kind, log, joint_state(log, JOINTS, [0.0, np.nan, 0.0]))
+    given[130] = (topic, kind, log, joint_state(log, JOINTS, [0.0, np.nan, 0.0], [0.0] * 3, [0.0] * 3))
     mended = repair_bag(write_foreign(tmp_path / "bag", given))
     assert mended.kept == 199 and "1 of 100 messages on /right/joint_states" in mended.dropped[0]
 
