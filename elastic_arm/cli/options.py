@@ -141,7 +141,9 @@ def bags_in(paths: Sequence[Path], *, bare: bool = False) -> list[Path]:
 
     found: list[Path] = []
     for path in paths:
-        inside = [] if os.path.exists(path / METADATA) else sorted(path.glob("*"))
+        # Path.glob raises for names that are too long.
+        a_bag = os.path.exists(path / METADATA) or not os.path.isdir(path)
+        inside = [] if a_bag else sorted(path.glob("*"))
         files = [one for one in inside if one.suffix in (".mcap", ".db3")]
         folders = [one for one in inside if os.path.exists(one / METADATA)]
         found += (sorted(files + folders) if bare else [] if files else folders) or [path]

@@ -44,6 +44,7 @@ def test_a_name_that_cannot_be_made_is_refused_before_the_work(command: list[str
         ["bag", "info"],
         ["bag", "check"],
         ["bag", "import"],
+        ["history"],
         ["describe", "--robot"],
         ["replay"],
         ["challenge", "diagnose"],
