@@ -45,8 +45,9 @@ def estimated(
     if term.kind == "stated":  # what is stated and by how much it is off, together
         (known,) = (t for t in fit.terms if t.kind == "effect" and t.key == term.key)
         rows[:, fit.slices[known.ident]] += np.eye(len(rows))
-    # The scale of the torques that a controller makes is that of its effects, too.
-    whose = (SCALE, term.feature.joint) if isinstance(term.feature.effect, ControllerEffect) else None
+    # The scale of the torques that a controller makes is that of its effects, and of laws that are made of masses.
+    scaled = term.feature.fixed or isinstance(term.feature.effect, ControllerEffect)
+    whose = (SCALE, term.feature.joint) if scaled else None
     scale, n = [k for k, p in enumerate(parameters) if (p.what, p.joint) == whose], len(rows)
     rows = np.vstack([rows, fit.moves[scale]])
     x, covariance = rows @ fit.found.x, rows @ fit.found.S @ rows.T
@@ -57,7 +58,8 @@ def estimated(
     def found(x: Array) -> dict[str, Any]:
         own, there = _effect_values(term, x[:n]), zip(scale, x[n:], strict=True)
         ratio = np.prod([parameters[k].value(values[k] + d) / parameters[k].value(values[k]) for k, d in there])
-        return own | {p.name: ratio * own[p.name] for p in term.feature.effect.parameters if p.unit.startswith("Nm")}
+        torques = [p.name for p in term.feature.effect.parameters if p.unit.startswith("Nm")]
+        return own | {name: np.multiply(ratio, own[name]).tolist() for name in torques}
 
     return _of(term, found, x, covariance)
 

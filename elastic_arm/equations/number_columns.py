@@ -22,7 +22,7 @@ from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.known_torques import ActingEffect
 from elastic_arm.estimation.motion import CompletedMotion, drive_constants, rates_of
 from elastic_arm.estimation.noise import wiener_filter
-from elastic_arm.estimation.regressors import Entries, Signals
+from elastic_arm.estimation.regressors import Entries
 from elastic_arm.estimation.residuals import predicted_torques
 from elastic_arm.estimation.whitening import NoiseModel, Part, WhitenedData
 from elastic_arm.robot import Robot
@@ -108,7 +108,8 @@ def shared_columns(
     joints = effect.feature.equations.robot.joint_names
     for k, parameter in enumerate(parameters):
         j = joints.index(parameter.joint)
-        if parameter.what != SCALE or not any(part.shares[which][1][:, j].any() for part in data.parts):
+        there = parameter.what == SCALE and not effect.feature.fixed
+        if not there or not any(part.shares[which][1][:, j].any() for part in data.parts):
             continue
         numbers.append(k)
         size = parameter.prior_std / max(LEAST, 1.0 + values[k] * parameter.prior_std)
@@ -243,7 +244,7 @@ def _drive_entries(
         elif parameter.what == "damping" and gear is not None:
             found.append((n + j, k, D[j] / K[j] * rates[:, j]))
         elif parameter.what in GAINS:
-            found.append((2 * n + j, k, _of_gain(model, nominal, parameter, motion, signals)))
+            found.append((2 * n + j, k, _of_gain(model, nominal, parameter, part, acting)))
     values = np.empty((len(motion), len(found)))
     for column, (_, k, law) in enumerate(found):
         values[:, column] = law * parameters[k].prior_std
@@ -251,17 +252,19 @@ def _drive_entries(
     return Entries(values, rows, numbers, (3 * n, len(parameters)))
 
 
-def _of_gain(model: Model, nominal: Robot, parameter: Number, motion: CompletedMotion, signals: Signals) -> Array:
+def _of_gain(model: Model, nominal: Robot, parameter: Number, part: Part, acting: Sequence[ActingEffect]) -> Array:
     """Return how what the controller of a joint makes falls (N,) Nm with a gain, in ratios to the described one.
 
     What is left of the predicted torque is that of the error of the angle: the angle's own noise is in the made
-    torque, too, and gains of zero would explain all of it. At its limit a torque does not change.
+    torque, too, and gains of zero would explain all of it. At its limit a torque does not change. What a law without a
+    linear size makes of the masses is in none of their columns, and not here: it would tell the scale that both have.
     """
-    j = model.robot.joint_names.index(parameter.joint)
+    motion, signals, j = part.stretch.quiet, part.signals, model.robot.joint_names.index(parameter.joint)
     now, stated = model.robot.joints[j].controller, nominal.joints[j].controller
     assert now is not None and stated is not None
     (kp, kd, _), (kp_stated, kd_stated, _) = now.gains, stated.gains
     tau_m, fed, dr = (signals.values[name][:, j] for name in ("tau_m", "fed", "dr"))
+    tau_m = tau_m - sum(share[1][:, j] for e, share in zip(acting, part.shares, strict=True) if e.feature.fixed)
     of_rate = now.follows_rate * dr - motion.dtheta[:, j]
     changed = kd_stated * of_rate
     if parameter.what == SCALE and kp:
