@@ -106,10 +106,9 @@ def shared_columns(
                 column = column - _transmitted(feature.equations, data, part, effect)
             out.append(column * parameter.prior_std)
     joints = effect.feature.equations.robot.joint_names
-    for k, parameter in enumerate(parameters):
+    for k, parameter in enumerate(() if effect.feature.fixed else parameters):
         j = joints.index(parameter.joint)
-        there = parameter.what == SCALE and not effect.feature.fixed
-        if not there or not any(part.shares[which][1][:, j].any() for part in data.parts):
+        if parameter.what != SCALE or not any(part.shares[which][1][:, j].any() for part in data.parts):
             continue
         numbers.append(k)
         size = parameter.prior_std / max(LEAST, 1.0 + values[k] * parameter.prior_std)
@@ -256,8 +255,8 @@ def _of_gain(model: Model, nominal: Robot, parameter: Number, part: Part, acting
     """Return how what the controller of a joint makes falls (N,) Nm with a gain, in ratios to the described one.
 
     What is left of the predicted torque is that of the error of the angle: the angle's own noise is in the made
-    torque, too, and gains of zero would explain all of it. At its limit a torque does not change. What a law without a
-    linear size makes of the masses is in none of their columns, and not here: it would tell the scale that both have.
+    torque, too, and gains of zero would explain all of it. At its limit a torque does not change. Laws without
+    a linear size are left out, as they are of the columns of masses: else they would tell the scale that both have.
     """
     motion, signals, j = part.stretch.quiet, part.signals, model.robot.joint_names.index(parameter.joint)
     now, stated = model.robot.joints[j].controller, nominal.joints[j].controller
