@@ -47,9 +47,8 @@ def estimated(
         rows[:, fit.slices[known.ident]] += np.eye(len(rows))
     # The scale of the torques that a controller makes is that of its effects, and of laws that are made of masses.
     scaled = term.feature.fixed or isinstance(term.feature.effect, ControllerEffect)
-    whose = (SCALE, term.feature.joint) if scaled else None
-    scale, n = [k for k, p in enumerate(parameters) if (p.what, p.joint) == whose], len(rows)
-    rows = np.vstack([rows, fit.moves[scale]])
+    scale = [k for k, p in enumerate(parameters) if scaled and (p.what, p.joint) == (SCALE, term.feature.joint)]
+    rows, n = np.vstack([rows, fit.moves[scale]]), term.count
     x, covariance = rows @ fit.found.x, rows @ fit.found.S @ rows.T
     x[n:], covariance[n:, n:] = fit.numbers[scale], fit.number_covariance[np.ix_(scale, scale)]
     if term.kind == "effect":
