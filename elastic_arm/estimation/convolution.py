@@ -187,6 +187,5 @@ def _phases(signal: Array, early: int, windows: tuple[int, int, int], every: int
 def _phases_of(responses: Array, every: int) -> Array:
     """Return the phases (O, I, every, R) of responses (O, I, K)."""
     outputs, inputs, taps = responses.shape
-    padded = np.zeros((outputs, inputs, -(-taps // every) * every))
-    padded[..., :taps] = responses
+    padded = np.pad(responses, ((0, 0), (0, 0), (0, -taps % every)))
     return padded.reshape(outputs, inputs, -1, every).swapaxes(2, 3)

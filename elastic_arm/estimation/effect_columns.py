@@ -206,10 +206,6 @@ class Feature:
         alike = self.joint == other.joint and set(self.sides) & set(other.sides)
         return self.effect.scales_friction and other.effect.friction and bool(alike)
 
-    def instance(self, coefficients: Sequence[float], searched: Sequence[float] = ()) -> EffectInstance:
-        """Return the effect as the simulator takes it."""
-        return EffectInstance(self.effect, self.joint, {**self.parameters(coefficients, searched), **self.choices})
-
 
 @dataclass(frozen=True, eq=False)
 class Whole(Feature):

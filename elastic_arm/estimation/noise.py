@@ -12,12 +12,10 @@ import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
-from math import factorial
 from typing import NamedTuple
 
 import numpy as np
 import scipy  # its parts are loaded when they are used
-from numpy.typing import NDArray
 
 from elastic_arm.arrays import Array
 from elastic_arm.errors import IdentificationError
@@ -279,19 +277,15 @@ def _steady_state(cutoff: float, ratio: float | None) -> tuple[Array, Array, Arr
     """
     i = np.arange(ORDER)
     up = i[None, :] - i[:, None]
-    transition = np.where(up >= 0, cutoff ** np.maximum(up, 0) / _factorials(np.maximum(up, 0)), 0.0)
+    transition = np.where(up >= 0, cutoff ** np.maximum(up, 0) / scipy.special.factorial(np.maximum(up, 0)), 0.0)
     down = ORDER - 1 - i
-    scale = cutoff ** (down + 1) / _factorials(down)
+    scale = cutoff ** (down + 1) / scipy.special.factorial(down)
     process = np.outer(scale, scale) / (down[:, None] + down[None, :] + 1)
     c = _observation(cutoff, ratio)
     noise = np.diag([1.0] if ratio is None else [1.0, ratio**2])
     p = scipy.linalg.solve_discrete_are(transition.T, c.T, process, noise)
     s = c @ p @ c.T + noise
     return np.linalg.solve(s, c @ p).T, transition, s
-
-
-def _factorials(k: NDArray[np.int_]) -> Array:
-    return np.array([factorial(j) for j in range(ORDER)], dtype=float)[k]
 
 
 def _innovations(y: Array, transition: Array, gain: Array, c: Array) -> Array:

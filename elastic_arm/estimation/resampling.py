@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.polynomial.legendre import legvander
@@ -340,14 +340,10 @@ def extended(grid: Grid, count: int) -> Grid:
             f"than {count}",
             "Record longer, or more samples a second.",
         )
-    channels = {name: _mirrored(v, count, odd=name in ("q", "theta", "r")) for name, v in grid.channels().items()}
+    channels = {}
+    for name, values in grid.channels().items():
+        through: Literal["odd", "even"] = "odd" if name in ("q", "theta", "r") else "even"
+        channels[name] = np.pad(values, ((count, count), (0, 0)), mode="reflect", reflect_type=through)
     step = np.arange(1, count + 1) / grid.rate
     t = np.concatenate([grid.t[0] - step[::-1], grid.t, grid.t[-1] + step])
     return Grid(t, grid.rate, **channels, lacking=grid.lacking)
-
-
-def _mirrored(values: Array, count: int, *, odd: bool) -> Array:
-    before, after = values[count:0:-1], values[-2 : -count - 2 : -1]
-    if odd:
-        before, after = 2 * values[0] - before, 2 * values[-1] - after
-    return np.concatenate([before, values, after])

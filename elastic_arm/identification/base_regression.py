@@ -111,7 +111,8 @@ class BaseRegression:
         self._springs = np.array([k for k, p in enumerate(own) if p.name.rpartition(".")[2] in ("K", "D")], dtype=int)
         self._armatures = np.array([k for k, p in enumerate(own) if p.name.endswith(f".{ARMATURE}")], dtype=int)
         self._own = len(own)
-        self.base: BaseParameters = self._find_base()
+        phi = self._all_rows(self._random_motion(), np.arange(self._own), np.arange(len(added)))
+        self.base: BaseParameters = find_base(phi.reshape(-1, phi.shape[-1]), self.names, self.units)
 
     def rows(self, motion: Motion) -> Array:
         """Return regressor columns of the base parameters and, last, the measured side: (groups, N, B + 1).
@@ -328,10 +329,6 @@ class BaseRegression:
     def _coordinates(self, motion: Motion, rate: str) -> Array:
         q, theta = getattr(motion, rate + "q"), getattr(motion, rate + "theta")
         return np.hstack([q, theta]) if self.elastic else q
-
-    def _find_base(self) -> BaseParameters:
-        phi = self._all_rows(self._random_motion(), np.arange(self._own), np.arange(len(self.names) - self._own))
-        return find_base(phi.reshape(-1, phi.shape[-1]), self.names, self.units)
 
     def _random_motion(self) -> Motion:
         """Return random states: what is dependent at these is dependent always."""
