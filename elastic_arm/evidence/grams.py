@@ -95,6 +95,11 @@ class Grams:
         self._stacks: dict[tuple[Ident, ...], Array] = {}
         self._made: dict[tuple[Ident, ...], Array] = {}  # of sets, as :meth:`of` made them
 
+    def let_go(self) -> None:
+        """Let go of what sets have in common: a search that comes back makes it anew."""
+        self._stacks.clear()
+        self._made.clear()
+
     def columns(self, term: Term) -> Array:
         """Return the columns (rows, [1 +] k) of a term in the order of the bands, its offset first where it has one."""
         if term.ident not in self._columns:

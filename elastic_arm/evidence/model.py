@@ -289,8 +289,10 @@ class Screen:
         return np.sum(0.5 * (n * np.log(v / quiet) + left / v - now / quiet - (left - now) / v), axis=0)
 
     def term(self, t: int) -> Term:
-        """Return a term as :meth:`gains` found it best."""
+        """Return a term as :meth:`gains` found it best, with columns of its own: a set that holds it outlives these."""
         term = self.terms[t]
+        offset = None if term.offset is None else term.offset.copy()
+        term = replace(term, columns=term.columns.copy(order="K"), offset=offset)
         if t not in self.chosen:
             return term
         return sized(term, self.chosen[t]) if term.kind == "law" else term.scaled(self.chosen[t])

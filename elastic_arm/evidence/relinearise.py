@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence, Set
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -16,7 +16,7 @@ from elastic_arm.equations.places import scaling
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.known_torques import ActingEffect
 from elastic_arm.evidence.changes import CHANGE, change_of
-from elastic_arm.evidence.grams import Bands
+from elastic_arm.evidence.grams import Bands, kept
 from elastic_arm.evidence.judged import Judge
 from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.model import EXACT, KINDS, Fit, LinearModel, Screen
@@ -54,16 +54,26 @@ class Explanation:
         return _moved(self.linear, self.best) if _far(self.best) else self.linear
 
 
+@dataclass
+class Shared:
+    """What searches at several linearisations share."""
+
+    thetas: Thetas = field(default_factory=dict)  # where nonlinear numbers were most probable
+    # What may be added, of the last linearisations, and laws without a form, of the last: they take most of the memory.
+    screens: dict[Linearisation, Screen] = field(default_factory=dict)
+    laws: dict[Linearisation, Screen] = field(default_factory=dict)
+
+
 def explain(problem: Problem, *, refit: bool) -> Explanation:
     """Return the most probable explanation of the recordings that are fitted.
 
     refit: whether the description cannot be as measured.
     """
     described = Linearisation(problem, np.zeros(len(problem.numbers)), _stated(problem))
-    thetas: Thetas = {}
-    first = _begun(described, refit, thetas)
+    shared = Shared()
+    first = _begun(described, refit, shared)
     nothing = first.linear, first.search.model.fit(())
-    found = _descended(first.linear, first.best, refit, thetas, taken=nothing)
+    found = _descended(first.linear, first.best, refit, shared, taken=nothing)
     tried: set[frozenset[Key]] = set()
     for _ in range(ELSEWHERE):
         # Exchanged at this linearisation, a set whose numbers lie elsewhere is judged by columns that are not its own.
@@ -71,31 +81,31 @@ def explain(problem: Problem, *, refit: bool) -> Explanation:
         if other is None:
             break
         tried.add(other.keys)
-        found = _better(found, _descended(found.linear, other, refit, thetas, best=found.best))
+        found = _better(found, _descended(found.linear, other, refit, shared, best=found.best))
     judged = _judged(found)
     best = judged.best
     if best.keys != found.best.keys and _apart(found.linear, best):
         # Where effects acted that are not there, sizes of the others are those beside them.
         there = _settled(found.linear, best, best.model.name)
-        own = _explained(there, _again(best, there), best.model.name, refit, thetas, moves=ALL, most=0)
+        own = _explained(there, _again(best, there), best.model.name, refit, shared, moves=ALL, most=0)
         more = (fit.compared_with(own.best) for fit in found.search.met.values() if fit.keys != best.keys)
         own.search.take(more, own.best)
         judged = _judged(replace(own, log=(*found.log, *own.log)))
     return replace(judged, log=(*first.log, *judged.log))
 
 
-def _begun(described: Linearisation, refit: bool, thetas: Thetas) -> Explanation:
+def _begun(described: Linearisation, refit: bool, shared: Shared) -> Explanation:
     """Return the most probable of several starts, with the steps of all."""
     # Where the description is exact, all that is left is an effect. Where it is off everywhere, there is less to
     # mistake for one where its numbers lie alone; but beside a large effect they lie far off there.
     built = _settled(described, None, BUILT)
     starts = [
-        _explained(described, (), BUILT if refit else MEASURED, refit, thetas, moves=ADDED),
-        _explained(built, (), BUILT, refit, thetas, moves=ADDED),
+        _explained(described, (), BUILT if refit else MEASURED, refit, shared, moves=ADDED),
+        _explained(built, (), BUILT, refit, shared, moves=ADDED),
     ]
     if not refit and all(one.best.model.name != MEASURED for one in starts):
         # One number that is far off may have found its place among those that are a little.
-        starts.append(_explained(built, (), MEASURED, refit, thetas, moves=ADDED))
+        starts.append(_explained(built, (), MEASURED, refit, shared, moves=ADDED))
     first = max(starts, key=lambda found: found.best.compared_with(starts[0].best).score)
     return replace(first, log=tuple(line for one in starts for line in one.log))
 
@@ -141,7 +151,7 @@ def _descended(
     linear: Linearisation,
     before: Fit,
     refit: bool,
-    thetas: Thetas,
+    shared: Shared,
     *,
     taken: tuple[Linearisation, Fit] | None = None,
     best: Fit | None = None,
@@ -180,7 +190,7 @@ def _descended(
             break
         linear, last = taken
         found = _explained(
-            linear, last.optional, last.model.name, refit, thetas, moves=moves, most=most, refused=refused
+            linear, last.optional, last.model.name, refit, shared, moves=moves, most=most, refused=refused
         )
         log += [f"{n}: {line}" for line in found.log]
         before = found.best
@@ -263,13 +273,12 @@ def linear_model(linear: Linearisation, trust: str) -> LinearModel:
     return linear.cache["model"].trusting(trust)
 
 
-def _screens(linear: Linearisation, model: LinearModel, *, laws: bool) -> list[Screen]:
-    """Return what may be added, laws without a form apart; made once."""
-    if "screen" not in linear.cache:
-        linear.cache["screen"] = Screen(model.grams, pool_of(linear))
-    if laws and "laws" not in linear.cache:
-        linear.cache["laws"] = Screen(model.grams, _chosen_among(law_terms(linear)))
-    return [linear.cache["screen"], *([linear.cache["laws"]] if laws else [])]
+def _screens(linear: Linearisation, model: LinearModel, shared: Shared, *, laws: bool) -> list[Screen]:
+    """Return what may be added, laws without a form apart."""
+    found = [kept(shared.screens, linear, lambda: Screen(model.grams, pool_of(linear)), 2)]
+    if laws:
+        found.append(kept(shared.laws, linear, lambda: Screen(model.grams, _chosen_among(law_terms(linear))), 1))
+    return found
 
 
 def _explained(
@@ -277,7 +286,7 @@ def _explained(
     start: Sequence[Term],
     trust: str,
     refit: bool,
-    thetas: Thetas,
+    shared: Shared,
     *,
     moves: int,
     most: int = MOST,
@@ -289,12 +298,12 @@ def _explained(
     """
     trusts = {name: one for name, one in TRUST.items() if not (refit and name == MEASURED)}
     model, log = linear_model(linear, trust), []
-    screens = _screens(linear, model, laws=moves == ALL)
+    screens = _screens(linear, model, shared, laws=moves == ALL)
     terms = start
     # The trust in the description that is most probable beside the set, and the set beside it, until both stay.
     tried: dict[str, Search] = {}
     while trust not in tried:
-        search = Search(linear, model.trusting(trust), screens, thetas, refused or {})
+        search = Search(linear, model.trusting(trust), screens, shared.thetas, refused or {})
         tried[trust], best = search, search.run(terms, moves=moves, most=most)
         log += [f"{trust}: {line}" for line in search.log]
         terms = best.optional
@@ -304,6 +313,8 @@ def _explained(
         trust = max(scores, key=lambda name: scores[name])
     search = tried[trust]
     best = search.run(terms if most == MOST else start, moves=moves, most=most)
+    search.screens = ()
+    model.grams.let_go()
     total = np.logaddexp.reduce(list(scores.values()))
     log.append(f"{trust}, {best.score:.1f}: {', '.join(f'{k[0]} {k[1]}' for k in best.keys) or 'nothing'}")
     shares = {k: float(np.exp(v - total)) for k, v in scores.items()}
