@@ -7,8 +7,6 @@
 Names are loaded when they are first used: commands that only format a result import no search.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from elastic_arm.lazy_names import lazily

@@ -1,7 +1,5 @@
 """What differs between recordings of one arm, by the sets in which a size is not common to all."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import partial
 from operator import eq

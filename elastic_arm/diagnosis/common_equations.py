@@ -1,7 +1,5 @@
 """The equations and the band in which all recordings of a diagnosis are compared."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -3,8 +3,6 @@
 Both are diagnosed against one model, and the effects found in either are compared by probability and size.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any

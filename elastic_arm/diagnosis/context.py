@@ -1,7 +1,5 @@
 """What a diagnosis worked on, kept for figures and for going on from it."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property

@@ -1,7 +1,5 @@
 """The arm with its causes in it: what the simulator needs to behave like the recording."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -4,8 +4,6 @@ An encoder that is referenced anew at each start has a zero of its own in each r
 the two angles of a joint that differs by more than any load could wind the drive.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

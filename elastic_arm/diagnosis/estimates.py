@@ -1,7 +1,5 @@
 """Sizes of causes and numbers from the posterior: means and deviations over the sets that hold them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -10,8 +10,6 @@ the odds that there is one, at one of so many places, and of so many runs. The m
 programming; a torque that no law states acts during them (:class:`.FreeTorques`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """What follows a diagnosis: prediction errors, and the motion to record next."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -25,8 +25,6 @@ A cause that a recording lacks has its value of no effect there, with a deviatio
 z s with z² / 2 = ln(R / s) - ln ODDS.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any

@@ -4,8 +4,6 @@ The node that publishes `/gap` feeds a :class:`Window` and hands its recordings 
 process of its own; there is no physics in the node.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

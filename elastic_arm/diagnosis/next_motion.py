@@ -6,8 +6,6 @@ remainder, 0.5 |s - X X^+ s|^2 (the discrimination criterion of Atkinson and Fed
 drawn, judged by it, and the best is improved by random steps.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import product

@@ -5,8 +5,6 @@ two topics show in the twist of the drives: link and motor turn alike but for a 
 lag between them that grows with time, the same on every joint, is the clocks'.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The question of a diagnosis: arm, model, known effects, catalogue and priors."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 

@@ -1,7 +1,5 @@
 """In which regime a residual is large: the simplest thing that it follows."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Which part of the recordings is fitted and which part judges."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Lags and gains of channels at values of the numbers."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

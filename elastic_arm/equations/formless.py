@@ -4,8 +4,6 @@ A law of the catalogue has a form. Where the form is wrong, a function without o
 many coefficients has a price (:mod:`elastic_arm.evidence`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 

@@ -5,8 +5,6 @@ has a column of torque that the model predicts. With the measured torque in its 
 arm would explain every recording.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 

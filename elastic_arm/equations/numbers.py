@@ -1,7 +1,5 @@
 """A number of the arm or of a sensor that may differ from what is stated, and where it acts."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

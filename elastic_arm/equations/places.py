@@ -1,7 +1,5 @@
 """Every effect of a catalogue at every place of an arm where it could show, and where a search for it starts."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """The arm whose numbers are off by deviations from its description."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """The band in which residuals are looked at: one zero-phase low pass for every term, then fewer samples."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

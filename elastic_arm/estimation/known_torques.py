@@ -5,8 +5,6 @@ drive measures it with noise that is the same at all frequencies. Up to some 10 
 deflection.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 

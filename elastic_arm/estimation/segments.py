@@ -5,8 +5,6 @@ columns of the equations of motion, times what each number of the description is
 friction. Standstill counts for nothing, and a motion that was there already for little.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from itertools import pairwise
 

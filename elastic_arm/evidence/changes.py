@@ -1,7 +1,5 @@
 """A size of its own in each recording: what a term adds beside its common size, as a term like any other."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -3,8 +3,6 @@
 All that is decided needs no more of the data. Each pair of columns is multiplied once.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import NamedTuple, TypeVar

@@ -5,8 +5,6 @@
 A law that bends to the fitted recordings alone is contradicted by the others. Sizes stay those of the fitted ones.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -5,8 +5,6 @@
 Late channels are moved back in time and torques divided by their gains, so that what is left of them acts linearly.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property

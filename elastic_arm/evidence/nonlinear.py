@@ -5,8 +5,6 @@ coefficients have the prior of theta over its range. So the evidence of a set is
 as the nonlinear numbers make them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Which numbers of an arm and its sensors are uncertain, each with its prior: nu ~ N(0, (tau std)²)."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """What could be in the data: effects of the catalogue at every place, numbers that are far off, laws without a form."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence, Set
 from dataclasses import replace
 from itertools import product

@@ -11,8 +11,6 @@ bends nothing. Truncated priors multiply by the mass of the posterior within
 the bounds over that of the prior.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What is to be explained: recordings, equations, the numbers that may be off, and effects that are known."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property

@@ -1,7 +1,5 @@
 """Select, linearise beside the selection, until nothing changes; no step knows what came before it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from functools import cached_property

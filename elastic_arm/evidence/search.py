@@ -4,8 +4,6 @@ Add, drop, exchange, two for one, one for two, a size on another scale. What a f
 the present fit proposes; the score of the whole set decides. All sets met are kept: probabilities are sums over them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations

@@ -3,8 +3,6 @@
 Names are loaded when they are first used: commands that only name parameters import no estimator.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from elastic_arm.lazy_names import lazily

@@ -5,8 +5,6 @@ grow as accelerations fall. Its rows can therefore be averaged over :data:`AVERA
 loses no end of a recording, as a narrower smoother would.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

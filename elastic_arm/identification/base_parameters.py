@@ -8,8 +8,6 @@ column plus what the dependent ones add to it (M. Gautier and W. Khalil, IEEE Tr
 368).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction

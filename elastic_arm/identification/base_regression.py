@@ -27,8 +27,6 @@ These are the independent equations of :mod:`.equations`. Laws beyond the model 
 residuals of link, drive and motor side is carried over to these rows.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial

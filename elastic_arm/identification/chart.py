@@ -5,8 +5,6 @@ distribution has them (P. Wensing, S. Kim, J.-J. Slotine, IEEE Robotics and Auto
 revolution are positive moments; K, D and armatures are positive or not negative; laws beyond the model have bounds.
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, field

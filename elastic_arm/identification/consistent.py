@@ -9,8 +9,6 @@ convex and solved by Clarabel through cvxpy. The trust is the relative error of 
 most probable (its evidence).
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace

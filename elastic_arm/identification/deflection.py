@@ -11,8 +11,6 @@ Zeros of link encoders may differ between recordings: an offset that all share i
 differs is taken off beforehand.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 

@@ -13,8 +13,6 @@ joined (D. Andrews, Econometrica 59 (1991) 817). Where blocks are few, S is too 
   unit size: parameters that share one torque scale to seven digits keep doing so.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 import numpy as np

@@ -6,8 +6,6 @@ On the average noise in positions and accelerations draws weak parameters toward
 Models, 1987). The smoother knows the covariance of what it lets through, so that the average is known and taken off.
 """
 
-from __future__ import annotations
-
 import functools
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Columns that identification adds to the model's own: the linear parameters of effects that are given."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import partial
 from typing import Any

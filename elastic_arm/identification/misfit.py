@@ -8,8 +8,6 @@ both of its half-power points inside the band in which the motion has energy, an
 torque up to there. Friction that the equations lack answers likewise, and goes first.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """How `identify` will judge a motion that is planned, before it is recorded."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -9,8 +9,6 @@ J. Friedman, The Elements of Statistical Learning, 2009, 7.10), that of the diff
 clear gain there is none, but for arms that are taken for rigid a wide one.
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Sequence
 

@@ -1,7 +1,5 @@
 """The estimator: samples in, estimates out, constant memory. The batch is this class fed at once."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 

@@ -1,7 +1,5 @@
 """The judgement on recordings that no fit has seen: the description holds what they refute until it is no worse."""
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """What a recording determines: before any fit, from the motion alone, and after it."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass

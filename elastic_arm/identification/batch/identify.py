@@ -1,7 +1,5 @@
 """From recordings to an identified arm."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial

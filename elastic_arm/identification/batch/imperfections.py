@@ -7,8 +7,6 @@ left out elsewhere: in a short recording a zero and the moment of a mass hardly 
 into the other.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

@@ -6,8 +6,6 @@ A description rarely states how the arm was mounted: on a wall, upside down, on 
 else is far from linear, and masses and gains of a calibration stand in for it. So it is looked for first.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -7,8 +7,6 @@ sticks, its dry friction takes any value: where the law fails there, the rows th
 **Zeros** of torque channels and the tilt of the base: see :mod:`.imperfections`.
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
