@@ -16,7 +16,7 @@ REPAIR = "Make a usable copy with: elastic-arm bag check --repair BAG"
 # no drive is read out faster than the other. Beyond either the times have another unit than they are taken for.
 SLOWEST, FASTEST = 5.0, 50_000.0
 UNIT = "Are the times in another unit? Give theirs (s, ms, us, ns) in the map, and import the recording again."
-ARRIVAL = "Use the times of arrival: --clock arrival, or 'time: arrival' in a channel map."
+ARRIVAL = "Use the times of arrival: `identify` and `diagnose` take --clock arrival, a channel map 'time: arrival'."
 Severity = Literal["error", "warning", "note"]
 
 
