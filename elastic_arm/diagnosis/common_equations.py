@@ -11,7 +11,6 @@ from elastic_arm.estimation.equations import EquationSet
 from elastic_arm.estimation.observation import Observation, widest_band
 from elastic_arm.robot import Robot
 
-ALIKE = 1.01  # ratio of sample rates that counts as one rate
 ONE_ENCODER = 5.0  # Hz; above it the deflection that a single encoder does not show changes the motion
 # Of a band's edge, Hz, times the length of a stretch, s: below, its filters leave too little. They take 4.2 and 3.6
 # over the edge; half of what the first leaves must be longer than the second.
@@ -21,7 +20,7 @@ NARROW = 12.0
 def common_equations(observations: Sequence[Observation], model: Model) -> tuple[EquationSet, Band]:
     """Return equations and band that all recordings allow.
 
-    Raises a DiagnosisError if the recordings hold different channels, or have different sample rates.
+    Raises a DiagnosisError if the recordings hold different channels.
     """
     layouts = [EquationSet.of(o.pieces[0], model) for o in observations]
     if any(layout != layouts[0] for layout in layouts):
@@ -29,8 +28,6 @@ def common_equations(observations: Sequence[Observation], model: Model) -> tuple
             "the recordings do not hold the same channels", "Diagnose those with equal channels together"
         )
     rate = min(o.rate for o in observations)
-    if max(o.rate for o in observations) > ALIKE * rate:
-        raise DiagnosisError("the recordings have different sample rates", "Diagnose those of one rate together")
     longest = min(max(len(piece) / o.rate - 2.0 * o.margin for piece in o.pieces) for o in observations)
     torque_band = max(min(o.torque_band for o in observations), NARROW / max(longest, 1e-3))
     return layouts[0], common_band(layouts[0], model, rate, torque_band)

@@ -59,14 +59,15 @@ def blocks_of(data: WhitenedData, left: Sequence[Array], recording: int, offset:
     for part, own, share in zip(data.parts, left, data.shares(), strict=True):
         if part.recording != recording:
             continue
-        f, inner = np.fft.rfftfreq(len(own), 1 / data.band.kept_rate), slice(EDGE, len(own) - EDGE)
-        noise = np.real(np.einsum("frr->fr", part.noise.covariance)) / data.band.step
+        band = part.stretch.band
+        f, inner = np.fft.rfftfreq(len(own), 1 / band.kept_rate), slice(EDGE, len(own) - EDGE)
+        noise = np.real(np.einsum("frr->fr", part.noise.covariance)) / band.step
         gain = np.stack([np.interp(f, part.noise.f, one**-0.5) for one in noise.T], axis=1)
-        white = irfft(rfft(own, axis=0) * gain * (f <= data.band.cutoff)[:, None], len(own), axis=0)[inner]
+        white = irfft(rfft(own, axis=0) * gain * (f <= band.cutoff)[:, None], len(own), axis=0)[inner]
         t, own = part.stretch.t[inner] + offset, own[inner]
         edges = np.linspace(0, len(t), max(1, round((t[-1] - t[0]) / BLOCK)) + 1).astype(int)
         sums = [np.add.reduceat(one, edges[:-1], axis=0) for one in (share[inner], white**2, own**2)]
-        independent = sums[0] * 2.0 * data.band.cutoff / data.band.kept_rate
+        independent = sums[0] * 2.0 * band.cutoff / band.kept_rate
         yield Blocks(t[edges[:-1]], t[edges[1:] - 1], independent, sums[1], sums[2] / np.diff(edges)[:, None])
 
 

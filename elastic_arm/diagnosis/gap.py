@@ -41,10 +41,9 @@ class Gap:
         """Measure residuals (N', R) of each stretch of recordings."""
         octaves, rows = len(OCTAVES) + 1, data.layout.rows
         power, noise, count = (np.zeros((rows, octaves)) for _ in range(3))
-        rate = data.band.kept_rate
-        total = sum(len(r) for r in residuals)
-        for own, pure, left in zip(residuals, data.pure, data.shares(), strict=True):
-            share, told = len(own) / total, left.mean(axis=0)
+        for own, part, pure, left in zip(residuals, data.parts, data.pure, data.shares(), strict=True):
+            rate = part.stretch.band.kept_rate
+            share, told = len(own) / rate / data.seconds, left.mean(axis=0)
             f, density = periodogram(own, rate, window="hann", detrend=False, axis=0)
             octave = np.searchsorted(OCTAVES, f, side="right")
             step = f[1] - f[0]

@@ -47,15 +47,15 @@ def shares(data: WhitenedData, values: Sequence[Array], row: int, ratios: tuple[
     found: dict[str, float] = {}
     power = float(np.mean(r**2)) or 1.0
     for regime in parts[0]:
-        basis = np.concatenate(
-            [part.stretch.in_band(p[regime], data.band) for p, part in zip(parts, data.parts, strict=True)]
-        )
+        basis = np.concatenate([part.stretch.in_band(p[regime]) for p, part in zip(parts, data.parts, strict=True)])
         beta = np.linalg.lstsq(basis, r, rcond=1e-8)[0]
         left = float(np.mean((r - basis @ beta) ** 2))
         # A fit with more columns explains more by chance alone.
         found[regime] = max(0.0, 1.0 - left / power * len(r) / max(1, len(r) - basis.shape[1]))
-    found["start"] = _start_share(values, row, data.band.kept_rate, START)
-    found["frequency"] = _line_share(r, data.band.kept_rate, MOTION)
+    rates = [part.stretch.band.kept_rate for part in data.parts]
+    longest = max(range(len(values)), key=lambda k: len(values[k]))
+    found["start"] = _start_share(values, row, rates[0], START)
+    found["frequency"] = _line_share(values[longest][:, row], rates[longest], MOTION)
     return found
 
 

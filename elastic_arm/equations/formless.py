@@ -40,7 +40,7 @@ class GeneralLaw:
 
     def plain(self, data: WhitenedData) -> list[Array]:
         """Return its columns (N', R, k) in the band, one array a stretch; coefficients of 1 make about 1 Nm."""
-        parts = [part.stretch.in_band(self.shapes(part.signals), data.band) for part in data.parts]
+        parts = [part.stretch.in_band(self.shapes(part.signals)) for part in data.parts]
         return placed(data, self.side, self.joint, parts)
 
 

@@ -1,6 +1,7 @@
 """The band in which residuals are looked at: one zero-phase low pass for every term, then fewer samples."""
 
 from dataclasses import dataclass, field
+from typing import Self
 
 import numpy as np
 from scipy.fft import irfft, next_fast_len, rfft
@@ -9,6 +10,7 @@ from scipy.signal import firwin, kaiserord, oaconvolve, upfirdn
 from elastic_arm.arrays import Array
 
 COLUMNS = 8  # filtered at once: what the caches hold
+ALIKE = 0.01  # difference of sample rates that counts as none
 
 
 @dataclass(frozen=True)
@@ -37,6 +39,10 @@ class Band:
     def kept_rate(self) -> float:
         """Samples per second after."""
         return self.rate / self.step
+
+    def at(self, rate: float) -> Self:
+        """Return the same band of a recording of another rate; clocks that run apart by a little are one rate."""
+        return self if abs(rate / self.rate - 1.0) < ALIKE else type(self)(self.cutoff, rate)
 
     def apply(self, values: Array) -> Array:
         """Filter and thin columns (N, k) -> (N', k), without the ends that would need samples from outside."""

@@ -77,15 +77,16 @@ class Stretch:
     values: Array  # (N', R) Nm
     motion: CompletedMotion  # the completed motion at the recording's rate that they were made of
     quiet: CompletedMotion  # the same motion, smoothed further, for the columns of effects
+    band: Band  # at the recording's rate
     kept: slice  # which of the rows that the band gives for the motion they are
     # samples of the motion at which torques were read, where that is not at all of them
     read: NDArray[np.intp] | None = None
 
-    def in_band(self, values: Array, band: Band) -> Array:
+    def in_band(self, values: Array) -> Array:
         """Return columns (N, k) at the recording's rate in the band, known when torques were, (N', k)."""
         if self.read is not None and values.shape[1]:
             values = CubicSpline(self.read, values[self.read])(np.arange(len(values)))
-        return np.asarray(band.apply(values)[self.kept])
+        return np.asarray(self.band.apply(values)[self.kept])
 
 
 def residuals(model: Model, observation: Observation, equations: EquationSet, band: Band) -> list[Stretch]:
@@ -98,8 +99,8 @@ def residuals(model: Model, observation: Observation, equations: EquationSet, ba
         first, last = np.searchsorted(t, [motion.t[0] + observation.margin, motion.t[-1] - observation.margin])
         kept = slice(int(first), int(last))
         read = None if observation.read is None else read_at(motion.t, observation.read)
-        made = Stretch(t[kept], full, motion, quiet, kept, read)
-        stretches.append(replace(made, values=made.in_band(full, band)))
+        made = Stretch(t[kept], full, motion, quiet, band, kept, read)
+        stretches.append(replace(made, values=made.in_band(full)))
     return [s for s in stretches if len(s.t) > band.kept_rate]
 
 

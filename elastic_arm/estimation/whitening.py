@@ -226,14 +226,15 @@ class WhitenedData:
         others = iter(near._free if near is not None else ())
         moves, fastest = _moving(observations)
         for number, observation in enumerate(observations):
-            noise, pure = noise_models(model, observation, layout, band, (FLOOR, 0.0), acting)
+            in_band = band.at(observation.rate)
+            noise, pure = noise_models(model, observation, layout, in_band, (FLOOR, 0.0), acting)
             untold = _velocity_noise(observation, noise.f, model.n)
             standstill = _standstill(observation, untold)
             standing = np.where(moves, standing_speed(fastest, untold[1]), 0.0)
             steps = {side: np.where(moves, step, 0.0) for side, step in observation.steps.items()}
             # Laws need not pass a smoother whose response at the edge of the band is more than 0.99.
             limits = observation.smoother if observation.gain(np.array([band.cutoff]))[0] < 0.99 else None
-            for stretch in residuals(model, observation, layout, band):
+            for stretch in residuals(model, observation, layout, in_band):
                 signals_of = partial(
                     Signals.of,
                     standstill=standstill,
@@ -251,9 +252,9 @@ class WhitenedData:
                 self.parts.append(Part(stretch, signals, noise, observation.gains, number, known.shares))
                 self.pure.append(pure)
                 alike = next(others, None)
-                own = stretch, band, layout, steps, observation.holes, observation.events
+                own = stretch, in_band, layout, steps, observation.holes, observation.events
                 free = FreeTorques.of(
-                    *own, friction=sticking_removed, standing=standing, near=alike, noise=noise.autocovariance(band)
+                    *own, friction=sticking_removed, standing=standing, near=alike, noise=noise.autocovariance(in_band)
                 )
                 self._free.append(free)
         if not self.parts:
@@ -271,12 +272,13 @@ class WhitenedData:
 
     def shares(self) -> list[Array]:
         """Return which share of the noise's power is left (N', R) of each stretch without those torques."""
-        return [free.shares(len(y), y.shape[1], self.band) for free, y in zip(self._free, self.y, strict=True)]
+        each = zip(self.parts, self._free, self.y, strict=True)
+        return [free.shares(len(y), y.shape[1], part.stretch.band) for part, free, y in each]
 
     @property
     def seconds(self) -> float:
         """Duration of the rows."""
-        return sum(len(y) for y in self.y) / self.band.kept_rate
+        return sum(len(part.stretch.t) / part.stretch.band.kept_rate for part in self.parts)
 
     def plain(self, feature: Feature, searched: Sequence[float] = ()) -> list[Array]:
         """Return a feature's columns (N', R, count) in the band, one array a stretch."""
@@ -302,7 +304,7 @@ class WhitenedData:
         """Carry columns (N, 3 n, k) at the recording's rate over to the usable equations in the band, (N', R, k)."""
         entries = columns if isinstance(columns, Entries) else Entries.of(columns)
         # Fewer samples first: filter and combination commute.
-        thin = Entries(part.stretch.in_band(entries.values, self.band), entries.rows, entries.columns, entries.shape)
+        thin = Entries(part.stretch.in_band(entries.values), entries.rows, entries.columns, entries.shape)
         return self.layout.combine(thin.dense())
 
     def whiten(self, columns: Sequence[Array]) -> Array:
@@ -311,7 +313,7 @@ class WhitenedData:
         Rows are harmonics. Equations are made independent in their order: null before the first in which it shows.
         """
         white = [
-            filtered_circularly(values, part.noise.whitening_gains(len(values), self.band))
+            filtered_circularly(values, part.noise.whitening_gains(len(values), part.stretch.band))
             for values, part in zip(columns, self.parts, strict=True)
         ]
         together = white[0] if len(white) == 1 else np.concatenate(white, axis=2)[:, :, self._order]
@@ -320,7 +322,8 @@ class WhitenedData:
     @cached_property
     def _of_each(self) -> list[Array]:
         """Frequencies of the rows of one residual, of each stretch, Hz."""
-        return [np.repeat(frequencies(own, self.band.kept_rate), 2) for own in self.harmonics]
+        each = zip(self.parts, self.harmonics, strict=True)
+        return [np.repeat(frequencies(own, part.stretch.band.kept_rate), 2) for part, own in each]
 
     @cached_property
     def _order(self) -> NDArray[np.intp]:
@@ -340,14 +343,15 @@ class WhitenedData:
         """Ln of the density of the recorded values over that of the whitened rows: it depends on the linearisation."""
         found = 0.0
         for part, own in zip(self.parts, self.harmonics, strict=True):
-            f = frequencies(own, self.band.kept_rate)
+            f = frequencies(own, part.stretch.band.kept_rate)
             found += float(np.interp(f, part.noise.f, part.noise.density).sum())
         return found
 
     @property
     def harmonics(self) -> list[Harmonics]:
         """As which whitened rows stand, of each stretch."""
-        return [part.noise.whitening_gains(len(part.stretch.t), self.band).harmonics for part in self.parts]
+        stretches = ((part.noise, part.stretch) for part in self.parts)
+        return [noise.whitening_gains(len(own.t), own.band).harmonics for noise, own in stretches]
 
 
 def _moving(observations: Sequence[Observation]) -> tuple[NDArray[np.bool_], Array]:

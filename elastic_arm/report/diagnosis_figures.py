@@ -95,7 +95,7 @@ def residual_blocks(
     names = (f"{moving} velocity [{unit('rad/s')}]", f"{moving} {what} [{unit('rad')}]", turning)
     with drawing(1, 4, size=(11.2, 2.7)) as (figure, axes):
         spectrum, *clouds = axes[0]
-        _draw_spectra(spectrum, before, rest if cause else None, context.validate.band.kept_rate, found.band)
+        _draw_spectra(spectrum, before, rest if cause else None, stretch.band.kept_rate, found.band)
         spectrum.set_ylabel(f"{unit('Nm')}/√Hz")
         for ax, x, name in zip(clouds, (w, q, turn), names, strict=True):
             _draw_cloud(ax, x, before, added)

@@ -18,8 +18,9 @@ def measured(*residuals: np.ndarray) -> Gap:
     rows, f = len(residuals), np.linspace(0.0, RATE / 2, 50)
     pure = SimpleNamespace(f=f, covariance=np.tile(NOISE**2 * np.eye(rows), (len(f), 1, 1)), rate=RATE)
     band = SimpleNamespace(cutoff=CUTOFF, kept_rate=RATE)
-    whole = [np.ones((len(residuals[0]), rows))]
-    data: Any = SimpleNamespace(layout=SimpleNamespace(rows=rows), band=band, pure=[pure], shares=lambda: whole)
+    whole, parts = [np.ones((len(residuals[0]), rows))], [SimpleNamespace(stretch=SimpleNamespace(band=band))]
+    more = {"band": band, "parts": parts, "seconds": len(residuals[0]) / RATE}
+    data: Any = SimpleNamespace(layout=SimpleNamespace(rows=rows), pure=[pure], shares=lambda: whole, **more)
     return Gap.of(data, [np.stack(residuals, axis=1)])
 
 

@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from elastic_arm.diagnosis import Question
+from elastic_arm.diagnosis import Question, diagnose
 from elastic_arm.diagnosis.common_equations import ONE_ENCODER, common_band
 from elastic_arm.diagnosis.preparation import prepare
 from elastic_arm.dynamics import build_model
@@ -86,12 +86,18 @@ def test_recordings_of_unequal_channels_are_refused() -> None:
         prepare([pair()[0]], [replace(whole, motor=None)], question())
 
 
-def test_recordings_of_unequal_rates_are_refused() -> None:
-    """One band is taken for all, so that each term of a residual is filtered alike."""
-    whole = pair()[1]
-    thinned = {name: side.at(slice(None, None, 2)) for name, side in whole.sides().items()}
-    with pytest.raises(DiagnosisError, match="different sample rates"):
-        prepare([pair()[0]], [replace(whole, **thinned)], question())
+def test_recordings_of_unequal_rates_go_together() -> None:
+    """The band is one for all; at half and at a third of its rate a recording tells the same size of friction."""
+    effect = "coulomb_friction:joint_2:torque=4.0,side=motor"
+    first, second, judge = (record(motions()[k > 0], effect, seed=k) for k in range(3))
+    for step in (2, 3):
+        slower = {name: side.at(slice(None, None, step)) for name, side in second.sides().items()}
+        thinned = replace(second, **slower)  # type: ignore[arg-type]
+        found = diagnose([first, thinned], question(), [judge])
+        (cause,) = found.causes
+        friction = cause.parameters["torque"]
+        assert (cause.effect, cause.joint) == ("coulomb_friction", "joint_2") and not found.changes
+        assert abs(friction.value - 4.0) < 4.0 * friction.std < 0.1 and found.verdict == "explained"
 
 
 def test_one_encoder_narrows_the_band() -> None:

@@ -35,8 +35,12 @@ SIGNALS: Any = SimpleNamespace(
 )
 DATA: Any = SimpleNamespace(
     layout=SimpleNamespace(n=1, sides=("link", "motor")),
-    band=SimpleNamespace(kept_rate=100.0),
-    parts=[SimpleNamespace(signals=SIGNALS, stretch=SimpleNamespace(in_band=lambda values, band: values))],
+    parts=[
+        SimpleNamespace(
+            signals=SIGNALS,
+            stretch=SimpleNamespace(in_band=lambda values: values, band=SimpleNamespace(kept_rate=100.0)),
+        )
+    ],
 )
 
 
