@@ -16,7 +16,7 @@ from elastic_arm.effects.parameters import Parameter
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.model import Fit, LinearModel
-from elastic_arm.evidence.pool import linear_prior, monomials, relaxed
+from elastic_arm.evidence.pool import linear_prior, monomials, quadratic_points
 from elastic_arm.evidence.priors import SCALES
 from elastic_arm.evidence.term import Term
 
@@ -26,6 +26,7 @@ LONGEST = 0.25  # of a range, of one step
 SCANNED, EVALUATIONS = 25, 12  # values of one number over its range, and between two of them; numerical
 TINY = 1e-12  # numerical
 NEVER = -1e30  # score of what is out of bounds; numerical
+PLACES = 60  # values of several numbers that are tried; numerical
 SETTLED = 0.1  # of its standard deviation: a step that is none; numerical
 
 
@@ -135,7 +136,7 @@ def refined(
         theta, size = _scanned(linear, model, term, others, first)
     if np.isnan(term.theta).any():
         start = start.scaled(1.0)  # the scale of a relaxed law is that of its first order
-        theta, size = _placed(start, term, first, theta)
+        theta, size = _placed(linear, model, start, others, first, theta)
         start = start.scaled(float(min(SCALES, key=lambda s: abs(np.log(max(size, TINY) / (s * start.std[0]))))))
     best = tangent_term(linear, start, theta, size)
     fit = model.fit([*others, best], first)
@@ -163,46 +164,35 @@ def refined(
 
 def placed_anew(linear: Linearisation, model: LinearModel, term: Term, others: Sequence[Term]) -> Term:
     """Return the term of a law of second degree in several numbers where these are most probable beside others."""
-    wide = relaxed(linear.columns, term.feature, linear.problem.largest_at(term.feature.joint))
-    return tangent_term(linear, term, *_placed(term, wide, model.fit([*others, wide]), term.theta))
+    near = model.fit(others)
+    return tangent_term(linear, term, *_placed(linear, model, term, others, near, term.theta))
 
 
-def _placed(term: Term, wide: Term, fit: Fit, start: Sequence[float]) -> tuple[tuple[float, ...], float]:
-    """Return several nonlinear numbers and the size that are most probable, from some numbers and elsewhere.
+def _placed(
+    linear: Linearisation, model: LinearModel, term: Term, others: Sequence[Term], near: Fit, relaxed: tuple[float, ...]
+) -> tuple[tuple[float, ...], float]:
+    """Return several nonlinear numbers and the size that are most probable, from those of a relaxed law and elsewhere.
 
-    The law is beta m(theta)'X, X the columns of the relaxed law in the monomials m. Of a fit that holds it, with mean g
-    and covariance S of its coefficients and their prior precision P, the data tell E = S^-1 - P of them:
-
-        ln p = (m'S^-1 g)² / 2 (m'E m + std^-2) - ln(1 + std² m'E m) / 2
-
-    wide, fit: the relaxed law, and a fit that holds it. Of a small size the relaxed numbers are anywhere, and
-    derivatives that were taken at a small size promise what the law at its full size does not hold.
+    Of a size that is small beside the ordinary numbers, the relaxed ones are anywhere; and derivatives that were taken
+    at a small size promise what the law at its full size does not hold. The law is of second degree in the numbers.
     """
-    own, std = fit.slices[wide.ident], float(term.std[0])
-    known = np.linalg.inv(fit.found.S[own, own])
-    told, towards = known - np.diag(wide.std**-2.0), known @ fit.found.x[own]
     ranges = np.array([(p.low, p.high) for p in components(term.feature)])
-
-    def size_and_score(at: Array) -> tuple[float, float]:
-        (m,) = monomials(at[None])
-        e, d = max(float(m @ told @ m), 0.0), float(m @ towards)
-        size = d / (e + std**-2.0)
-        # A mean beyond its bounds has derivatives of the other sign.
-        within = term.low[0] <= size <= term.high[0]
-        return size, 0.5 * size * d - 0.5 * float(np.log1p(e * std**2)) if within else NEVER
+    points = quadratic_points(len(ranges))
+    values = np.hstack([linear.columns(term.feature, tuple(point)) for point in points])
+    values = values @ np.linalg.inv(monomials(points).T)
+    tried: list[tuple[float, tuple[float, ...], float]] = []
 
     def cost(at: Array) -> float:
-        return -size_and_score(at)[1]
+        tried.append(_tried(model, term, others, near, tuple(at.tolist()), values @ monomials(at[None]).T))
+        return -tried[-1][0]
 
     middle, widths = ranges.mean(axis=1), np.diff(ranges, axis=1)[:, 0]
     elsewhere = middle + 0.25 * np.vstack([np.diag(widths), -np.diag(widths)])
-    found = []
-    for first in (np.array(start), min(elsewhere, key=cost)):
-        inwards = np.diag(np.where(first > middle, -0.1, 0.1) * widths)
-        simplex = first + np.vstack([np.zeros_like(first), inwards])
-        found.append(minimize(cost, first, method="Nelder-Mead", bounds=ranges, options={"initial_simplex": simplex}))
-    best = min(found, key=lambda one: one.fun).x
-    return tuple(best.tolist()), size_and_score(best)[0]
+    for start in (np.array(relaxed), min(elsewhere, key=cost)):
+        inwards = np.diag(np.where(start > middle, -0.1, 0.1) * widths)
+        options = {"initial_simplex": start + np.vstack([np.zeros_like(start), inwards]), "maxfev": PLACES}
+        minimize(cost, start, method="Nelder-Mead", bounds=ranges, options=options)
+    return max(tried)[1:]
 
 
 def _tried(

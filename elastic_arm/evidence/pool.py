@@ -74,7 +74,7 @@ def effect_terms(linear: Linearisation, features: Sequence[Feature]) -> list[Ter
         feature, point, price = one
         own = linear.problem.largest_at(feature.joint)
         if point == _middle(feature) and feature.quadratic and feature.count == 1:
-            return relaxed(linear.columns, feature, own)
+            return _relaxed(linear.columns, feature, own)
         X = linear.columns(feature, point)
         if feature.fixed and not feature.searched:
             return Term(feature.key, "effect", X[:, :0], np.zeros(0), grid=price, offset=X.sum(axis=1), feature=feature)
@@ -86,7 +86,7 @@ def effect_terms(linear: Linearisation, features: Sequence[Feature]) -> list[Ter
     return share_out(made, wanted)
 
 
-def relaxed(columns: Columns, feature: Feature, largest: float) -> Term:
+def _relaxed(columns: Columns, feature: Feature, largest: float) -> Term:
     """Return a term linear in size times all monomials of the nonlinear numbers, in which the law is a polynomial.
 
     It holds what the law can do and more: what it gains is proposed, and the law at its best numbers decides.
