@@ -23,7 +23,7 @@ from elastic_arm.diagnosis.words import size_text, step_text
 from elastic_arm.effects import Catalogue
 from elastic_arm.effects.text import known_effects
 from elastic_arm.errors import ElasticArmError
-from elastic_arm.estimation.segments import DIAGNOSED, SEGMENT, in_parts
+from elastic_arm.estimation.segments import DIAGNOSED, SEGMENT, in_parts, of_one_rate
 from elastic_arm.memory import keep_memory
 from elastic_arm.output_files import csv_text, write_result
 from elastic_arm.processes import ProcessPool
@@ -120,7 +120,11 @@ def _of_all(paths: Sequence[Path], read: Read, ask: Ask, console: Console) -> Fo
     seconds = max(DIAGNOSED / len(paths), SEGMENT - 1.0)
     with console.status("reading") as status:
         recordings = [read(path, report=shares_of(status), usual=seconds) for path in paths]
-    recordings = sorted(recordings, key=lambda one: one.start_ns) if len(paths) > 1 else in_parts(recordings[0])
+    recordings = [part for one in recordings for part in of_one_rate(one, SEGMENT / 2.0)]
+    recordings = sorted(recordings, key=lambda one: one.start_ns)
+    if len(paths) == 1:
+        least = 2 if len(recordings) == 1 else 1
+        recordings = [part for one in recordings for part in in_parts(one, least)]
     with console.status(f"diagnosing {len(recordings)} recordings"):
         found = ask(recordings)
         followed = courses(found)
@@ -147,7 +151,7 @@ def _alone(path: Path, read: Read, ask: Ask) -> tuple[int, dict[str, Any]] | str
     """Return when a recording begins and its `diagnosis.json`, as laws do not pass between processes; or why not."""
     try:
         recording = read(path, report=lambda what, share: None, usual=DIAGNOSED)
-        return recording.start_ns, ask([recording]).to_dict()
+        return recording.start_ns, {**ask([recording]).to_dict(), "identify": [recording.source]}
     except (ElasticArmError, MemoryError) as error:
         return f"left out: {str(error) or f'{path}: memory is used up'}"
 

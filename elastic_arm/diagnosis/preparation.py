@@ -15,7 +15,7 @@ from elastic_arm.diagnosis.encoder_zeros import with_common_zeros
 from elastic_arm.diagnosis.events import Event
 from elastic_arm.diagnosis.preprocessing import needs_motion, standing, usable
 from elastic_arm.diagnosis.question import Question
-from elastic_arm.diagnosis.split import independent, split
+from elastic_arm.diagnosis.split import HELD_BACK, SHORTEST, independent, split
 from elastic_arm.diagnosis.words import LOW_PASSED, bare_note, standing_note, unseen_notes
 from elastic_arm.dynamics import build_model
 from elastic_arm.effects import EffectInstance, robot_effects
@@ -29,6 +29,7 @@ from elastic_arm.estimation.band import Band
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.equations import SIDES, EquationSet
 from elastic_arm.estimation.observation import Observation, continued, observe
+from elastic_arm.estimation.segments import of_one_rate
 from elastic_arm.evidence.problem import Problem, uncertain_numbers
 from elastic_arm.identification.batch.mounting import Mounting, other_mounting
 from elastic_arm.identification.batch.selection import turning_speeds
@@ -85,11 +86,15 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
     to identification data; a RecordingError if a recording lacks a joint.
     """
     names, held_back = question.robot.joint_names, not validate
-    moving = [without_standstill(r.select(names)) for r in (*recordings, *validate)]
-    chosen = [by_motor_encoders(r, question.robot) for r in moving]
+    least = SHORTEST / HELD_BACK if held_back else SHORTEST
+    moving = [
+        [part for r in some for part in of_one_rate(without_standstill(r.select(names)), least)]
+        for some in (recordings, validate)
+    ]
+    chosen = [by_motor_encoders(r, question.robot) for r in chain.from_iterable(moving)]
     alike = with_common_zeros(share_out(usable, chosen), question.robot)
     alike = [with_made_torque(one, question.robot) for one in alike]
-    parts = split(alike[: len(recordings)], alike[len(recordings) :])
+    parts = split(alike[: len(moving[0])], alike[len(moving[0]) :])
     observed = _observed(parts, held_back=held_back)
     robot, mounting = _mounted(question, observed[0])
     motored = all(piece.tau_m is not None for one in observed[0] for piece in one.pieces)

@@ -5,6 +5,7 @@ columns of the equations of motion, times what each number of the description is
 friction. Standstill counts for nothing, and a motion that was there already for little.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -14,8 +15,10 @@ from scipy.signal import savgol_filter
 from elastic_arm.arrays import Array
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.recording import Recording
+from elastic_arm.recording.inspection.stuck_channels import moves
 from elastic_arm.recording.sides import Side
 from elastic_arm.recording.standstill import STANDS, moving_spans, standing_note, within
+from elastic_arm.recording.timebase.clocks import rates_of
 from elastic_arm.robot import Robot
 
 # s of motion that are taken of one recording of three joints, and less in proportion to more: a diagnosis takes 2 GB
@@ -32,14 +35,34 @@ USUAL, FRICTION = 0.1, 5.0
 NOISE, MISSED = 1.0, 0.02
 
 
-def in_parts(recording: Recording) -> list[Recording]:
-    """Return the parts of a recording, two or more, that hold some seconds of samples each."""
+def in_parts(recording: Recording, least: int = 2) -> list[Recording]:
+    """Return the parts of a recording, so many or more, that hold some seconds of samples each."""
     stamps = max((side.stamp_ns for side in recording.measured().values()), key=len)
     t = (stamps - stamps[0]) * 1e-9
-    count = max(2, round(len(t) * float(np.median(np.diff(t))) / SEGMENT)) if len(t) > 1 else 2
-    edges = [*t[np.linspace(0, len(t), count, endpoint=False).astype(int)].tolist(), float(t[-1]) + 1.0]
+    count = max(least, round(len(t) * float(np.median(np.diff(t))) / SEGMENT)) if len(t) > 1 else least
+    return _cut(recording, t[np.linspace(0, len(t), count, endpoint=False).astype(int)].tolist())
+
+
+def of_one_rate(recording: Recording, lasting: float) -> list[Recording]:
+    """Return the parts of a recording between changes of its rate, so many s or more: each has noise of its own."""
+    samples = recording.samples()
+    found = rates_of(samples.t, lasting)
+    if len(found) < 2:
+        return [recording]
+    begins = [float((samples.stamp_ns[k] - recording.start_ns) * 1e-9) for k, _ in found]
+    rates = ", ".join(f"{rate:.4g} Hz from {begin:.1f} s" for begin, (_, rate) in zip(begins, found, strict=True))
+    words = f"{recording.source or 'the recording'}: the rate changes, parts of one rate count singly: {rates}"
+    parts = _cut(replace(recording, notes=(*recording.notes, words)), [0.0, *begins[1:]])
+    return [part for part in parts if moves(part)] or [recording]
+
+
+def _cut(recording: Recording, begins: Sequence[float]) -> list[Recording]:
+    """Return the parts of a recording that begin at so many s of it, named by their times."""
+    if len(begins) == 1:
+        return [recording]
+    edges, end = [*begins, recording.duration + 1.0], recording.duration
     return [
-        replace(recording.between(a, b), source=f"{recording.source}, {a:.0f} to {min(b, t[-1]):.0f} s")
+        replace(recording.between(a, b), source=f"{recording.source}, {a:.0f} to {min(b, end):.0f} s")
         for a, b in pairwise(edges)
     ]
 

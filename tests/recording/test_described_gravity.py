@@ -60,6 +60,18 @@ def contradicted_gravity(recording: Recording, robot: Robot) -> list[Finding]:
     return contradicted([*side_motions(recording, robot)], robot)
 
 
+@pytest.mark.parametrize(("of", "kept"), [(3, 2), (10, 7), (10, 2)])
+def test_samples_lost_in_a_pattern_are_no_other_gravity(of: int, kept: int) -> None:
+    """Rates over the samples that are left are rates over time; where holes are everywhere, nothing is told."""
+    whole = recorded(arm(), speed=3.0)
+    left = np.arange(len(whole.link or ())) % of < kept
+    lossy = replace(whole, **{name: side.at(left) for name, side in whole.sides().items()})  # type: ignore[arg-type]
+    assert contradicted_gravity(lossy, arm()) == []
+    for (_, motion), (_, true) in zip(side_motions(lossy, arm()), side_motions(whole, arm()), strict=True):
+        if len(motion.q):
+            assert motion.ddq.std(axis=0) == pytest.approx(true.ddq.std(axis=0), rel=0.1)
+
+
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("speed", [0.3, 1.0, 4.0])
 def test_right_signs_are_not_blamed(seed: int, speed: float) -> None:

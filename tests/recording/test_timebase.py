@@ -8,6 +8,7 @@ import pytest
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording import Recording, Side
 from elastic_arm.recording.sides import ClockMode
+from elastic_arm.recording.timebase.clocks import rates_of
 from elastic_arm.recording.timebase.joining import pair
 from tests.helpers.bags import JOINTS, START_NS, side, stamps, two_sided
 
@@ -98,3 +99,33 @@ def test_an_empty_recording_has_no_samples() -> None:
     """Nothing recorded: said, with what to record."""
     with pytest.raises(RecordingError, match="Record /joint_states or /motor_states"):
         Recording(JOINTS).samples()
+
+
+@pytest.mark.parametrize(
+    ("parts", "rates", "begins"),
+    [
+        ([(10, 1000), (10, 500)], [1000, 500], [0, 10]),
+        ([(4, 1000), (3, 250), (10, 1000)], [1000, 250, 1000], [0, 4, 7]),
+        ([(1, 1000), (20, 500)], [500], [0]),
+        ([(20, 1000), (1, 500)], [1000], [0]),
+    ],
+)
+def test_rates_that_last_are_told_apart(
+    rng: np.random.Generator, parts: list[tuple[int, int]], rates: list[int], begins: list[int]
+) -> None:
+    """Stretches of 2.5 s and more, with jittered stamps and a hole; shorter ones count to their neighbours."""
+    t = np.cumsum(np.concatenate([np.full(seconds * rate, 1 / rate) for seconds, rate in parts]))
+    t += rng.uniform(0.0, 2e-4, len(t))
+    holed = t + 30.0 * (t > 2.0)
+    for stamped in (t, holed):
+        found = rates_of(stamped, 2.5)
+        assert [rate for _, rate in found] == pytest.approx(rates, rel=0.02)
+        np.testing.assert_allclose([t[k] for k, _ in found], begins, atol=0.15)
+
+
+def test_neither_bunches_nor_lost_samples_nor_jitter_are_another_rate(rng: np.random.Generator) -> None:
+    """One rate is told of samples that arrive in bunches of 20, of which a third is lost, or late by 2 ms."""
+    t = np.arange(1, 20_000) * 1e-3
+    bunched = np.ceil(t / 0.02) * 0.02 + np.arange(len(t)) * 1e-9
+    for stamped in (bunched, t[rng.random(len(t)) < 0.67], np.sort(t + rng.normal(0.0, 2e-3, len(t)))):
+        assert len(rates_of(stamped, 2.5)) == 1

@@ -22,6 +22,7 @@ from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.series import Series
 from elastic_arm.recording.sides import Stamps, matched_names
 from elastic_arm.recording.storage.bag import open_bag
+from elastic_arm.recording.timebase.clocks import RATE_CHANGE
 from elastic_arm.recording.topics import JOINT_STATES, JOINT_TORQUES, MOTOR_STATES, REFERENCE
 from elastic_arm.robot import Robot
 
@@ -33,7 +34,6 @@ _STATES = (JOINT_STATES, MOTOR_STATES)
 _SIDES = {"link": JOINT_STATES, "motor": MOTOR_STATES, "reference": REFERENCE}
 _GAP = 2.5  # sample intervals: more is a gap, not jitter
 _JITTER = 0.05  # of the sample interval
-_RATE_CHANGE = 0.2
 _DRIFT = 20e-6  # two good crystals differ by less
 
 
@@ -209,7 +209,7 @@ def _check_stamps(topic: str, stamp_ns: Stamps, report: Report) -> None:
     usual = float(np.median(even))
     parts = [float(np.median(part)) for part in np.array_split(even, min(10, len(even) // 5))]
     slow, fast = max(parts), min(parts)
-    if slow > (1 + _RATE_CHANGE) * fast:
+    if slow > (1 + RATE_CHANGE) * fast:
         message = f"{topic} has mixed rates: between {1e9 / slow:.6g} Hz and {1e9 / fast:.6g} Hz"
         report.add("warning", "mixed_rates", message, topic=topic)
     elif (spread := float(np.std(even))) > _JITTER * usual:

@@ -141,8 +141,10 @@ def _fits(motions: Motions, robot: Robot) -> Iterator[tuple[str, SideMotion, Gra
         q, dq, ddq, torque = (np.concatenate(parts)[::every] for parts in list(zip(*own, strict=True))[:4])
         measured = sorted(set.intersection(*(set(motion.measured) for motion in own)))
         whole = SideMotion(q, dq, ddq, torque, measured)
+        if len(whole.q) < FEWEST:  # holes everywhere
+            continue
         fit = _fit_gravity(whole, robot, motors=side == "motor")
-        if len(whole.q) >= FEWEST and fit.gravity.any():
+        if fit.gravity.any():
             yield side, whole, fit
 
 
@@ -162,7 +164,11 @@ def _motion(samples: Samples, position: Array, channel: str) -> SideMotion:
     step = float(np.median(np.diff(samples.t)))
     # 0.1 s over which positions are differentiated: gravity changes more slowly
     width = max(round(0.1 / step) // 2 * 2 + 1, 5)
-    dq, ddq = (savgol_filter(position, width, 3, deriv=k, delta=step, axis=0) for k in (1, 2))
+    # Over numbers of samples, and of the times at these: some may be missing.
+    slope, curvature = (savgol_filter(samples.t, width, 3, deriv=k)[:, None] for k in (1, 2))
+    dq, ddq = (savgol_filter(position, width, 3, deriv=k, axis=0) for k in (1, 2))
+    dq = dq / slope
+    ddq = (ddq - dq * curvature) / slope**2
     # Across a hole there is no derivative.
     holes = np.zeros(len(position), np.bool_)
     for row in np.flatnonzero(np.diff(samples.t) > 2.5 * step).tolist():

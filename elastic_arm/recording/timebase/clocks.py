@@ -8,9 +8,11 @@ together (the change of position less the integral of the velocity), and from th
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import median_filter
 
 from elastic_arm.arrays import Array
 from elastic_arm.recording.sides import Samples
@@ -35,6 +37,10 @@ MISSING_LATE = (3.0, 6.0, 12.0)
 HOLE = 1000
 # Samples over which the mean interval is taken then: late stamps come in bunches.
 BUNCH = 32
+# Relative difference of two rates that no clock and no loss of single samples makes.
+RATE_CHANGE = 0.2
+# Instants at which the rate is looked at in the time that it lasts at least.
+LASTING = 200
 # Deviations of the stamps below this share of an interval change nothing.
 NO_JITTER = 1e-3
 # A velocity that equals the difference of the positions to this share is made from it, and no measurement.
@@ -120,6 +126,25 @@ def bunched(t: Array) -> float:
     """Return the mean interval, s, in most stretches of :data:`BUNCH` samples."""
     span = min(BUNCH, len(t) - 1)
     return float(np.median((t[span:] - t[:-span]) / span))
+
+
+def rates_of(t: Array, lasting: float) -> list[tuple[int, float]]:
+    """Return the first sample of each stretch of one rate that lasts so many s or more, and that rate, Hz."""
+    each = np.diff(t[::BUNCH]) / BUNCH
+    if not len(each):
+        return []
+    lasts = np.cumsum(np.where(each < HOLE / BUNCH * np.median(each), each, 0.0)) * BUNCH
+    at = np.searchsorted(lasts, np.arange(0.0, lasts[-1], lasting / LASTING), side="right")
+    usual = np.log(median_filter(each[at], 2 * LASTING - 1, mode="nearest"))
+    found, first = [0], usual[0]
+    for k in range(1, len(usual) - LASTING + 1):
+        if abs(usual[k] - first) > np.log1p(RATE_CHANGE) and np.ptp(usual[k : k + LASTING]) < np.log1p(RATE_CHANGE):
+            found = [*found, k] if k >= LASTING else [0]
+            first = usual[k]
+    return [
+        (int(at[a]) * BUNCH if a else 0, float(np.exp(-np.median(usual[a:b]))))
+        for a, b in pairwise([*found, len(usual)])
+    ]
 
 
 def jitter_of(t: Array, k: NDArray[np.int64]) -> Array:
