@@ -155,7 +155,7 @@ def diagnose_command(
             found.to_csv(out_dir)
         for k, bag in enumerate(residual_bags):
             one = (judges or recordings)[k].select(robot.joint_names)
-            write_recording(bag, one, further=found.residual_sides(k, one.start_ns), drawn=robot)
+            write_recording(bag, one, further=found.residual_sides(one.source, one.start_ns), drawn=robot)
     if json:
         print_json(found.to_dict())
     elif not quiet:

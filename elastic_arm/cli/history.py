@@ -1,6 +1,7 @@
 """`elastic-arm history`: the numbers of one arm over recordings, and what changed."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from functools import partial
 from itertools import count
@@ -151,7 +152,7 @@ def _alone(path: Path, read: Read, ask: Ask) -> tuple[int, dict[str, Any]] | str
     """Return when a recording begins and its `diagnosis.json`, as laws do not pass between processes; or why not."""
     try:
         recording = read(path, report=lambda what, share: None, usual=DIAGNOSED)
-        return recording.start_ns, {**ask([recording]).to_dict(), "identify": [recording.source]}
+        return recording.start_ns, replace(ask([recording]), identify=(recording.source,)).to_dict()
     except (ElasticArmError, MemoryError) as error:
         return f"left out: {str(error) or f'{path}: memory is used up'}"
 

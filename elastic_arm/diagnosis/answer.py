@@ -134,7 +134,7 @@ class Answer:
                 for look, own in zip(looks, problem.indices, strict=True)
                 if number in own
                 for blocks in blocks_of(
-                    look.judging.data, look.after, own.index(number), whole.prepared.begins(look.which, source)
+                    look.judging.data, look.after, own.index(number), whole.prepared.begins[look.which][source]
                 )
             ]
             found += events_of(parts, source, self.places, problem.layout.live)

@@ -53,23 +53,21 @@ class Prepared:
     problem: Problem  # recordings, equations, numbers, effects
     unseen: tuple[EffectInstance, ...]  # known effects that act in no recorded equation
     sources: tuple[tuple[str, ...], tuple[str, ...]]  # where the recordings of either part come from
-    judged: dict[str, tuple[float, float]]  # recording -> from when to when it judges, s
+    # recording -> where each part that is fitted or judges begins in it, s, and from when to when it judges
+    begins: tuple[dict[str, float], dict[str, float]]
+    judged: dict[str, tuple[float, float]]
     independent_motion: bool  # whether the motion that judges is another one
     notes: tuple[str, ...]  # on the data
     mounting: Mounting | None  # how the arm is mounted, where that is not as described
     made: tuple[str, ...]  # joints whose motor torques are made of commands
     events: tuple[Event, ...] = ()  # that are left out
 
-    def begins(self, which: int, source: str) -> float:
-        """Return where a part of a recording begins in it, s."""
-        return self.judged[source][0] if which else 0.0
-
     def without(self, events: Sequence[Event]) -> Prepared:
         """Return it with these events, and no others, left out."""
         names = self.problem.robot.joint_names
 
         def lacking(which: int, one: Observation) -> Observation:
-            first, there = self.begins(which, one.source), (e for e in events if e.recording == one.source)
+            first, there = self.begins[which][one.source], (e for e in events if e.recording == one.source)
             at = ((SIDES.index(e.side), names.index(e.joint), e.begin - first, e.end - first) for e in there)
             return replace(one, events=tuple(at))
 
@@ -88,13 +86,18 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
     names, held_back = question.robot.joint_names, not validate
     least = SHORTEST / HELD_BACK if held_back else SHORTEST
     moving = [
-        [part for r in some for part in of_one_rate(without_standstill(r.select(names)), least)]
+        [(part, r.start_ns) for r in some for part in of_one_rate(without_standstill(r.select(names)), least)]
         for some in (recordings, validate)
     ]
-    chosen = [by_motor_encoders(r, question.robot) for r in chain.from_iterable(moving)]
+    chosen = [by_motor_encoders(r, question.robot) for r, _ in chain.from_iterable(moving)]
     alike = with_common_zeros(share_out(usable, chosen), question.robot)
     alike = [with_made_torque(one, question.robot) for one in alike]
     parts = split(alike[: len(moving[0])], alike[len(moving[0]) :])
+    starts = [start for _, start in moving[0]], [start for _, start in moving[0 if held_back else 1]]
+    begins = [
+        {r.source: (r.start_ns - start) * 1e-9 for r, start in zip(part, own, strict=True)}
+        for part, own in zip(parts, starts, strict=True)
+    ]
     observed = _observed(parts, held_back=held_back)
     robot, mounting = _mounted(question, observed[0])
     motored = all(piece.tau_m is not None for one in observed[0] for piece in one.pieces)
@@ -143,7 +146,8 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
         problem=problem,
         unseen=unseen,
         sources=(tuple(r.source for r in parts[0]), tuple(r.source for r in parts[1])),
-        judged={r.source: _span(r, whole) for r, whole in zip(parts[1], alike[-len(parts[1]) :], strict=True)},
+        begins=(begins[0], begins[1]),
+        judged={r.source: (begins[1][r.source], begins[1][r.source] + r.duration) for r in parts[1]},
         independent_motion=independent(*parts),
         notes=tuple(notes),
         mounting=mounting,
@@ -161,12 +165,6 @@ def _check_memory(observed: Sequence[Observation], layout: EquationSet, band: Ba
             "are free",
             "Take less motion (--motion 20), fewer recordings or more memory",
         )
-
-
-def _span(part: Recording, whole: Recording) -> tuple[float, float]:
-    """Return from when to when of a recording a part of it lasts, s."""
-    begin = (part.start_ns - whole.start_ns) * 1e-9
-    return begin, begin + part.duration
 
 
 def _largest_torques(observed: Sequence[Observation], n: int) -> Array:

@@ -20,6 +20,7 @@ from elastic_arm.estimation.equations import SIDES
 from elastic_arm.formatting import JointUnits
 from elastic_arm.output_files import write_result
 from elastic_arm.recording import Side
+from elastic_arm.recording.sides import joined_sides
 from elastic_arm.results import Result, Row
 
 if TYPE_CHECKING:
@@ -359,18 +360,20 @@ class Diagnosis(Result):
             rows += [{"recording": source, "t": at, **dict(zip(names, row, strict=True))} for at, row in values]
         return rows
 
-    def residual_sides(self, recording: int, start_ns: int) -> dict[str, Side]:
-        """Return the residuals of a recording that judged as topics, `/residuals/motor/before`."""
+    def residual_sides(self, source: str, start_ns: int) -> dict[str, Side]:
+        """Return the residuals of a recording that judged, or of its parts, as topics, `/residuals/motor/before`."""
         if self.context is None:
             return {}
-        t, *residuals = self.context.over_time(recording)
-        begin, n = list(self.judged.values())[recording][0], len(self.joints)
-        stamps = start_ns + np.round(1e9 * (begin + t)).astype(np.int64)
-        return {
-            f"/residuals/{side}/{when}": Side(stamps, effort=values[:, n * s : n * (s + 1)])
-            for when, values in zip(("before", "after"), residuals, strict=True)
-            for s, side in enumerate(self.context.validate.layout.sides)
-        }
+        found: dict[str, list[Side]] = {}
+        sides = self.context.validate.layout.sides
+        for k, (name, (begin, _)) in enumerate(self.judged.items()):
+            if name == source or name.startswith(f"{source}, "):
+                t, *residuals = self.context.over_time(k)
+                stamps = start_ns + np.round(1e9 * (begin + t)).astype(np.int64)
+                for when, values in zip(("before", "after"), residuals, strict=True):
+                    for side, own in zip(sides, np.hsplit(values, len(sides)), strict=True):
+                        found.setdefault(f"/residuals/{side}/{when}", []).append(Side(stamps, effort=own))
+        return {topic: joined_sides(parts) for topic, parts in found.items()}
 
     def to_dict(self) -> dict[str, Any]:
         """Return the content of `diagnosis.json`."""

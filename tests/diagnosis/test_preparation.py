@@ -103,16 +103,20 @@ def test_recordings_of_unequal_rates_go_together() -> None:
 def test_a_recording_whose_rate_changes_is_taken_in_parts_of_one_rate() -> None:
     """Half of it at half the rate is no event, and tells the same friction."""
     effect = "coulomb_friction:joint_2:torque=4.0,side=motor"
-    first, judge = (record(motion, effect, seed=k) for k, motion in enumerate(motions()))
-    at = np.arange(len(first.link or ()))
-    kept = (at < 3000) | (at % 2 == 0)
-    halved = replace(first, **{name: side.at(kept) for name, side in first.sides().items()}, source="run")  # type: ignore[arg-type]
-    found = diagnose([halved], question(), [judge])
+    halved = []
+    for k, motion in enumerate(motions()):
+        whole = record(motion, effect, seed=k)
+        kept = np.flatnonzero((at := np.arange(len(whole.link or ()))) * (at % 2) < 3000)
+        sides = {name: side.at(kept) for name, side in whole.sides().items()}
+        halved.append(replace(whole, **sides, source=f"run {k}"))  # type: ignore[arg-type]
+    found = diagnose(halved[:1], question(), halved[1:])
     assert found.verdict == "explained" and not found.events and not found.changes
-    assert found.identify == ("run, 0 to 3 s", "run, 3 to 6 s")
+    assert found.identify == ("run 0, 0 to 3 s", "run 0, 3 to 6 s")
     assert any("1000 Hz from 0.0 s, 500 Hz from 3.0 s" in note for note in found.notes)
     (cause,) = found.causes
     assert abs(cause.parameters["torque"].value - 4.0) < 3.0 * cause.parameters["torque"].std < 0.1
+    residuals = found.residual_sides("run 1", 0)["/residuals/motor/after"]
+    assert residuals.stamp_ns[0] < 0.3e9 and residuals.stamp_ns[-1] > 5.7e9
 
 
 def test_one_encoder_narrows_the_band() -> None:

@@ -136,7 +136,9 @@ def test_the_layout_of_residuals_shows_what_the_bag_holds(two_causes: Diagnosis)
     layout = json.loads((Path(__file__).parents[2] / "layouts" / "residuals.json").read_text())
     panels = layout["configById"]
     curves = [p["value"] for name, panel in panels.items() if name.startswith("Plot!") for p in panel["paths"]]
-    topics = {f"{topic}.effort[{k}]" for topic in two_causes.residual_sides(0, 0) for k in range(ROBOT.n)}
+    topics = {
+        f"{topic}.effort[{k}]" for topic in two_causes.residual_sides(two_causes.validate[0], 0) for k in range(ROBOT.n)
+    }
     assert set(curves) == topics
     assert sorted(re.findall(r'"(\w+!\w+)"', json.dumps(layout["layout"]))) == sorted(panels)
 
