@@ -136,15 +136,12 @@ def _physical(parameter: Any, value: Any) -> Any:
 
 def averaged(found: Sequence[tuple[float, Mapping[str, ParameterEstimate]]]) -> dict[str, ParameterEstimate]:
     """Return mean and deviation of parameters over sets, (probability, parameters) each, the most probable first."""
-    weights = np.array([w for w, _ in found])
-    weights = weights / weights.sum()
-    result = {}
+    weights, result = np.array([w for w, _ in found]), dict(found[0][1])
     for name, first in found[0][1].items():
-        if first.std is None or isinstance(first.value, list):
-            result[name] = first
-            continue
-        rows = [(w, one[name]) for w, (_, one) in zip(weights, found, strict=True) if one[name].std is not None]
-        mean = sum(w * e.value for w, e in rows) / sum(w for w, _ in rows)
-        variance = sum(w * (e.std**2 + (e.value - mean) ** 2) for w, e in rows) / sum(w for w, _ in rows)
-        result[name] = ParameterEstimate(float(mean), float(np.sqrt(variance)), first.unit)
+        values, stds = (np.array([getattr(one[name], x) for _, one in found], float) for x in ("value", "std"))
+        known = np.isfinite(stds.reshape(len(found), -1)).all(axis=1)
+        if known[0]:
+            mean = np.average(values[known], axis=0, weights=weights[known])
+            variance = np.average(stds[known] ** 2 + (values[known] - mean) ** 2, axis=0, weights=weights[known])
+            result[name] = ParameterEstimate(mean.tolist(), np.sqrt(variance).tolist(), first.unit)
     return result

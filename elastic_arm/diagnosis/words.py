@@ -209,8 +209,9 @@ def _verdict_sentence(found: Diagnosis, beside: str) -> str:
 
 def cause_sentence(cause: Cause, model: str) -> str:
     """Return in plain words what the arm or its recording has that the model lacks, and what it may be instead."""
-    effect, sizes = cause.instance.effect, {n: _short(e.value, e.unit) for n, e in cause.parameters.items()}
-    values = cause.instance.parameters
+    effect, values, told = cause.instance.effect, cause.instance.parameters, _told(cause)
+    texts = {n: (size_text(e.value, e.std, e.unit), _short(e.value, e.unit)) for n, e in cause.parameters.items()}
+    sizes = {name: both[told[name]] for name, both in texts.items()}
     given = {c.name: chosen(values[c.name]).replace("_", " ") for c in effect.choices}
     given |= {p.name: _short(values[p.name], p.unit) for p in effect.parameters}
     generic = f"has {effect.id.replace('_', ' ')} of {listed([f'{n} {size}' for n, size in sizes.items()] or ['it'])}"
@@ -221,11 +222,20 @@ def cause_sentence(cause: Cause, model: str) -> str:
         what += f", which {model} lacks ({_richer(cause)} has it)"
     elif not isinstance(effect, SensorEffect) and effect.parameters[0].neutral != 1.0:
         what += ", which the model lacks"
+    if told and not any(told.values()):
+        what += " (this recording tells that it is there, and not its size)"
     other = max(cause.alternatives, key=lambda a: a.confidence, default=None)
     if other is not None and other.confidence >= WORTH_A_LINE:
         what += f" (or {effect_at(other.effect, other.joint)}: this recording does not separate them)"
     subject = (cause.joint or "the arm").replace("_", " ")
     return f"{subject[:1].upper()}{subject[1:]} {what}."
+
+
+def _told(cause: Cause) -> dict[str, bool]:
+    """Return whether each size of a cause is further from none, or from what is stated, than its own deviation."""
+    none = {p.name: p.neutral or 0.0 for p in cause.instance.effect.parameters} | dict(cause.stated or {})
+    found = {n: (np.array(e.value, float), np.array(e.std, float)) for n, e in cause.parameters.items()}
+    return {n: not bool(np.all(np.abs(value - none[n]) <= std)) for n, (value, std) in found.items()}
 
 
 def _short(value: Any, unit: str) -> str:

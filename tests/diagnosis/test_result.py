@@ -177,9 +177,11 @@ def test_the_corrected_arm_has_what_was_known_and_what_was_found() -> None:
 def test_a_size_is_as_uncertain_as_the_set_of_causes_is() -> None:
     """5 and 7 Nm in two sets at odds of 3 to 1 have the mean 5.5, and their spread adds to the deviation."""
     sets = [(p, {"torque": ParameterEstimate(v, 0.1, "Nm")}) for p, v in ((0.6, 5.0), (0.2, 7.0))]
-    size = averaged(sets)["torque"]
-    assert size.value == pytest.approx(5.5)
-    assert size.std == pytest.approx((0.1**2 + 0.75 * 0.5**2 + 0.25 * 1.5**2) ** 0.5)
+    size, std = averaged(sets)["torque"], (0.1**2 + 0.75 * 0.5**2 + 0.25 * 1.5**2) ** 0.5
+    assert (size.value, size.std) == pytest.approx((5.5, std))
+    sets = [(p, {"com": ParameterEstimate([v, 1.0], [0.1, 0.2], "m")}) for p, v in ((0.6, 5.0), (0.2, 7.0))]
+    size = averaged(sets)["com"]
+    assert size.value == pytest.approx([5.5, 1.0]) and size.std == pytest.approx([std, 0.2])
 
 
 def test_a_cause_is_a_plain_sentence() -> None:
@@ -200,6 +202,19 @@ def test_a_cause_is_a_plain_sentence() -> None:
     assert cause_sentence(replace(alone, instance=own), "mod3").startswith(
         "Joint 2 has coulomb friction of torque 6 Nm"
     )
+
+
+@pytest.mark.parametrize(("std", "words"), [(0.03, "share of 0.06 over"), (0.3, "share of 0.06 ± 0.30 over")])
+def test_a_size_within_its_deviation_of_none_is_not_said_as_known(std: float, words: str) -> None:
+    """Such a size has its deviation in the sentence, and where there is no other, the sentence says that it is open."""
+    one = cause("thermal_friction:joint_2:change=0.06", change=ParameterEstimate(0.06, std, "1"))
+    told = cause_sentence(one, "mod3")
+    assert words in told and ("that it is there, and not its size" in told) == (std > 0.06)
+    stated = replace(cause(torque=ParameterEstimate(0.1, 0.3, "Nm")), stated={"torque": 60.0})
+    assert "loses 0.1 Nm of" in cause_sentence(stated, "mod3")  # 200 deviations from what is stated
+    sizes = {"mass": ParameterEstimate(1.0, 0.1, "kg"), "position": ParameterEstimate([0.06, 0.0, 0.0], [0.3] * 3, "m")}
+    load = cause_sentence(cause("payload:mass=1,position=0.06/0/0", **sizes), "mod3")
+    assert "carries 1 kg at its tool" in load and "not its size" not in load
 
 
 def test_every_effect_says_in_plain_words_what_it_does() -> None:
