@@ -12,10 +12,7 @@ from contextlib import suppress
 from types import FrameType
 from typing import TYPE_CHECKING
 
-from elastic_arm.blas import one_blas_thread
-from elastic_arm.errors import ElasticArmError
 from elastic_arm.lazy_names import lazily
-from elastic_arm.memory import available_memory
 
 if TYPE_CHECKING:
     from elastic_arm.cli.application import SUBCOMMANDS, app, load
@@ -30,6 +27,14 @@ LIBRARIES = 4e8  # bytes of addresses, measured; some of them wait for ever wher
 
 def main() -> None:
     """Entry point."""
+    # Some are ignored, as behind nohup.
+    heeded = [number for number in (signal.SIGINT, signal.SIGTERM) if signal.getsignal(number) is not signal.SIG_IGN]
+    for number in heeded:
+        signal.signal(number, signal.SIG_DFL)
+    from elastic_arm.blas import one_blas_thread
+    from elastic_arm.errors import ElasticArmError
+    from elastic_arm.memory import available_memory
+
     if (there := available_memory()) < LIBRARIES:
         sys.stderr.write(
             f"error: {there / 1e6:.0f} MB of memory are free, and the libraries alone take {LIBRARIES / 1e6:.0f} MB. "
@@ -37,18 +42,14 @@ def main() -> None:
         )
         raise SystemExit(2)
     one_blas_thread(os.environ)
-    # Some are ignored, as behind nohup.
-    heeded = [number for number in (signal.SIGINT, signal.SIGTERM) if signal.getsignal(number) is not signal.SIG_IGN]
-    for number in heeded:
-        signal.signal(number, signal.SIG_DFL)
     from elastic_arm.cli.application import app
     from elastic_arm.cli.console import guard_output
 
     guard_output()
     interrupts = _Interrupts()
-    for number in (*heeded, *([signal.SIGALRM] if heeded else [])):
-        signal.signal(number, interrupts.take)
     try:
+        for number in (*heeded, *([signal.SIGALRM] if heeded else [])):
+            signal.signal(number, interrupts.take)
         app()
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)

@@ -212,13 +212,14 @@ module.load_arm = load_arm
     assert not done.stderr
 
 
-def test_an_interrupt_while_libraries_load_ends_the_process_quietly() -> None:
+@pytest.mark.parametrize("loading", ["elastic_arm.memory", "elastic_arm.cli.application"])
+def test_an_interrupt_while_libraries_load_ends_the_process_quietly(loading: str) -> None:
     """The second that this takes is one in which one may think better of it."""
-    before = """
+    before = f"""
 import os, signal, sys
 class Interrupt:
     def find_spec(self, name, path=None, target=None):
-        if name == "elastic_arm.cli.application":
+        if name == "{loading}":
             os.kill(os.getpid(), signal.SIGINT)
 sys.meta_path.insert(0, Interrupt())
 """
