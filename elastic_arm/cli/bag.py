@@ -82,7 +82,8 @@ def check(
     if out_folder is not None and len(paths) > 1:
         raise typer.BadParameter("names the copy of one bag", param_hint="--out")
     arm = None if robot is None else options.load_arm(robot, chain, at)
-    of_bag = partial(check_bag, channels=options.channel_map(channels), robot=arm, namespace=namespace)
+    mapped = options.channel_map(channels)
+    of_bag = partial(check_bag, channels=mapped, robot=arm, namespace=namespace)
     told, status = [], 0
     for path in paths:
         try:
@@ -96,7 +97,7 @@ def check(
             status = 2
         # What no reader opens no repair does.
         wanted = repair and not report.ok and report.findings[0].code != "unreadable"
-        mended = repair_bag(path, out_folder) if wanted else None
+        mended = repair_bag(path, out_folder, mapped) if wanted else None
         after = None if mended is None else of_bag(mended.path)
         told.append({**report.to_json(), "repaired": _repaired(mended, after)})
         if not json:

@@ -118,7 +118,14 @@ def test_files_that_name_others_are_refused(tmp_path: Path) -> None:
     with h5py.File(tmp_path / "virtual.h5", "a") as file:
         del file["q"]
         file["t"] = np.arange(3.0)
-    assert list(load_arrays(tmp_path / "virtual.h5")) == ["t"]
+        file["same"] = h5py.SoftLink("/t")
+    found = load_arrays(tmp_path / "virtual.h5")
+    assert found["t"].tolist() == [0.0, 1.0, 2.0]
+    assert found["linked"][0].startswith("a link to q of ") and "source.h5, which is not" in found["linked"][0]
+    assert found["same"].tolist() == ["a link to /t, which is not followed"]
+    (tmp_path / "map.yaml").write_text("times: {key: t}\njoints: [j]\nlink: {position: {key: linked}}")
+    with pytest.raises(RecordingError, match=r"linked is no table of numbers, but of str[0-9]*: \['a link to q of "):
+        import_runs(tmp_path / "virtual.h5", tmp_path / "map.yaml")
 
 
 @pytest.mark.parametrize("lists", [False, True])

@@ -7,6 +7,7 @@ import pytest
 
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording import Recording, read_recording, write_recording
+from elastic_arm.recording.foreign.channels import ChannelMap
 from elastic_arm.recording.inspection.check import check_bag
 from elastic_arm.recording.inspection.repair import repair_bag
 from elastic_arm.recording.storage.mcap import open_mcap
@@ -67,6 +68,20 @@ def test_arms_in_namespaces_are_repaired(tmp_path: Path) -> None:
     given[130] = (topic, kind, log, joint_state(log, JOINTS, [0.0, np.nan, 0.0], [0.0] * 3, [0.0] * 3))
     mended = repair_bag(write_foreign(tmp_path / "bag", given))
     assert mended.kept == 199 and "1 of 100 messages on /right/joint_states" in mended.dropped[0]
+
+
+def test_topics_of_a_channel_map_are_repaired(tmp_path: Path) -> None:
+    """Messages with numbers that are none in a mapped field are left out, and those with them elsewhere stay."""
+    given = states("/drives", stamps(100))
+    for row, field in ((30, 0), (60, 2)):
+        numbers = [[0.0, np.nan, 0.0] if k == field else [0.0] * 3 for k in range(3)]
+        given[row] = (*given[row][:3], joint_state(given[row][2], JOINTS, *numbers))
+    bag = write_foreign(tmp_path / "bag", given)
+    source = {"motor": {"position": {"topic": "/drives"}}}
+    channels = ChannelMap.model_validate({"joints": dict.fromkeys(JOINTS, source)})
+    mended = repair_bag(bag, channels=channels)
+    assert mended.kept == 99 and "1 of 100 messages on /drives" in mended.dropped[0]
+    assert check_bag(mended.path, channels=channels).usable and not check_bag(bag, channels=channels).usable
 
 
 def test_repair_copies_everything_else(tmp_path: Path, rng: np.random.Generator) -> None:

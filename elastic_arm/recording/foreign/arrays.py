@@ -371,7 +371,8 @@ def _table(arrays: Arrays, source: ArrayChannel, count: int, n: int) -> Array:
         if key in arrays.faults:
             raise RecordingError(f"{key}: {arrays.faults[key]}", "Write nan or nothing where there is no number.")
         if arrays[key].dtype.kind not in "biuf":
-            problem = f"{key} is no table of numbers, but of {arrays[key].dtype.name}"
+            first = f"{arrays[key].ravel()[:1].tolist()!s:.80}"
+            problem = f"{key} is no table of numbers, but of {arrays[key].dtype.name}: {first}"
             raise RecordingError(problem, "Map arrays of real numbers.")
     try:
         parts = [np.asarray(arrays[key], dtype=np.float64) for key in keys]

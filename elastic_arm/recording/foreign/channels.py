@@ -217,10 +217,17 @@ class ChannelMap(Strict):
         coupling_matrix(self.coupling, list(self.joints))
         return self
 
+    def fields(self) -> dict[str, set[str]]:
+        """Return all fields that are needed, by topic."""
+        found: dict[str, set[str]] = {}
+        for side in (side for joint in self.joints.values() for side in joint.sides()):
+            for channel in side.present().values():
+                found.setdefault(channel.topic, set()).add(channel.field)
+        return found
+
     def topics(self) -> set[str]:
         """Return all topics that are needed."""
-        sides = [side for joint in self.joints.values() for side in joint.sides()]
-        return {channel.topic for side in sides for channel in side.present().values()}
+        return set(self.fields())
 
     def currents(self) -> tuple[str, ...]:
         """Return the torque channels, by the names of a recording, that are currents of any joint."""

@@ -132,20 +132,24 @@ def _column(column: Any) -> np.ndarray | None:
 def _hdf5(path: str, most: int) -> Iterator[tuple[str, np.ndarray]]:
     import h5py
 
+    links: list[tuple[str, Any]] = []
     found: list[tuple[str, Any]] = []
-
-    def visit(name: str, item: Any) -> None:
-        if isinstance(item, h5py.Dataset) and item.dtype.kind in "biuf" and item.ndim in (1, 2):
-            if item.external or item.is_virtual:
-                problem = f": {name[:60]} lies in other files, which an HDF5 file may name at will"
-                raise RecordingError(problem, "Copy it into the file itself, for example with h5repack.")
-            found.append((name, item))
-
     with h5py.File(path, "r") as file:
-        file.visititems(visit)
+        file.visititems_links(lambda name, link: links.append((name, link)))
+        for name, link in links:
+            item = file[name] if isinstance(link, h5py.HardLink) else None
+            if isinstance(item, h5py.Dataset) and item.dtype.kind in "biuf" and item.ndim in (1, 2):
+                if item.external or item.is_virtual:
+                    problem = f": {name[:60]} lies in other files, which an HDF5 file may name at will"
+                    raise RecordingError(problem, "Copy it into the file itself, for example with h5repack.")
+                found.append((name, item))
         _refuse_large(sum(item.size * item.dtype.itemsize for _, item in found), most)
         for name, item in found:
             yield name.replace("/", "."), item[()]
+    for name, link in links:  # what is not followed is a text, as what is no numbers
+        if not isinstance(link, h5py.HardLink):
+            where = f"{link.path} of {link.filename}" if isinstance(link, h5py.ExternalLink) else link.path
+            yield name.replace("/", "."), np.array([f"a link to {where}, which is not followed"])
 
 
 def _refuse_large(size: int, most: int) -> None:

@@ -75,7 +75,8 @@ def guess_mapping(arrays: Mapping[str, np.ndarray], joints: Sequence[str], prism
         # What is in the columns is told by those of joints that turn.
         turning = [replace(table, values=table.values[:, ~slides]) for table in contents.tables]
         contents = replace(contents, tables=tuple(turning))
-    faults = getattr(arrays, "faults", {})
+    texts = {key: values.ravel()[0] for key, values in arrays.items() if values.dtype.kind == "U" and values.size}
+    faults = texts | getattr(arrays, "faults", {})
     numbers = [key for key in contents.rest if arrays[key].dtype.kind in "iufc" and key != FILE_INDEX]
     ignored = [(key, "no table of all joints") for key in numbers]
     chosen: dict[tuple[SideName, ChannelName], Guess] = {}

@@ -1,13 +1,14 @@
 """A usable copy of a bag, beside it; the bag itself is never touched."""
 
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.errors import RecordingError
+from elastic_arm.recording.foreign.channels import ChannelMap
 from elastic_arm.recording.reading import contents
 from elastic_arm.recording.series import Series
 from elastic_arm.recording.storage.bag import bag_stem
@@ -27,22 +28,23 @@ class Repair:
     dropped: list[str] = field(default_factory=list)
 
 
-def repair_bag(path: str | Path, out: str | Path | None = None) -> Repair:
+def repair_bag(path: str | Path, out: str | Path | None = None, channels: ChannelMap | None = None) -> Repair:
     """Copy what is usable of a bag into a new one, by default `<name>_repaired` beside it.
 
-    Damaged chunks and torn ends are left out, and of the joint topics messages with numbers that are none. Stamps stay
-    as they are: readers put messages in order.
+    Damaged chunks and torn ends are left out, and of the joint topics, and of fields of a channel map, messages with
+    numbers that are none. Stamps stay as they are: readers put messages in order.
     """
     path = Path(path)
     repair = Repair(Path(out) if out is not None else path.with_name(f"{bag_stem(path)}_repaired"))
     topics = list(read_topics(path))
     # Of all arms that are in it, by their namespaces.
     of_arms = {t.name for t in topics for name in _MENDED if t.name.endswith(name) and t.type_name == TYPES[name]}
-    (content,) = contents(path, wanted=of_arms, strict=False)
+    mapped = {} if channels is None else channels.fields()
+    (content,) = contents(path, wanted=of_arms | set(mapped), strict=False)
     if not content.messages:
         raise RecordingError(f"{path}: nothing in it can be saved", "Record again.")
     repair.dropped += content.damage
-    keep = {topic: _finite(series, repair.dropped) for topic, series in content.series.items()}
+    keep = {topic: _finite(series, mapped.get(topic), repair.dropped) for topic, series in content.series.items()}
     seen: Counter[str] = Counter()
     late = 0
     with StreamWriter(repair.path, sync_every=float("inf")) as writer:
@@ -62,13 +64,14 @@ def repair_bag(path: str | Path, out: str | Path | None = None) -> Repair:
     return repair
 
 
-def _finite(series: Series, dropped: list[str]) -> NDArray[np.bool_]:
+def _finite(series: Series, fields: set[str] | None, dropped: list[str]) -> NDArray[np.bool_]:
     """Return which messages (N,) of a topic, in log order, hold numbers; `dropped` gets what is left out."""
     good = np.ones(series.count, np.bool_)
     log_ns = np.empty(series.count, np.int64)
     for piece in series.pieces:
-        good[piece.rows], log_ns[piece.rows] = piece.finite(), piece.log_ns
-        for path, values in piece.values.items():
+        own = piece.values if fields is None else {path: piece.values[path] for path in fields & piece.values.keys()}
+        good[piece.rows], log_ns[piece.rows] = replace(piece, values=own).finite(), piece.log_ns
+        for path, values in own.items():
             mostly = np.isfinite(values).mean(axis=0) < 0.5
             names = [name for name, none in zip(piece.names, mostly.tolist(), strict=False) if none]
             dropped += [f"{series.topic}.{path} of {name} is mostly not finite and was left as it is" for name in names]
