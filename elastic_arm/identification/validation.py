@@ -2,7 +2,7 @@
 
 import functools
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
 import numpy as np
@@ -16,25 +16,16 @@ from elastic_arm.identification.accumulator import averaged
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.consistent import with_consistency
 from elastic_arm.identification.deviations import residual_norms
-from elastic_arm.identification.regularisation import (
-    DOUBT,
-    WIDTHS,
-    described_width,
-    description_error,
-    law_sizes,
-    prior_of,
-)
+from elastic_arm.identification.regularisation import ERRORS, Description
 from elastic_arm.identification.result import Identification
 from elastic_arm.identification.stream import Identifier
 from elastic_arm.robot import Robot
 
-# Relative errors of the description that are tried where held-out motion refutes a fit: errors of a model that does not
-# hold may be many times the noise.
-PULLED = (*WIDTHS, 1e-2, 1e-3, 1e-4, 1e-5)
 HELD_OUT = "the held-out recordings"
 ALIKE = f"within its deviations, the fit predicts {HELD_OUT} as well as the description, which may stay as it is"
-# Relative errors of the description that the consistent arm may still take it for, where it predicts badly.
-TRUSTS = (0.3, 0.1, 0.03, 0.01)
+# Relative errors of the description that are tried where held-out motion refutes a fit: errors of a model that does not
+# hold may be many times the noise.
+PULLED = np.geomspace(1e-5, ERRORS[-1], 23)
 # Ratio of rms errors from which a joint is predicted worse than by the description.
 WORSE = 1.1
 RARE = 6.6  # times its mean, a square of one normal deviation is once in a hundred
@@ -128,15 +119,18 @@ def validated(
     robot: Robot,
     effects: Sequence[EffectInstance],
     held_out: HeldOut,
-    correlated: float = 1.0,
+    description: Description,
 ) -> Identification:
     """Add the errors on held-out recordings; what they refute is pulled to the description until it is no worse."""
     linear = not held_out.equations.summed  # Else each prior takes a search of its own: too long for a single joint.
-    if held_out.ratio(result.Psi_base) > EQUAL or (linear and held_out.worse(result.Psi_base)):
-        result = _pulled(result, identifier, held_out, correlated)
+    ratio = held_out.ratio(result.Psi_base)
+    if ratio > EQUAL or (linear and held_out.worse(result.Psi_base)):
+        result = _pulled(result, identifier, held_out, description)
+    elif ratio > 0.0:
+        result = result.with_(notes=(*result.notes, ALIKE))
     if result.Psi is not None:
-        consistent = partial(with_consistency, result, identifier, robot, effects, correlated=correlated)
-        result = _consistent_or_none(result, consistent, held_out)
+        consistent = partial(with_consistency, result, identifier, robot, effects)
+        result = _consistent_or_none(result, consistent, held_out, description)
     equations = held_out.equations
     arms = {"nominal": equations.described, "identified": result.Psi_base}
     if result.Psi is not None:
@@ -152,16 +146,17 @@ def validated(
     return result.with_(validation=found, notes=(*result.notes, *notes))
 
 
-def _pulled(result: Identification, identifier: Identifier, held_out: HeldOut, correlated: float) -> Identification:
+def _pulled(
+    result: Identification, identifier: Identifier, held_out: HeldOut, description: Description
+) -> Identification:
     """Return the result with the description as the prior that predicts held-out motion best, joint by joint first.
 
     A fit that is better than the description on the whole stays as it is, unless fewer joints are worse with the prior.
     """
-    tries, error = [], description_error(identifier.fit(), held_out.equations, DOUBT)
-    laws = law_sizes(identifier.linear_blocks(), held_out.equations)
+    tries = []
     for width in PULLED:
-        prior = prior_of(held_out.equations, width, error, laws, correlated)
-        own = identifier.estimate(result.recordings, result.derivatives, identifier.fit(prior))
+        found = identifier.fit(description.prior(width))
+        own = identifier.estimate(result.recordings, result.derivatives, found, description.shown)
         tries.append((len(held_out.worse(own.Psi_base)), held_out.ratio(own.Psi_base), width, own))
     now, worse = held_out.ratio(result.Psi_base), held_out.worse(result.Psi_base)
     refuted = now > EQUAL
@@ -174,7 +169,7 @@ def _pulled(result: Identification, identifier: Identifier, held_out: HeldOut, c
         better, said = count < len(worse) and ratio <= now + EQUAL, list[str]()
     if better:
         said += [] if refuted else [f"the fit predicts {', '.join(worse)} worse than the description does"]
-        said.append(described_width(width, HELD_OUT))
+        said.append(f"held within {100 * width:.2g} % of the description, as {HELD_OUT} are predicted best so")
         result = result.with_(estimates=best.estimates, covariance=best.covariance, noise=best.noise)
     if refuted and not alike and ratio > EQUAL:
         said.append("no fit near the description is better than it: do not use the identified numbers")
@@ -182,7 +177,7 @@ def _pulled(result: Identification, identifier: Identifier, held_out: HeldOut, c
 
 
 def _consistent_or_none(
-    result: Identification, consistent: Callable[..., Identification], held_out: HeldOut
+    result: Identification, consistent: Callable[..., Identification], held_out: HeldOut, description: Description
 ) -> Identification:
     """Return the result with a consistent arm that predicts no joint worse on held-out motion, or none.
 
@@ -191,8 +186,9 @@ def _consistent_or_none(
     """
     T, worst = held_out.equations.base.T, list[str]()
     kept: list[str] = []
-    for trust in (None, *TRUSTS):
-        tried = result if trust is None else consistent(trust)
+    for error in (description.error, *ERRORS[description.error > ERRORS][::-4]):
+        taken = replace(description, error=error)
+        tried = result if error == description.error else consistent(taken)
         for last in (False, True):
             if tried.Psi is None:
                 break
@@ -203,7 +199,7 @@ def _consistent_or_none(
             if last or not worse:
                 break
             kept = worse
-            tried = consistent(trust, described=kept)
+            tried = consistent(taken, described=kept)
     where = f" at {', '.join(worst)}" if worst else ""
     said = (
         [] if ALIKE in result.notes else [f"the consistent arm predicts {HELD_OUT} worse than the description{where}"]
