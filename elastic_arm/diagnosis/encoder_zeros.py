@@ -10,10 +10,12 @@ from dataclasses import replace
 import numpy as np
 
 from elastic_arm.arrays import Array
+from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.recording import Recording
 from elastic_arm.robot import Robot
 
-BEYOND_LOAD = 2.0  # times the deflection under the largest torque: loads of both signs differ by as much at most
+# Times the deflection under the largest torque, recorded or of the weight: loads of both signs differ by as much at most.
+BEYOND_LOAD = 2.0
 
 
 def with_common_zeros(recordings: Sequence[Recording], robot: Robot) -> list[Recording]:
@@ -25,7 +27,8 @@ def with_common_zeros(recordings: Sequence[Recording], robot: Robot) -> list[Rec
     if len(both) < 2 or len(both) < len(recordings) or not robot.elastic:
         return list(recordings)
     stiffness = np.array([joint.transmission.stiffness if joint.transmission else np.inf for joint in robot.joints])
-    found = [_zeros(recording, stiffness) for recording in both]
+    equations = ArmEquations(robot)
+    found = [_zeros(recording, stiffness, equations) for recording in both]
     zeros, largest = (np.array(column) for column in zip(*found, strict=True))
     moved = np.ptp(zeros, axis=0) > BEYOND_LOAD * np.nanmax(largest, axis=0) / stiffness
     if not moved.any():
@@ -39,7 +42,7 @@ def _has_both_encoders(recording: Recording) -> bool:
     return all(side is not None and side.position is not None for side in sides)
 
 
-def _zeros(recording: Recording, stiffness: Array) -> tuple[Array, Array]:
+def _zeros(recording: Recording, stiffness: Array, equations: ArmEquations) -> tuple[Array, Array]:
     """Return the zeros (n,) rad of the link encoders beside the motors', and the largest torques (n,) Nm.
 
     The lag of one encoder, in proportion to speed, and the deflection under the mean torque are no part of it.
@@ -52,7 +55,10 @@ def _zeros(recording: Recording, stiffness: Array) -> tuple[Array, Array]:
     apart[:, [joint for channel, joint in samples.lacking if channel in ("q", "theta")]] = 0.0
     speed = np.gradient(samples.theta, samples.t, axis=0)
     slope = np.sum((speed - speed.mean(axis=0)) * apart, axis=0) / np.maximum(np.sum(speed**2, axis=0), 1e-300)
-    return np.asarray(np.mean(apart - slope * speed, axis=0)), np.asarray(np.abs(load).max(axis=0))
+    rest = np.zeros((len(load), 2 * recording.n))  # a torque may be recorded without the weight
+    _, pull = equations.moved_and_pulled(np.hstack([samples.q, samples.theta]), rest, rest, motors=False)
+    largest = np.fmax(np.abs(load).max(axis=0), np.abs(pull @ equations.robot.gravity).max(axis=0))
+    return np.asarray(np.mean(apart - slope * speed, axis=0)), largest
 
 
 def _shifted(recording: Recording, zeros: Array, notes: tuple[str, ...]) -> Recording:

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from elastic_arm.diagnosis.encoder_zeros import with_common_zeros
+from elastic_arm.dynamics import build_model
 from elastic_arm.recording import Recording, Side
 from elastic_arm.robot import load_robot
 
@@ -38,6 +39,21 @@ def test_a_common_zero_and_one_that_a_load_could_explain_stay() -> None:
     for zeros in ((0.02, 0.02), (0.0, 1e-3)):
         given = [recording(zero) for zero in zeros]
         assert with_common_zeros(given, ROBOT) == given
+
+
+def test_what_a_weight_winds_that_the_torques_lack_stays() -> None:
+    """Of torques without gravity, 10 Nm, the deflections that it makes in two poses are no zeros of encoders."""
+    given = []
+    for pose in (0.2, 0.8):
+        angle = pose + 0.1 * np.sin(np.pi * 1e-3 * np.arange(4000)[:, None] + [0.0, 1.0, 2.0])
+        states = np.hstack([angle, angle])
+        weight = build_model(ROBOT).inverse_dynamics(states, 0.0 * states, 0.0 * states)[:, :3]
+        stamps = np.arange(4000) * 1_000_000
+        link = Side(stamps, angle - weight / STIFFNESS, None, np.full_like(angle, 10.0))
+        given.append(Recording(ROBOT.joint_names, link, Side(stamps, angle)))
+    wound = [one.motor.position - one.link.position for one in given if one.motor and one.link]
+    assert np.abs(np.mean(wound[0] - wound[1], axis=0)).max() > 2.0 * 10.0 / STIFFNESS.min()
+    assert with_common_zeros(given, ROBOT) == given
 
 
 def test_recordings_with_one_encoder_stay() -> None:
