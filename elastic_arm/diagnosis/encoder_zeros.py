@@ -14,8 +14,7 @@ from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.recording import Recording
 from elastic_arm.robot import Robot
 
-# Times the deflection under the largest torque, recorded or of the weight: loads of both signs differ by as much at most.
-BEYOND_LOAD = 2.0
+BEYOND_LOAD = 2.0  # times the deflection under the largest torque or weight: loads of both signs differ by as much
 
 
 def with_common_zeros(recordings: Sequence[Recording], robot: Robot) -> list[Recording]:
