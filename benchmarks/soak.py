@@ -1,10 +1,12 @@
 """`make soak`: the live graph for as long as asked, and what it costs and loses on the way.
 
     python -m benchmarks.soak --minutes 60 --rate 1000 --out runs/soak
+    python -m benchmarks.soak --minutes 10 --rate 50 --factor 20    # 3.3 h of the arm
 
 Simulator, trajectory generator, identifier, gap monitor and recorder run at once. Each interval gives a row of
 `soak.csv`: memory of each node with its child processes, samples that a subscriber received, those missing between
-them, and their delay from the instant that the stamp names. `soak.png` shows the course, the table ten parts of it.
+them, and their delay from the instant that the stamp names, where the arm runs in real time. `soak.png` shows the
+course, the table ten parts of it.
 """
 
 import argparse
@@ -91,7 +93,9 @@ def memory(pid: int) -> float:
     return own / 1e3 + sum(memory(int(child)) for child in children)
 
 
-def soak(folder: Path, minutes: float, rate: float) -> tuple[list[dict[str, float]], dict[str, dict[str, str]]]:
+def soak(
+    folder: Path, minutes: float, rate: float, factor: float = 1.0
+) -> tuple[list[dict[str, float]], dict[str, dict[str, str]]]:
     """Run the graph; return a row an interval and the nodes' last figures on `/diagnostics`. Ctrl-C ends it early.
 
     Parameters
@@ -102,17 +106,23 @@ def soak(folder: Path, minutes: float, rate: float) -> tuple[list[dict[str, floa
         How long.
     rate
         Of the arm, Hz.
+    factor
+        Seconds of the arm a second.
     """
     rng = np.random.default_rng(1)
     a, b = (rng.normal(0.0, 0.2, (3, 5)) for _ in range(2))
     FourierTrajectory(2 * np.pi / 10.0, a, b, np.zeros(3), 10.0, 1.0, JOINTS).save(folder / "trajectory.yaml")
     probe = Probe()
+    arm = {"rate": rate, "real_time_factor": factor, "effects": "['coulomb_friction:joint_2:torque=13.9']"}
+    generated = {"trajectory": folder / "trajectory.yaml", "repeat": 0, "rate": rate}
+    clock = {"use_sim_time": "true"} if factor != 1.0 else {}
+    due = {"period": max(20.0 / factor, 1.0), "save_period": 3600.0 / factor}
     nodes = {
-        "identifier": node("identifier", save_to=folder / "online"),
-        "gap_monitor": node("gap_monitor", save_to=folder / "diagnosis"),
-        "recorder": node("recorder", bag=folder / "bag"),
-        "simulator": node("simulator", rate=rate, effects="['coulomb_friction:joint_2:torque=13.9']"),
-        "trajectory_generator": node("trajectory_generator", trajectory=folder / "trajectory.yaml", repeat=0),
+        "identifier": node("identifier", save_to=folder / "online", **clock),
+        "gap_monitor": node("gap_monitor", save_to=folder / "diagnosis", **due, **clock),
+        "recorder": node("recorder", bag=folder / "bag", **clock),
+        "simulator": node("simulator", **arm),
+        "trajectory_generator": node("trajectory_generator", **generated, **clock),
     }
     probe.spin(WARM_UP)
     step_ns = round(NANOSECONDS / rate)
@@ -125,6 +135,8 @@ def soak(folder: Path, minutes: float, rate: float) -> tuple[list[dict[str, floa
             probe.spin(seconds)
             sizes = {f"{name}, MB": memory(process.child.pid) for name, process in nodes.items()}
             rows.append({"minute": (time.monotonic() - began) / 60.0, **sizes, **probe.figures(step_ns)})
+            if clock:
+                rows[-1] = {key: value for key, value in rows[-1].items() if key not in FIGURES[2:]}
             done, lost = rows[-1]["minute"], sum(row["lost"] for row in rows)
             print(f"{done:.1f} of {minutes:g} minutes, {lost:.0f} samples lost", file=sys.stderr, flush=True)
     for name in ("trajectory_generator", "simulator", "recorder", "identifier", "gap_monitor"):
@@ -158,7 +170,7 @@ def draw(rows: Sequence[dict[str, float]], file: Path) -> None:
     above.legend(ncols=3, loc="lower right", fontsize="small")
     middle.step(minutes, [row["lost"] for row in rows], where="mid", color="C3")
     middle.set(ylabel="samples lost\nin the interval", ylim=(0, max(1.0, *(row["lost"] for row in rows))))
-    for key in FIGURES[2:]:
+    for key in FIGURES[2:] if FIGURES[2] in rows[0] else ():
         below.plot(minutes, [row[key] for row in rows], label=key.split(",")[0].removeprefix("delay "))
     below.set(xlabel="minutes", ylabel="delay, ms", yscale="log")
     below.legend(ncols=3, fontsize="small")
@@ -170,6 +182,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--minutes", type=float, default=10.0)
     parser.add_argument("--rate", type=float, default=1000.0, help="of the arm, Hz (1000)")
+    parser.add_argument("--factor", type=float, default=1.0, help="seconds of the arm a second (1)")
     parser.add_argument("--out", type=Path, default=Path("runs/soak"))
     options = parser.parse_args()
     shutil.rmtree(options.out, ignore_errors=True)
@@ -177,7 +190,7 @@ def main() -> int:
     before = os.getloadavg()[0]
     with domain_id() as domain:
         os.environ["ROS_DOMAIN_ID"] = str(domain)
-        rows, status = soak(options.out, options.minutes, options.rate)
+        rows, status = soak(options.out, options.minutes, options.rate, options.factor)
     if not rows:
         print("ended before the first interval", file=sys.stderr)
         return 130

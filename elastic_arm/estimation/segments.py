@@ -10,15 +10,16 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
 from elastic_arm.arrays import Array
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.recording import Recording
 from elastic_arm.recording.inspection.stuck_channels import moves
-from elastic_arm.recording.sides import Side
+from elastic_arm.recording.sides import Side, Stamps
 from elastic_arm.recording.standstill import STANDS, moving_spans, standing_note, within
-from elastic_arm.recording.timebase.clocks import rates_of
+from elastic_arm.recording.timebase.clocks import HOLE, rates_of
 from elastic_arm.robot import Robot
 
 # s of motion that are taken of one recording of three joints, and less in proportion to more: a diagnosis takes 2 GB
@@ -37,7 +38,7 @@ NOISE, MISSED = 1.0, 0.02
 
 def in_parts(recording: Recording, least: int = 2) -> list[Recording]:
     """Return the parts of a recording, so many or more, that hold some seconds of samples each."""
-    stamps = max((side.stamp_ns for side in recording.measured().values()), key=len)
+    stamps = _stamps(recording)
     t = (stamps - stamps[0]) * 1e-9
     count = max(least, round(len(t) * float(np.median(np.diff(t))) / SEGMENT)) if len(t) > 1 else least
     return _cut(recording, t[np.linspace(0, len(t), count, endpoint=False).astype(int)].tolist())
@@ -67,6 +68,23 @@ def _cut(recording: Recording, begins: Sequence[float]) -> list[Recording]:
     ]
 
 
+def recorded_seconds(recording: Recording) -> float:
+    """Return how long a recording lasts, s, without its holes."""
+    stamps = _stamps(recording)
+    return float(np.diff(stamps)[_unbroken(stamps)].sum()) * 1e-9
+
+
+def _stamps(recording: Recording) -> Stamps:
+    """Return the stamps of the side with the most samples."""
+    return max((side.stamp_ns for side in recording.measured().values()), key=len)
+
+
+def _unbroken(stamps: Stamps) -> NDArray[np.bool_]:
+    """Return between which stamps there is no hole."""
+    steps = np.diff(stamps)
+    return np.asarray(steps < HOLE * np.median(steps)) if len(steps) else steps > 0
+
+
 @dataclass
 class Segment:
     """Some seconds of motion, and the information (P, P) in them."""
@@ -84,7 +102,7 @@ class MostTelling:
 
     def __init__(self, robot: Robot, seconds: float, *, exact: bool = False) -> None:
         self.seconds = seconds if exact else seconds * min(1.0, 3.0 / robot.n)
-        self.moving = self.whole = 0.0  # s of motion, and of all, so far
+        self.moving = self.recorded = self.whole = 0.0  # s of motion, of all samples, and with holes, so far
         self._model = build_model(robot, "mod3")
         self._segments: list[Segment] = []
         self._first: Recording | None = None
@@ -94,11 +112,15 @@ class MostTelling:
         """Take the next part of the recording."""
         self._first, self._last = self._first or part, part
         self.whole += part.duration
+        self.recorded += recorded_seconds(part)
+        stamps = _stamps(part)
         for begin, end in moving_spans(part).tolist():
-            count = max(1, round((end - begin) * 1e-9 / SEGMENT))
-            edges = begin + np.linspace(0, end + 1 - begin, count + 1).astype(np.int64)
-            for first, last in pairwise(edges.tolist()):
-                self._take(within(part, np.array([[first, last - 1]])))
+            own = stamps[slice(*np.searchsorted(stamps, (begin, end + 1)))]
+            for run in np.split(own, np.flatnonzero(~_unbroken(own)) + 1):
+                count = max(1, round((run[-1] - run[0]) * 1e-9 / SEGMENT))
+                edges = run[0] + np.linspace(0, run[-1] + 1 - run[0], count + 1).astype(np.int64)
+                for first, last in pairwise(edges.tolist()):
+                    self._take(within(part, np.array([[first, last - 1]])))
         if sum(one.seconds for one in self._segments) > 2.0 * self.seconds:
             self._segments = self._chosen()
 
@@ -106,12 +128,12 @@ class MostTelling:
         sides = motion.measured().values()
         if not all(map(len, sides)):
             return
-        self.moving += motion.duration
+        self.moving += (seconds := recorded_seconds(motion))
         side = next(
             (side for side in (motion.motor, motion.link) if side is not None and side.position is not None), None
         )
         if side is not None:
-            self._segments.append(Segment(motion, motion.duration, _information(side, self._model)))
+            self._segments.append(Segment(motion, seconds, _information(side, self._model)))
 
     def _chosen(self) -> list[Segment]:
         """Return the segments that tell most, one at least, in the order of their times."""
@@ -136,8 +158,10 @@ class MostTelling:
         found = Recording.joined([one.recording for one in chosen])
         seconds, source = sum(one.seconds for one in chosen), self._last.source
         notes = list(self._last.notes)
-        if self.whole - self.moving > 1.0:
-            notes.append(standing_note(source, self.whole - self.moving, self.whole))
+        if self.whole - self.recorded > 1.0:
+            notes.append(f"{source}: nothing was recorded in {self.whole - self.recorded:.0f} of {self.whole:.0f} s")
+        if self.recorded - self.moving > 1.0:
+            notes.append(standing_note(source, self.recorded - self.moving, self.whole))
         if self.moving - seconds > 1.0:
             notes.append(
                 f"{source}: the {seconds:.0f} s that tell most are taken of {self.moving:.0f} s of motion "

@@ -335,7 +335,12 @@ def _side(series: Series | None, joints: tuple[str, ...], paths: dict[str, str],
     parts = series.holding(joints)
     used = sum(part.count for part, _ in parts)
     if used < series.count:
-        found.append(note(f"{series.count - used} messages on {series.topic} that hold other joints were left out"))
+        others = series.keep(lambda piece: not any(set(names) <= set(piece.names) for _, names in parts))
+        absent = [joint for joint in joints if joint not in others.names()]
+        which = f"without {', '.join(absent)}" if len(absent) < len(joints) else "that hold other joints"
+        last = float(others.log_ns.max() - series.log_ns.min()) * 1e-9
+        words = f"messages on {series.topic} {which} were left out, the last after {last:.1f} s"
+        found.append(note(f"{series.count - used} {words}"))
     for part, names in parts:
         part = part.fullest(paths.values(), found)
         own = _part(part, joints, names, paths)

@@ -116,7 +116,7 @@ class Series:
         stamp_ns = self._gather(np.int64, lambda piece: piece.stamp_ns)
         if (stamp_ns[1:] > stamp_ns[:-1]).all():
             return stamp_ns, slice(None), []
-        stamp_ns, rows, found = in_order(stamp_ns, self.topic)
+        stamp_ns, rows, found = in_order(stamp_ns, self.topic, self._gather(np.int64, lambda piece: piece.log_ns))
         again = np.diff(stamp_ns, prepend=stamp_ns[0] - 1) == 0
         if again.any():
             stamp_ns, rows, words = self._once(stamp_ns, rows)

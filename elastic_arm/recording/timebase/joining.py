@@ -53,7 +53,9 @@ def pair(
     origin = int(base.stamp_ns[0])
     wanted, given = _times((base, other), origin, clock)
     at = base.at(inside)
-    found.append(note(f"interpolated to the stamps of {base_name} by a cubic spline: {other_name}"))
+    words = f"interpolated to the stamps of {base_name} by a cubic spline: {other_name}"
+    left_out = f"; {(~inside).sum()} samples are left out that these do not cover" if not inside.all() else ""
+    found.append(note(f"{words}{left_out}"))
     return at, _interpolate(other, given, at.stamp_ns, wanted[inside])
 
 

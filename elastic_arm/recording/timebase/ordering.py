@@ -10,14 +10,14 @@ _LATE_NS = 1_000_000_000  # no message is on its way for longer
 _AROUND = 50  # messages on either side of a step back that show whether the clock stays behind
 
 
-def in_order(stamp_ns: Stamps, topic: str) -> tuple[Stamps, NDArray[np.intp], list[Finding]]:
+def in_order(stamp_ns: Stamps, topic: str, log_ns: Stamps) -> tuple[Stamps, NDArray[np.intp], list[Finding]]:
     """Return stamps (N',) in order, where each message stands among those given, and what had to be done.
 
-    A clock that was set back runs on from where it was. Messages that overtook each other are sorted. One whose stamp
-    is far from all others is left out.
+    A clock that was set back runs on from where it was, or a second later where nothing arrived for longer. Messages
+    that overtook each other are sorted. One whose stamp is far from all others is left out.
     """
     check_stamped(stamp_ns, topic)
-    stamp_ns, found = _one_clock(stamp_ns.copy(), topic)
+    stamp_ns, found = _one_clock(stamp_ns.copy(), topic, log_ns)
     rows = np.argsort(stamp_ns, kind="stable")
     overtaken = stamp_ns < np.maximum.accumulate(stamp_ns)
     if not overtaken.any():
@@ -40,7 +40,7 @@ def in_order(stamp_ns: Stamps, topic: str) -> tuple[Stamps, NDArray[np.intp], li
     return stamp_ns[rows], rows, found
 
 
-def _one_clock(stamp_ns: Stamps, topic: str) -> tuple[Stamps, list[Finding]]:
+def _one_clock(stamp_ns: Stamps, topic: str, log_ns: Stamps) -> tuple[Stamps, list[Finding]]:
     """Move stamps on where the clock was set back: it stays behind, and stamps of before come a second time."""
     found: list[Finding] = []
     ranked = np.sort(stamp_ns)
@@ -60,6 +60,9 @@ def _one_clock(stamp_ns: Stamps, topic: str) -> tuple[Stamps, list[Finding]]:
         if back > 0.5 * (stamp_ns[k] - stamp_ns[k + 1]) and (crowded > 0.2 or apart) and number[-1] > 5:
             words = f"{topic}: the clock was set back by {back * 1e-9:.4g} s after {moment(stamp_ns, k)}"
             message = f"{words}: later stamps are taken for as much later"
+            if (silent := int(log_ns[k + 1] - log_ns[k])) > _LATE_NS:
+                # The same of all topics, whenever each arrived: they belong together.
+                message, back = f"{message}, a hole of {silent * 1e-9:.3g} s for one of 1 s", back + _LATE_NS
             time = float(stamp_ns[k] - stamp_ns[0]) * 1e-9
             found.append(Finding("warning", "clock_set_back", message, topic=topic, time=time))
             stamp_ns[k + 1 :] += round(back)
