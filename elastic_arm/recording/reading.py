@@ -24,6 +24,7 @@ from elastic_arm.recording.timebase.joining import pair
 from elastic_arm.recording.topics import JOINT_STATES, JOINT_TORQUES, MOTOR_STATES, REFERENCE, ROBOT_DESCRIPTION, TYPES
 
 PART = 400_000  # messages of a part of a long bag: three minutes of two topics at 1 kHz
+SECOND = 1_000_000_000  # ns; no message is on its way for longer
 _CONTRACT = (JOINT_STATES, MOTOR_STATES, JOINT_TORQUES, REFERENCE)
 _STATE = {name: name for name in ("position", "velocity", "effort")}
 _POINT = {
@@ -165,13 +166,20 @@ def read_parts(
 ) -> Iterator[tuple[Recording, float]]:
     """Read a bag as :func:`read_recording` does, in parts of so many messages; yield each, and the share that is read.
 
-    A bag of fewer is one part. Parts of a longer one that lack a topic of the first are left out.
+    A bag of fewer is one part. Parts of a longer one that lack a topic of the first are left out, and those after a
+    clock was set back come a second after what was before, as within a part.
     """
     topics: set[str] = set()
+    end: int | None = None
+    later = 0
     for content in contents(path, channels, namespace, most=most):
         topics = topics or set(content.series) - {REFERENCE}
         if topics <= set(content.series):
             read = recording_of(content, channels, joints, arrival=arrival)[0]
+            if end is not None and (back := end - read.start_ns - later) > SECOND:
+                later += back + SECOND
+            read = read.moved(later) if later else read
+            end = read.start_ns + round(read.duration * SECOND)
             yield read, content.share
 
 
@@ -391,7 +399,7 @@ def _reference(series: Series | None, joints: tuple[str, ...], found: list[Findi
             return None
         series, _ = series.holding(joints)[0]
         seconds, nanoseconds = (series.column(f"points.0.time_from_start.{part}", 0) for part in ("sec", "nanosec"))
-        ahead = seconds.astype(np.int64) * 1_000_000_000 + nanoseconds.astype(np.int64)
+        ahead = seconds.astype(np.int64) * SECOND + nanoseconds.astype(np.int64)
         check_times(side.stamp_ns + ahead, REFERENCE)
         return replace(side, stamp_ns=side.stamp_ns + ahead)
     except RecordingError as error:

@@ -111,6 +111,12 @@ class Recording:
         except RecordingError as error:
             raise RecordingError(f"{self.source or 'the recording'}: {error.problem}", error.remedy) from None
 
+    def moved(self, by_ns: int) -> Recording:
+        """Return it at later times."""
+        sides: dict[str, Any] = {k: replace(side, stamp_ns=side.stamp_ns + by_ns) for k, side in self.sides().items()}
+        words = f"{self.source}: the clock was set back: later stamps are taken for {by_ns * 1e-9:.4g} s later"
+        return replace(self, **sides, notes=(*self.notes, words))
+
     def between(self, begin: float, end: float) -> Recording:
         """Return the part from `begin` to before `end`, in seconds from :attr:`start_ns`."""
         first, last = (self.start_ns + round(limit * 1e9) for limit in (begin, end))

@@ -14,6 +14,7 @@ COMMANDS = {
     "simulate": ("simulate", "--trajectory", "{motion}", "--rate", "100", "--out", "{disk}/bag"),
     "identify": ("identify", "{bag}", "--out", "{disk}/identified"),
     "diagnose": ("diagnose", "{bag}", "--out", "{disk}/diagnosis"),
+    "history": ("history", "{bag}", "{killed}", "--workers", "1", "--out", "{disk}/history"),
     "describe": ("describe", "--urdf", "{disk}/arm.urdf"),
     "bag check": ("bag", "check", "{killed}", "--repair", "--out", "{disk}/mended"),
 }

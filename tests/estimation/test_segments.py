@@ -60,3 +60,14 @@ def test_a_recording_that_is_short_enough_is_kept_whole() -> None:
     assert found.motor is not None and part.motor is not None and not found.notes
     np.testing.assert_array_equal(found.motor.stamp_ns, part.motor.stamp_ns)
     np.testing.assert_array_equal(found.motor.position, part.motor.position)
+
+
+def test_a_hole_is_no_standstill_however_long_it_is() -> None:
+    """A clock that leaps by decades while an arm moves costs nothing, and the note tells what was not recorded."""
+    telling = MostTelling(ROBOT, 3.0 * SEGMENT)
+    first, later = swinging(0.0, 12.0, 0.5, 3), swinging(1.7e9, 12.0, 0.5, 3)
+    telling.add(Recording.joined([first, later]))
+    found = telling.recording()
+    assert found.motor is not None and len(found.motor) > 3000
+    assert [note for note in found.notes if "stands still" in note] == []
+    assert any("nothing was recorded in 1699999988 of 1700000012 s" in note for note in found.notes), found.notes

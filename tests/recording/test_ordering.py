@@ -9,6 +9,7 @@ import pytest
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording import Recording, load_channels, read_recording
 from elastic_arm.recording.inspection.check import check_bag
+from elastic_arm.recording.reading import read_parts
 from tests.helpers.bags import JOINT_STATE, JOINTS, joint_state, stamps, states, write_foreign
 
 COUNT = 3000
@@ -55,6 +56,32 @@ def test_a_clock_that_was_set_back_is_named_as_that(tmp_path: Path, back: float)
     np.testing.assert_array_equal(recording.motor.stamp_ns, TAKEN)  # type: ignore[union-attr]
     np.testing.assert_array_equal(rows(recording), np.arange(COUNT))
     assert any(f"the clock was set back by {back:.4g} s after 1.800000 s" in note for note in recording.notes)
+
+
+def test_a_clock_set_back_while_nothing_came_leaves_a_hole_of_a_second(tmp_path: Path) -> None:
+    """A driver that starts anew has moved its arm meanwhile: both sides go on a second later, whenever they arrived."""
+    later = np.arange(COUNT) > 1800
+    messages = []
+    for topic, late in (("/joint_states", 0), ("/motor_states", 40_000_000)):
+        arrival = TAKEN + later * (5_000_000_000 + late)
+        both = states(topic, TAKEN - later * 3_600_000_000_000, JOINTS)
+        messages += [(t, k, int(arrival[i]), data) for i, (t, k, _, data) in enumerate(both)]
+    bag = write_foreign(tmp_path / "bag", messages)
+    recording = read_recording(bag)
+    for side in recording.measured().values():
+        np.testing.assert_array_equal(side.stamp_ns, TAKEN + later * 1_000_000_000)
+    assert codes(bag) == {"clock_set_back", "gaps"}
+
+
+def test_parts_of_a_long_bag_after_a_clock_was_set_back_count_as_later(tmp_path: Path) -> None:
+    """No sample is lost of the parts that follow, which the clock stamps as those before, and a note tells it."""
+    back = [0, 600_000_000_000, 600_000_000_000]
+    thirds = [taken - by for taken, by in zip(np.split(TAKEN, 3), back, strict=True)]
+    bags = [recorded(tmp_path / f"bag_{k}", third) for k, third in enumerate(thirds)]
+    whole = Recording.joined([part for part, _ in read_parts(bags, most=1)])
+    np.testing.assert_array_equal(rows(whole), np.tile(np.arange(COUNT // 3), 3))
+    assert whole.duration == pytest.approx(COUNT * 1e-3 + 1.0, abs=0.01)
+    assert any("the clock was set back" in note for note in whole.notes)
 
 
 def test_a_stamp_far_from_all_others_is_left_out(tmp_path: Path) -> None:

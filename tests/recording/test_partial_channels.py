@@ -9,9 +9,10 @@ import yaml
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording import Recording, Side, load_channels, read_recording, write_recording
 from elastic_arm.recording.inspection.outliers import find_outliers
-from tests.helpers.bags import imported
+from tests.helpers.bags import JOINT_STATE, imported, joint_state, stamps, write_foreign
 
 N, JOINTS = 400, ("a", "b", "c")
+ARM = ("joint_1", "joint_2", "joint_3")
 STAMPS = np.arange(N, dtype=np.int64) * 4_000_000
 
 
@@ -52,6 +53,25 @@ def test_sides_stamped_apart_are_joined(partial: Recording, angles: np.ndarray) 
     assert samples.q is not None and samples.theta is not None and samples.lacking == {("q", 1)}
     assert np.isfinite(samples.q).all()
     np.testing.assert_array_equal(samples.q[:, 1], samples.theta[:, 1])
+
+
+@pytest.mark.parametrize("apart", [False, True])
+def test_a_joint_that_appears_later_is_said_to(tmp_path: Path, apart: bool) -> None:
+    """From then on all joints are read; how much was left out until then, and for which joint, is a note."""
+    messages = []
+    for k, stamp in enumerate(stamps(400).tolist()):
+        kinds = [ARM] if k >= 100 and not apart else [ARM[:2], *([ARM[2:]] if k >= 100 else [])]
+        for topic in ("/joint_states", "/motor_states"):
+            for names in kinds:
+                at = stamp + 200_000 * (names[0] == ARM[2])
+                numbers = [np.sin(0.01 * k)] * len(names)
+                messages.append((topic, JOINT_STATE, at, joint_state(at, names, numbers, numbers, numbers)))
+    found = read_recording(write_foreign(tmp_path / "bag", messages))
+    assert found.motor is not None and len(found.motor) == pytest.approx(300, abs=1)
+    said = (
+        "101 samples are left out that these do not cover" if apart else "100 messages on /motor_states without joint_3"
+    )
+    assert any(said in note for note in found.notes), found.notes
 
 
 def test_a_mapping_of_arrays_names_the_joints_of_a_channel(tmp_path: Path, angles: np.ndarray) -> None:
