@@ -109,6 +109,23 @@ def test_a_truncated_bag_is_read_up_to_the_tear(tmp_path: Path, rng: np.random.G
     assert_equal(read_recording(repair_bag(file.parent).path), torn)
 
 
+@pytest.mark.parametrize("compression", ["none", "lz4", "zstd"])
+def test_a_torn_chunk_is_read_up_to_the_tear(tmp_path: Path, rng: np.random.Generator, compression: str) -> None:
+    """A file that has one chunk, cut off within it, gives the messages before the cut, and can be made whole."""
+    given = two_sided(rng, 2_000)
+    file = write_recording(tmp_path / "bag", given, compression) / "bag_0.mcap"  # type: ignore[arg-type]
+    (chunk,) = open_mcap(file).chunks
+    file.write_bytes(file.read_bytes()[: (chunk.begin + chunk.end) // 2])
+    torn = read_recording(file)
+    assert torn.motor is not None and given.motor is not None
+    assert 600 < len(torn.motor) < 1_400
+    np.testing.assert_array_equal(torn.motor.position, given.motor.position[: len(torn.motor)])
+    assert_equal(read_recording(repair_bag(file, tmp_path / "whole").path), torn)
+    file.write_bytes(file.read_bytes()[: chunk.begin - 4])  # within the head of the chunk
+    with pytest.raises(RecordingError, match="holds no messages at all"):
+        read_recording(file)
+
+
 def test_a_flipped_bit_is_found(tmp_path: Path, rng: np.random.Generator) -> None:
     """A chunk whose checksum fails is refused by its place; the repair saves the others."""
     file = write_recording(tmp_path / "bag", two_sided(rng, 20_000), "none") / "bag_0.mcap"

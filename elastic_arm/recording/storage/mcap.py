@@ -5,6 +5,7 @@ import mmap
 import struct
 import zlib
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
@@ -23,6 +24,7 @@ from elastic_arm.recording import limits
 from elastic_arm.recording.spans import Bytes, Offsets, by_value, column
 from elastic_arm.recording.storage.mcap_scan import (
     LATEST_NS,
+    RECORD_HEAD,
     McapBlock,
     Record,
     Scan,
@@ -68,6 +70,7 @@ class Chunk(NamedTuple):
     start_ns: int
     end_ns: int
     indexes: list[Record]
+    torn: bool = False  # where the file ends within it
 
 
 @dataclass
@@ -138,9 +141,12 @@ class McapFile(StoredFile):
 
     def _unpack(self, chunk: Chunk) -> Bytes | RecordingError:
         try:
-            plain = unpack_chunk(self.buffer[chunk.begin : chunk.end], chunk.compression, chunk.size)
+            packed = self.buffer[chunk.begin : chunk.end]
+            plain = unpack_chunk(packed, chunk.compression, chunk.size, torn=chunk.torn)
         except (RuntimeError, ValueError, MemoryError, zstandard.ZstdError) as error:
             return self._chunk_error(chunk, str(error))
+        if chunk.torn:
+            return plain
         if len(plain) != chunk.size or (chunk.crc and zlib.crc32(plain.data) != chunk.crc):
             return self._chunk_error(chunk, "its checksum does not match")
         return plain
@@ -156,7 +162,7 @@ class McapFile(StoredFile):
             self._parse([record for record in found.others if record.opcode in _IN_CHUNKS], plain)
         except _BAD_RECORD as error:
             return self._chunk_error(chunk, f"a bad record in it: {error}")
-        if found.end < len(plain):
+        if found.end < len(plain) and not chunk.torn:
             return self._chunk_error(chunk, f"bytes after {found.end} in it are no MCAP records")
         return self._block(plain, found, horizon_ns)
 
@@ -229,19 +235,22 @@ def open_mcap(path: Path) -> McapFile:
     file.loose = found.messages
     if not whole:
         torn = len(buffer) - found.end
+        if torn and buffer[found.end] == Opcode.CHUNK:  # what is in it is read up to the tear
+            with suppress(*_BAD_RECORD):
+                file.chunks.append(_chunk(buffer, found.end + RECORD_HEAD, len(buffer), torn=True))
         file.damage.append(f"{path}: no summary at the end" + (f" and a torn record of {torn} bytes" if torn else ""))
     elif found.end < len(buffer) - 8:
         file.damage.append(f"{path}: bytes after {found.end} are no MCAP records")
     return file
 
 
-def _chunk(buffer: Bytes, begin: int, end: int) -> Chunk:
+def _chunk(buffer: Bytes, begin: int, end: int, *, torn: bool = False) -> Chunk:
     start_ns, end_ns, size, crc, name_size = _CHUNK_HEAD.unpack(buffer[begin:end][: _CHUNK_HEAD.size].tobytes())
     at = begin + _CHUNK_HEAD.size + name_size + 8
     compression = buffer[begin + _CHUNK_HEAD.size : at - 8].tobytes().decode()
     packed = int.from_bytes(buffer[at - 8 : at], "little")
-    if at + packed > end:
+    if at > end or (at + packed > end and not torn):
         raise ValueError(f"a chunk at byte {begin} that is longer than its record")
     if max(start_ns, end_ns) > LATEST_NS:
         raise ValueError(f"a chunk at byte {begin} with times after the year 2262")
-    return Chunk(at, at + packed, size, crc, compression, start_ns, end_ns, [])
+    return Chunk(at, min(at + packed, end), size, crc, compression, start_ns, end_ns, [], torn)

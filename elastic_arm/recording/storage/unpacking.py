@@ -14,8 +14,8 @@ PACKED_FILES = (".zstd", ".zst")
 _PIECE = 4 * limits.MEGABYTE
 
 
-def unpack_chunk(packed: Bytes, compression: str, size: int) -> Bytes:
-    """Return the plain bytes of a chunk."""
+def unpack_chunk(packed: Bytes, compression: str, size: int, *, torn: bool = False) -> Bytes:
+    """Return the plain bytes of a chunk; of a torn one what is there."""
     if compression and size > limits.chunk_bytes():
         limit = f"{limits.chunk_bytes()} ($ELASTIC_ARM_MAX_CHUNK_MB)"
         raise ValueError(f"it claims to unpack to {size} bytes, above the limit of {limit}")
@@ -28,7 +28,11 @@ def unpack_chunk(packed: Bytes, compression: str, size: int) -> Bytes:
             # -1 is what zstandard returns for a frame that does not state its length
             if zstandard.frame_content_size(packed.data) not in (-1, size):
                 raise ValueError("chunk and zstd frame claim different lengths")
-            plain = zstandard.ZstdDecompressor().decompress(packed.data, max_output_size=size)
+            unpacker = zstandard.ZstdDecompressor()
+            if torn:
+                plain = unpacker.stream_reader(packed.data).read(size)
+            else:
+                plain = unpacker.decompress(packed.data, max_output_size=size)
         case "lz4":
             context = lz4.frame.create_decompression_context()
             plain, _, _ = lz4.frame.decompress_chunk(context, packed.data, max_length=max(size, 1))
