@@ -71,7 +71,8 @@ def history_command(
     plot of each size.
 
     One diagnosis holds six recordings of three joints, and fewer of more; more than
-    that, and all with --workers or --scheduler, are diagnosed each alone.
+    that, those that do not go together, and all with --workers or --scheduler, are
+    diagnosed each alone. Exit status as of diagnose.
 
     Examples:
 
@@ -93,8 +94,14 @@ def history_command(
     alone = workers is not None or scheduler is not None
     alone |= len(paths) * SEGMENT > DIAGNOSED * min(1.0, 3.0 / robot.n)  # the motion that one diagnosis holds
     console = Console(quiet=True) if quiet else err
-    follow = partial(_of_each, workers=workers or 1, scheduler=scheduler) if alone else _of_all
-    found, all_of, dates = follow(paths, read, ask, console)
+    of_each = partial(_of_each, paths, read, ask, console, workers or 1, scheduler)
+    try:
+        found, all_of, dates = of_each() if alone else _of_all(paths, read, ask, console)
+    except ElasticArmError as error:
+        if alone or len(paths) < 3:
+            raise
+        found, all_of, dates = of_each()  # one that is not like the others is left out, or compared as far as it goes
+        found = replace(found, notes=(f"Each is diagnosed alone: {error}", *found.notes))
     result = to_dict(found, all_of, dates)
     write_result(out_dir / RESULTS[0], json_text(result, indent=2, allow_nan=False) + "\n")
     write_result(out_dir / RESULTS[1], to_csv(result))
@@ -144,6 +151,8 @@ def _of_each(
     catalogue = Catalogue.default()
     told = sorted((one for one in answers if not isinstance(one, str)), key=lambda one: one[0])
     refused = [one for one in answers if isinstance(one, str)]
+    for words in refused:
+        console.print(escape(words), soft_wrap=True)
     found, followed = together([from_dict(one, Path(), catalogue) for _, one in told], refused)
     return found, followed, [_date(begin) for begin, _ in told]
 

@@ -105,13 +105,19 @@ def together(found: Sequence[Diagnosis], refused: Sequence[str] = ()) -> tuple[D
     recordings, followed = tuple(one.identify[0] for one in found), courses_of_each(found)
     verdicts = {one.verdict for one in found}
     doubtful = [f"{one.identify[0]} is unknown: its sizes count little" for one in found if one.verdict == "unknown"]
+    places = set().union(*(one.noise for one in found))
+    lacking = [
+        f"{one.identify[0]} lacks channels that others hold: what shows there alone is not compared"
+        for one in found
+        if set(one.noise) < places
+    ]
     whole = replace(
         found[0],
         identify=recordings,
         verdict=next(verdict for verdict in ("unknown", "explained", "none") if verdict in verdicts),
         causes=tuple(cause for one in found for cause in one.causes),
         unexplained=tuple(place for one in found for place in one.unexplained),
-        notes=(*refused, *doubtful, *(note for one in found for note in one.notes)),
+        notes=(*refused, *doubtful, *lacking, *(note for one in found for note in one.notes)),
     )
     return with_steps(whole, followed), followed
 
@@ -130,7 +136,7 @@ def courses_of_each(found: Sequence[Diagnosis]) -> tuple[Course, ...]:
             for name, size in list(parameters.items())[:1]:
                 if size["std"] and not np.ndim(size["std"]):
                     sizes.setdefault((effect, joint, name, size["unit"]), {})[k] = size["value"], size["std"]
-    result = []
+    result, places = [], [set(one.noise) for one in found]
     for key, own in sizes.items():
         values, stds = np.full((2, len(found)), np.nan)
         values[list(own)], stds[list(own)] = np.array(list(own.values())).T
@@ -138,7 +144,9 @@ def courses_of_each(found: Sequence[Diagnosis]) -> tuple[Course, ...]:
             std = float(np.nanmedian(stds))
             relative = max(1.0, float(np.nanmax(np.abs(values - absent))) / std)
             hidden = std * np.sqrt(2.0 * np.log(relative / ODDS))
-            values, stds = np.nan_to_num(values, nan=absent), np.nan_to_num(stds, nan=hidden)
+            # What lacks a channel at which the others show it may have it all the same.
+            seen = [any(places[j] <= there for j in own) for there in places]
+            values, stds = (np.where(np.isnan(v) & seen, to, v) for v, to in ((values, absent), (stds, hidden)))
         result.append(SizedTerm(*key, values, np.diag(stds**2)))
     wrong = np.array([UNSURE if one.verdict == "unknown" else ODDS / max(1, len(result)) for one in found])
     return _followed(result, wrong, 1.0)

@@ -1,5 +1,6 @@
 """What changed of an arm over recordings, when and by how much."""
 
+import json
 import pickle
 from dataclasses import replace
 from pathlib import Path
@@ -22,7 +23,7 @@ from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.segments import in_parts
 from elastic_arm.evidence.priors import ODDS, SCATTER, STEP, UNSURE
 from elastic_arm.excitation import Shape, random_trajectories
-from elastic_arm.recording import Recording
+from elastic_arm.recording import Recording, write_recording
 from elastic_arm.report.history import write_history_report
 from elastic_arm.sensors import Sensors
 from tests.helpers.gap_recordings import LIMITS, MODEL, ROBOT, motions, record
@@ -106,6 +107,20 @@ def test_friction_that_rises_is_a_change_and_other_friction_is_none(tmp_path: Pa
         courses(replace(whole, identify=("day_0",)))
 
 
+def test_what_a_recording_lacks_the_channels_for_is_not_compared() -> None:
+    """Without motor torques friction is not absent; beside all channels a recording without it shows that it is."""
+    link, motor = ("joint_1", "link"), ("joint_1", "motor")
+    size = SimpleNamespace(value=6.0, std=0.01, unit="Nm")
+    friction = SimpleNamespace(effect="coulomb_friction", joint="joint_1", parameters={"torque": size})
+    every = SimpleNamespace(known=[], causes=[friction], verdict="explained", noise={link: 0.1, motor: 0.1})
+    without = SimpleNamespace(known=[], causes=[], verdict="none", noise={link: 0.1})
+    (lacking,) = courses_of_each([every, every, without, without])  # type: ignore[list-item]
+    assert lacking.step is None and np.isnan(lacking.sized.values[2:]).all()
+    without.noise = every.noise
+    (absent,) = courses_of_each([every, every, without, without])  # type: ignore[list-item]
+    assert absent.step is not None and absent.step.after == 1 and (absent.sized.values[2:] == 0.0).all()
+
+
 @pytest.mark.slow(5)
 def test_a_payload_that_is_picked_up_and_kept_is_a_change_between_parts_of_a_recording() -> None:
     """From none to 2 kg at half of it; one payload throughout would be as far from either."""
@@ -128,7 +143,10 @@ def test_a_cause_that_appears_for_good_is_a_change_and_one_that_may_hide_is_none
         sizes = ({"mass": ParameterEstimate(mass, std, "kg")} if mass else None for mass in masses)
         causes = ([SimpleNamespace(effect="payload", joint="joint_3", parameters=one)] if one else [] for one in sizes)
         return courses_of_each(
-            [SimpleNamespace(known=[], causes=c, verdict="explained" if len(c) == shown else verdict) for c in causes]
+            [
+                SimpleNamespace(known=[], causes=c, verdict="explained" if len(c) == shown else verdict, noise={})
+                for c in causes
+            ]
         )  # type: ignore[misc]
 
     (payload,) = courses_of(None, None, 2.0, 2.0, std=0.01)
@@ -140,6 +158,22 @@ def test_a_cause_that_appears_for_good_is_a_change_and_one_that_may_hide_is_none
     (alone,) = courses_of(None, None, 2.0, 2.0, std=0.01, verdict="unknown")
     (doubtful,) = courses_of(1.0, 1.0, 2.0, 2.0, std=0.01, verdict="unknown", shown=0)
     assert doubtful.changed < 0.5 and doubtful.changed < alone.changed < payload.changed
+
+
+def test_a_bag_that_cannot_be_read_is_left_out_and_named(tmp_path: Path) -> None:
+    """The others make the history; two are needed."""
+    (motion,) = random_trajectories(MODEL, LIMITS, 1, rng=np.random.default_rng(3), shape=Shape(3, 7.0, 1.0))
+    bags = [str(tmp_path / name) for name in ("march", "april", "torn")]
+    for seed, bag in enumerate(bags):
+        write_recording(bag, record(motion, seed=seed, sensors=Sensors.real()))
+    (tmp_path / "torn" / "torn_0.mcap").write_bytes(b"")
+    options = ["--with", "coulomb_friction:joint_2", "--out", str(tmp_path / "history")]
+    result = CliRunner().invoke(app, ["history", *bags, *options])
+    assert result.exit_code == 0 and "left out: " in result.stderr and "torn" in result.stderr, result.output
+    told = json.loads((tmp_path / "history" / "history.json").read_text())
+    assert {Path(one["recording"]).name for one in told["recordings"]} == {"march", "april"}
+    assert any(note.startswith("left out: ") for note in told["notes"])
+    assert CliRunner().invoke(app, ["history", *bags[1:], *options, "--force"]).exit_code == 2
 
 
 def test_a_folder_without_bags_is_refused(tmp_path: Path) -> None:
