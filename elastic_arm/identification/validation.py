@@ -122,11 +122,10 @@ def validated(
     description: Description,
 ) -> Identification:
     """Add the errors on held-out recordings; what they refute is pulled to the description until it is no worse."""
-    linear = not held_out.equations.summed  # Else each prior takes a search of its own: too long for a single joint.
     ratio = held_out.ratio(result.Psi_base)
-    if ratio > EQUAL or (linear and held_out.worse(result.Psi_base)):
+    if ratio > EQUAL:
         result = _pulled(result, identifier, held_out, description)
-    elif ratio > 0.0:
+    elif ratio > 0.0 and not held_out.worse(result.Psi_base):
         result = result.with_(notes=(*result.notes, ALIKE))
     if result.Psi is not None:
         consistent = partial(with_consistency, result, identifier, robot, effects)
@@ -149,29 +148,18 @@ def validated(
 def _pulled(
     result: Identification, identifier: Identifier, held_out: HeldOut, description: Description
 ) -> Identification:
-    """Return the result with the description as the prior that predicts held-out motion best, joint by joint first.
-
-    A fit that is better than the description on the whole stays as it is, unless fewer joints are worse with the prior.
-    """
-    tries = []
-    for width in PULLED:
-        found = identifier.fit(description.prior(width))
-        own = identifier.estimate(result.recordings, result.derivatives, found, description.shown)
-        tries.append((len(held_out.worse(own.Psi_base)), held_out.ratio(own.Psi_base), width, own))
-    now, worse = held_out.ratio(result.Psi_base), held_out.worse(result.Psi_base)
-    refuted = now > EQUAL
-    if refuted:
-        _, ratio, width, best = min(tries, key=lambda each: each[1])
-        alike = not worse and now <= held_out.chance(result.covariance)
-        better, said = ratio < now, [ALIKE if alike else f"the fit predicts {HELD_OUT} worse than the description does"]
-    else:
-        count, ratio, width, best = min(tries, key=lambda each: each[:2])
-        better, said = count < len(worse) and ratio <= now + EQUAL, list[str]()
-    if better:
-        said += [] if refuted else [f"the fit predicts {', '.join(worse)} worse than the description does"]
-        said.append(f"held within {100 * width:.2g} % of the description, as {HELD_OUT} are predicted best so")
-        result = result.with_(estimates=best.estimates, covariance=best.covariance, noise=best.noise)
-    if refuted and not alike and ratio > EQUAL:
+    """Return the result with the description as the prior that predicts held-out motion best."""
+    fits = [identifier.fit(description.prior(width)) for width in PULLED]
+    ratios = [held_out.ratio(fit.Psi) for fit in fits]
+    best = int(np.argmin(ratios))
+    now = held_out.ratio(result.Psi_base)
+    alike = not held_out.worse(result.Psi_base) and now <= held_out.chance(result.covariance)
+    said = [ALIKE if alike else f"the fit predicts {HELD_OUT} worse than the description does"]
+    if ratios[best] < now:
+        said.append(f"held within {100 * PULLED[best]:.2g} % of the description, as {HELD_OUT} are predicted best so")
+        found = identifier.estimate(result.recordings, result.derivatives, fits[best], description.shown)
+        result = result.with_(estimates=found.estimates, covariance=found.covariance, noise=found.noise)
+    if not alike and ratios[best] > EQUAL:
         said.append("no fit near the description is better than it: do not use the identified numbers")
     return result.with_(notes=(*result.notes, *said))
 
