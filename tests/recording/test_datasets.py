@@ -126,6 +126,11 @@ def test_files_that_name_others_are_refused(tmp_path: Path) -> None:
     (tmp_path / "map.yaml").write_text("times: {key: t}\njoints: [j]\nlink: {position: {key: linked}}")
     with pytest.raises(RecordingError, match=r"linked is no table of numbers, but of str[0-9]*: \['a link to q of "):
         import_runs(tmp_path / "virtual.h5", tmp_path / "map.yaml")
+    (tmp_path / "set").mkdir()
+    for k in range(2):
+        (tmp_path / "set" / f"episode_{k}.h5").write_bytes((tmp_path / "virtual.h5").read_bytes())
+    with pytest.raises(RecordingError, match="linked is no table of numbers, but of str"):
+        import_runs(tmp_path / "set", tmp_path / "map.yaml")
 
 
 @pytest.mark.parametrize("lists", [False, True])

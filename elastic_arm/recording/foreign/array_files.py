@@ -84,9 +84,11 @@ def _number(file: Path) -> list[tuple[int, str]]:
 
 
 def _rows(part: Arrays) -> Arrays:
-    """Return the arrays of a file that have a row a sample, which most have."""
-    count = Counter(len(values) for values in part.values()).most_common(1)[0][0]
-    return Arrays({name: values for name, values in part.items() if len(values) == count})
+    """Return the arrays of a file that have a row a sample, which most have, and texts, which say why they are none."""
+    texts = {name: values for name, values in part.items() if values.dtype.kind == "U"}
+    lengths = Counter(len(values) for name, values in part.items() if name not in texts)
+    count = max(lengths, key=lambda length: lengths[length], default=0)
+    return Arrays({name: values for name, values in part.items() if len(values) == count or name in texts})
 
 
 def _stacked(parts: Sequence[Arrays]) -> Arrays:
