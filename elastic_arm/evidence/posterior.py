@@ -22,7 +22,7 @@ from elastic_arm.arrays import Array
 from elastic_arm.evidence.grams import Products
 
 STEPS, SETTLED = 60, 0.01  # of the noise powers, and the change of their logarithms that is none; numerical
-JITTER = 1e-13  # of the scaled precision; numerical
+JITTER = 1e-13  # of the precision's diagonal; numerical
 
 
 @dataclass(frozen=True)
@@ -69,9 +69,9 @@ def posterior(
         A = np.zeros((len(P), len(P)))
         A[row, column] = w @ half
         x, S, logdet = _solve(A, w @ b, P, prior.mean)
-        squares, used = (half @ np.stack([x[row] * x[column] * twice, S[row, column] * twice], axis=1)).T
-        left = np.maximum(yy - 2.0 * (b @ x) + squares, 0.0)
-        new = np.maximum(left / np.maximum(n - w * used, 1.0), 1.0)
+        left = np.maximum(yy - 2.0 * (b @ x) + half @ (x[row] * x[column] * twice), 0.0)
+        used = w * (half @ (S[row, column] * twice))
+        new = np.maximum(left / np.maximum(n - used, 1.0), 1.0)
         # Where a spectrum of its own is worth its prior, a place has one.
         worth = 0.5 * (left - n * np.log(new) - left / new - np.where(new > 1.0, np.log(n), 0.0))
         own = np.bincount(place, worth)[place] + coloured > 0.0
@@ -80,6 +80,7 @@ def posterior(
         if change < SETTLED:
             break
         v = new
+    S = S + np.tril(S, -1).T
     deviation = x - prior.mean
     evidence = -0.5 * float(np.sum(n * np.log(v) + left / v) + np.sum(P * deviation**2) + logdet - np.sum(np.log(P)))
     evidence += coloured * len(np.unique(place[v > 1.0])) - 0.5 * float(np.sum(np.log(n[v > 1.0])))
@@ -94,19 +95,16 @@ def posterior(
 
 
 def _solve(A: Array, rhs: Array, P: Array, mean: Array) -> tuple[Array, Array, float]:
-    """Return mean, covariance and ln |A| with the prior's precision added; A is given by its lower half."""
-    A[np.diag_indices_from(A)] += P
-    s = 1.0 / np.sqrt(np.diag(A))
-    A *= np.outer(s, s)
-    A[np.diag_indices_from(A)] += JITTER
+    """Return mean, lower half of the covariance and ln |A|, the prior added; A is given by its lower half."""
+    diagonal = np.einsum("ii->i", A)
+    diagonal += P
+    diagonal *= 1.0 + JITTER
     # The transpose has the order that LAPACK takes.
     U, _ = lapack.dpotrf(A.T, lower=0, overwrite_a=1)
-    logdet = 2.0 * float(np.sum(np.log(np.diag(U))) - np.sum(np.log(s)))
-    S, _ = lapack.dpotri(U, lower=0, overwrite_c=1)
-    S *= np.outer(s, s)
-    S = np.triu(S)
-    S += np.triu(S, 1).T
-    return S @ (rhs + P * mean), S, logdet
+    logdet = 2.0 * float(np.sum(np.log(np.diag(U))))
+    S = lapack.dpotri(U, lower=0, overwrite_c=1)[0].T
+    rhs = rhs + P * mean
+    return S @ rhs + rhs @ S - np.diag(S) * rhs, S, logdet
 
 
 def mass(mean: Array, std: Array, low: Array, high: Array) -> Array:
