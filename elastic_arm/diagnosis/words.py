@@ -235,7 +235,7 @@ def _told(cause: Cause) -> dict[str, bool]:
     """Return whether each size of a cause is further from none, or from what is stated, than its own deviation."""
     none = {p.name: p.neutral or 0.0 for p in cause.instance.effect.parameters} | dict(cause.stated or {})
     found = {n: (np.array(e.value, float), np.array(e.std, float)) for n, e in cause.parameters.items()}
-    return {n: not bool(np.all(np.abs(value - none[n]) <= std)) for n, (value, std) in found.items()}
+    return {n: not bool(np.all(np.abs(value - none.get(n, 0.0)) <= std)) for n, (value, std) in found.items()}
 
 
 def _short(value: Any, unit: str) -> str:

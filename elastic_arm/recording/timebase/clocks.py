@@ -134,7 +134,7 @@ def rates_of(t: Array, lasting: float) -> list[tuple[int, float]]:
     if not len(each):
         return []
     lasts = np.cumsum(np.where(each < HOLE / BUNCH * np.median(each), each, 0.0)) * BUNCH
-    at = np.searchsorted(lasts, np.arange(0.0, lasts[-1], lasting / LASTING), side="right")
+    at = np.searchsorted(lasts[:-1], np.arange(0.0, lasts[-1], lasting / LASTING), side="right")
     usual = np.log(median_filter(each[at], 2 * LASTING - 1, mode="nearest"))
     found, first = [0], usual[0]
     for k in range(1, len(usual) - LASTING + 1):
