@@ -111,9 +111,21 @@ def compare(
 ) -> SimulationComparison:
     """Diagnose a simulated recording as the real one was, and compare the effects of both.
 
-    simulated: of the same commands, made by any simulator; difference: of the two recordings, without a model.
+    Parameters
+    ----------
+    real
+        The diagnosis of the real recording.
+    simulated
+        A recording of the same commands, made by any simulator.
+    question
+        Of the diagnosis.
+    difference
+        Of the two recordings, without a model.
 
-    Raises a DiagnosisError if the simulated recording allows no diagnosis, or holds other channels.
+    Raises
+    ------
+    DiagnosisError
+        If the simulated recording allows no diagnosis, or holds other channels.
     """
     other = diagnose([simulated], question)
     if set(other.before.rmse) != set(real.before.rmse):

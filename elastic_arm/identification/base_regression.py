@@ -186,11 +186,6 @@ class BaseRegression:
         return self.base.T @ self.nominal
 
     @property
-    def of_arm(self) -> NDArray[np.bool_]:
-        """Which base parameters (B,) hold the model's own, and not laws alone."""
-        return self.base.columns < self._own
-
-    @property
     def rigid(self) -> bool:
         """Whether every row is the torque of a joint of an arm that is taken for rigid."""
         return set(self.sides) <= {"joint", "whole"}

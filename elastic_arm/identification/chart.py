@@ -59,12 +59,6 @@ class Chart:
             variance[k] = 1.0 / weight
         return variance
 
-    def covariance(self) -> Array:
-        """Return the covariance (P, P) of all parameters for relative errors of one, none of laws."""
-        variance = self.variances()
-        variance[self.free + self.held] = 0.0
-        return (self.G * variance) @ self.G.T
-
     def add_link(self, index: list[int], nominal: Array) -> None:
         """Add a link, whose ten parameters are `nominal` without what is folded into it."""
         self.pseudo.append(slice(len(self.start), len(self.start) + 10))

@@ -5,7 +5,8 @@
 in the coordinates of :mod:`.chart`. Every body's pseudo-inertia X, over the nominal's, is positive definite, and what
 no arm has below zero, such as friction, is not negative. Distance to the nominal is the entropic divergence (T. Lee,
 P. Wensing, F. Park, IEEE Trans. Robotics 36 (2020) 837), which does not depend on coordinates and units. The problem is
-convex and solved by Clarabel through cvxpy.
+convex and solved by Clarabel through cvxpy. The trust is the relative error of the nominal that makes the recording
+most probable (its evidence).
 """
 
 import warnings
@@ -20,15 +21,21 @@ from elastic_arm.effects import EffectInstance
 from elastic_arm.errors import IdentificationError, RobotError
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.chart import PAIRS, Chart, chart_of, folded
+from elastic_arm.identification.deviations import inflation
 from elastic_arm.identification.law_columns import joint_of_law
 from elastic_arm.identification.least_squares import Fit, correlation
-from elastic_arm.identification.regularisation import LAW_WIDTH, Description, whitened
 from elastic_arm.identification.result import Identification
 from elastic_arm.identification.stream import Identifier
 from elastic_arm.robot import Robot
 
+# Relative errors of the nominal that are tried, and the one taken where the data do not say.
+TRUST = np.geomspace(0.01, 2.0, 24)
+# Laws beyond the model have no nominal: the standard deviation of their prior, but of those that the chart holds.
+LAW_WIDTH = 1e3
 TOLERANCE = 1e-7  # of the solver, in the unit of what has a bound (Nm, Nm s/rad)
 INEXACT = "physically consistent arm: the convex solver came near its tolerance without meeting it"
+# Data finer than this, relative to the nominal, bind like an equality; finer would only spoil the solver's numbers.
+STIFFEST = 1e5
 # A link's mass over the described one, beyond which something else is at work. Of eight real arms of right signs, some
 # of their masses guessed, links came out at 0.12 to 4.1 times; of three with torques of the wrong sign at 0.02 and 39.
 ODD = (0.1, 5.0)
@@ -41,51 +48,62 @@ class Consistent:
     """Physically consistent parameters."""
 
     Psi: Array  # (P,) all parameters, laws beyond the model last
+    trust: float  # Relative error of the nominal that was taken for granted
     # rise of the weighted residual over the unconstrained fit, in units of its noise: root of the mean square
     misfit: float
     exact: bool = True  # Whether the solver met its tolerance
 
 
-def consistent(fit: Fit, description: Description) -> Consistent:
+def consistent(fit: Fit, equations: BaseRegression, correlated: float = 1.0, trust: float | None = None) -> Consistent:
     """Find the physically consistent parameters that fit best, close to the nominal where the data determine nothing.
 
     Raises an IdentificationError if the solver fails.
     """
-    equations, T = description.equations, description.equations.base.T
     chart = chart_of(equations)
-    A, b, _ = whitened(fit, T @ chart.G, T @ chart.Psi0, description.correlated)
-    x, exact = _solve(A, b, chart, description.error)
+    A, b = _data(fit, equations, chart, correlated)
+    trust = trust or _most_probable_trust(A, b, chart)
+    x, exact = _solve(A, b, chart, trust)
     Psi = chart.Psi0 + chart.G @ (x - chart.x0)
     size = np.sqrt(np.mean((fit.weights * fit.noise) ** 2))
-    apart = fit.factor[:-1, :-1] @ (T @ Psi - fit.Psi)
-    return Consistent(Psi, float(np.linalg.norm(apart) / size / np.sqrt(max(fit.samples, 1))), exact)
+    apart = fit.factor[:-1, :-1] @ (equations.base.T @ Psi - fit.Psi)
+    return Consistent(Psi, trust, float(np.linalg.norm(apart) / size / np.sqrt(max(fit.samples, 1))), exact)
 
 
-def correlation_of_errors(identifier: Identifier, fit: Fit, repeats: bool) -> float:
+def description_covariance(equations: BaseRegression) -> Array:
+    """Return the covariance (P, P) of all parameters for a description with relative errors of one; laws have none."""
+    chart = chart_of(equations)
+    variance = chart.variances()
+    variance[chart.free + chart.held] = 0.0
+    return (chart.G * variance) @ chart.G.T
+
+
+def correlation_of_errors(identifier: Identifier, repeats: bool) -> float:
     """Return how many times larger the variances are than those of white errors.
 
     What the model misses follows the motion: errors may be alike over half a period of it, and no longer. How far they
     are is measured by the scatter of long blocks, unless the motion repeats: its errors then do so too, from block to
     block, without scatter.
     """
+    fit = identifier.fit()
     # Averages may be fewer than half periods of the quickest joint: none is less than one error.
     most = max(fit.samples / identifier.statistics.effective_samples, 1.0)
-    return most if repeats else min(most, max(correlation(identifier.linear_blocks(fit), fit, most), 1.0))
+    return most if repeats else min(most, max(correlation(identifier.linear_blocks(), fit, most), 1.0))
 
 
 def with_consistency(
     result: Identification,
     identifier: Identifier,
     robot: Robot,
-    effects: Sequence[EffectInstance],
-    description: Description,
+    effects: Sequence[EffectInstance] = (),
+    trust: float | None = None,
     *,
+    correlated: float = 1.0,
     described: Collection[str] = (),
 ) -> Identification:
     """Add all parameters, physically consistent, and the arm that has them; where there are such."""
     equations = identifier.equations
     try:
-        found = consistent(description.shown or identifier.fit(), description)
+        found = consistent(identifier.fit(), equations, correlated, trust)
         motors = {f"{joint}.{ARMATURE}" for joint in described}
         back = [joint_of_law(name) in described or name in motors for name in equations.names]
         Psi = np.where(back, equations.nominal, found.Psi)
@@ -96,9 +114,42 @@ def with_consistency(
     return result.with_(
         Psi=Psi,
         notes=(*(note for note in result.notes if note != INEXACT), *(() if found.exact else (INEXACT,))),
-        consistency={"trust": description.error, "misfit": found.misfit, "correlation": description.correlated},
+        consistency={"trust": found.trust, "misfit": found.misfit, "correlation": correlated},
         identified=identified,
     )
+
+
+def _data(fit: Fit, equations: BaseRegression, chart: Chart, correlated: float) -> tuple[Array, Array]:
+    """Return A, b: the recording gives A (x - x0) = b with unit noise.
+
+    Errors are coloured: their effect on the estimate is larger than white ones' by a factor known from the blocks, or
+    from longer ones.
+    """
+    excess = np.sqrt(max(1.0, inflation(fit.covariance, fit.white_covariance), correlated))
+    # Ordinary least squares has weights of one: its rows are still in Nm.
+    size = np.sqrt(np.mean((fit.weights * fit.noise) ** 2))
+    scaled = fit.factor[:-1, :] / (excess * size)
+    T = equations.base.T
+    A = scaled[:, :-1] @ T @ chart.G
+    b = scaled[:, -1] - scaled[:, :-1] @ (T @ chart.Psi0)
+    u, s, vt = np.linalg.svd(A, full_matrices=False)
+    kept = s > 1e-12 * s[0]
+    softened = np.minimum(s, STIFFEST)[kept] / s[kept]
+    return softened[:, None] * s[kept][:, None] * vt[kept], softened * (u[:, kept].T @ b)
+
+
+def _most_probable_trust(A: Array, b: Array, chart: Chart) -> float:
+    """Return the relative error of the nominal under which b is most probable (type II maximum likelihood)."""
+    shape = chart.variances()
+    law = np.zeros(len(shape))
+    law[chart.free], law[chart.held] = LAW_WIDTH**2, 1.0
+    own = np.where(law > 0, 0.0, shape)
+
+    def evidence(trust: float) -> float:
+        covariance = np.eye(len(b)) + (A * (trust**2 * own + law)) @ A.T
+        return float(-np.linalg.slogdet(covariance)[1] - b @ np.linalg.solve(covariance, b))
+
+    return float(max(TRUST, key=evidence))
 
 
 def _solve(A: Array, b: Array, chart: Chart, trust: float) -> tuple[Array, bool]:

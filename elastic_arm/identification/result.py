@@ -257,17 +257,16 @@ def chi_square(identification: Identification, true: Array) -> float:
 
 def result_of(
     fit: Fit,
-    shown: Fit,
     equations: BaseRegression,
     judged: Excitation,
     samples: int,
     recordings: tuple[str, ...],
     methods: tuple[str, ...],
 ) -> Identification:
-    """Return the result of a fit; what the recordings determine by themselves is judged by the fit `shown`."""
+    """Return the result of a fit."""
     base, robot = equations.base, equations.model.robot
-    relative = relative_std(equations, shown.Psi, shown.std)
-    words = checked(verdicts(relative), shown, equations, judged.one_way)
+    relative = relative_std(equations, fit.Psi, fit.std)
+    words = checked(verdicts(relative), fit, equations, judged.one_way)
     motion: dict[str, Any] = {"condition": judged.condition, "poor": judged.poor}
     motion |= {"reasons": list(judged.reasons), "weakest": list(judged.weakest)}
     numbers = (values.tolist() for values in (fit.Psi, fit.std, equations.described, relative))
@@ -279,15 +278,15 @@ def result_of(
         prismatic=tuple(robot.units.prismatic),
         estimates=tuple(Estimate(*row) for row in zip(base.names, base.units, *numbers, words, strict=True)),
         noise=equations.by_joint(fit.noise),
-        condition=shown.condition,
-        undetermined=directions(shown.undetermined, base.names),
+        condition=fit.condition,
+        undetermined=directions(fit.undetermined, base.names),
         samples=samples,
         derivatives=methods,
         excitation=motion,
         parameter_names=equations.names,
         T=base.T,
         covariance=fit.covariance,
-        notes=remarks(shown, equations, judged.one_way),
+        notes=remarks(fit, equations, judged.one_way),
     )
 
 

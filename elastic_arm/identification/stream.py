@@ -300,16 +300,10 @@ class Identifier:
         recordings: tuple[str, ...] = (),
         methods: tuple[str, ...] = (),
         found: Fit | None = None,
-        shown: Fit | None = None,
     ) -> Identification:
-        """Return the estimate with its standard deviations and verdicts; see :meth:`fit` for errors.
-
-        found, shown: with what is known beforehand, and without: what the samples determine by themselves.
-        """
+        """Return the estimate with its standard deviations and verdicts; see :meth:`fit` for errors."""
         found = found or self.fit()
-        return result_of(
-            found, shown or found, self.equations, self.excitation(), self.progress.samples, recordings, methods
-        )
+        return result_of(found, self.equations, self.excitation(), self.progress.samples, recordings, methods)
 
     def excitation(self) -> Excitation:
         """Return what the motion so far can determine; the torques are not looked at."""

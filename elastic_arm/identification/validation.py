@@ -2,7 +2,7 @@
 
 import functools
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, partial
 
 import numpy as np
@@ -16,16 +16,25 @@ from elastic_arm.identification.accumulator import averaged
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.consistent import with_consistency
 from elastic_arm.identification.deviations import residual_norms
-from elastic_arm.identification.regularisation import ERRORS, Description
+from elastic_arm.identification.regularisation import (
+    DOUBT,
+    WIDTHS,
+    described_width,
+    description_error,
+    law_sizes,
+    prior_of,
+)
 from elastic_arm.identification.result import Identification
 from elastic_arm.identification.stream import Identifier
 from elastic_arm.robot import Robot
 
-HELD_OUT = "the held-out recordings"
-ALIKE = f"within its deviations, the fit predicts {HELD_OUT} as well as the description, which may stay as it is"
 # Relative errors of the description that are tried where held-out motion refutes a fit: errors of a model that does not
 # hold may be many times the noise.
-PULLED = np.geomspace(1e-5, ERRORS[-1], 23)
+PULLED = (*WIDTHS, 1e-2, 1e-3, 1e-4, 1e-5)
+HELD_OUT = "the held-out recordings"
+ALIKE = f"within its deviations, the fit predicts {HELD_OUT} as well as the description, which may stay as it is"
+# Relative errors of the description that the consistent arm may still take it for, where it predicts badly.
+TRUSTS = (0.3, 0.1, 0.03, 0.01)
 # Ratio of rms errors from which a joint is predicted worse than by the description.
 WORSE = 1.1
 RARE = 6.6  # times its mean, a square of one normal deviation is once in a hundred
@@ -119,17 +128,15 @@ def validated(
     robot: Robot,
     effects: Sequence[EffectInstance],
     held_out: HeldOut,
-    description: Description,
+    correlated: float = 1.0,
 ) -> Identification:
     """Add the errors on held-out recordings; what they refute is pulled to the description until it is no worse."""
-    ratio = held_out.ratio(result.Psi_base)
-    if ratio > EQUAL:
-        result = _pulled(result, identifier, held_out, description)
-    elif ratio > 0.0 and not held_out.worse(result.Psi_base):
-        result = result.with_(notes=(*result.notes, ALIKE))
+    linear = not held_out.equations.summed  # Else each prior takes a search of its own: too long for a single joint.
+    if held_out.ratio(result.Psi_base) > EQUAL or (linear and held_out.worse(result.Psi_base)):
+        result = _pulled(result, identifier, held_out, correlated)
     if result.Psi is not None:
-        consistent = partial(with_consistency, result, identifier, robot, effects)
-        result = _consistent_or_none(result, consistent, held_out, description)
+        consistent = partial(with_consistency, result, identifier, robot, effects, correlated=correlated)
+        result = _consistent_or_none(result, consistent, held_out)
     equations = held_out.equations
     arms = {"nominal": equations.described, "identified": result.Psi_base}
     if result.Psi is not None:
@@ -145,27 +152,37 @@ def validated(
     return result.with_(validation=found, notes=(*result.notes, *notes))
 
 
-def _pulled(
-    result: Identification, identifier: Identifier, held_out: HeldOut, description: Description
-) -> Identification:
-    """Return the result with the description as the prior that predicts held-out motion best."""
-    fits = [identifier.fit(description.prior(width)) for width in PULLED]
-    ratios = [held_out.ratio(fit.Psi) for fit in fits]
-    best = int(np.argmin(ratios))
-    now = held_out.ratio(result.Psi_base)
-    alike = not held_out.worse(result.Psi_base) and now <= held_out.chance(result.covariance)
-    said = [ALIKE if alike else f"the fit predicts {HELD_OUT} worse than the description does"]
-    if ratios[best] < now:
-        said.append(f"held within {100 * PULLED[best]:.2g} % of the description, as {HELD_OUT} are predicted best so")
-        found = identifier.estimate(result.recordings, result.derivatives, fits[best], description.shown)
-        result = result.with_(estimates=found.estimates, covariance=found.covariance, noise=found.noise)
-    if not alike and ratios[best] > EQUAL:
+def _pulled(result: Identification, identifier: Identifier, held_out: HeldOut, correlated: float) -> Identification:
+    """Return the result with the description as the prior that predicts held-out motion best, joint by joint first.
+
+    A fit that is better than the description on the whole stays as it is, unless fewer joints are worse with the prior.
+    """
+    tries, error = [], description_error(identifier.fit(), held_out.equations, DOUBT)
+    laws = law_sizes(identifier.linear_blocks(), held_out.equations)
+    for width in PULLED:
+        prior = prior_of(held_out.equations, width, error, laws, correlated)
+        own = identifier.estimate(result.recordings, result.derivatives, identifier.fit(prior))
+        tries.append((len(held_out.worse(own.Psi_base)), held_out.ratio(own.Psi_base), width, own))
+    now, worse = held_out.ratio(result.Psi_base), held_out.worse(result.Psi_base)
+    refuted = now > EQUAL
+    if refuted:
+        _, ratio, width, best = min(tries, key=lambda each: each[1])
+        alike = not worse and now <= held_out.chance(result.covariance)
+        better, said = ratio < now, [ALIKE if alike else f"the fit predicts {HELD_OUT} worse than the description does"]
+    else:
+        count, ratio, width, best = min(tries, key=lambda each: each[:2])
+        better, said = count < len(worse) and ratio <= now + EQUAL, list[str]()
+    if better:
+        said += [] if refuted else [f"the fit predicts {', '.join(worse)} worse than the description does"]
+        said.append(described_width(width, HELD_OUT))
+        result = result.with_(estimates=best.estimates, covariance=best.covariance, noise=best.noise)
+    if refuted and not alike and ratio > EQUAL:
         said.append("no fit near the description is better than it: do not use the identified numbers")
     return result.with_(notes=(*result.notes, *said))
 
 
 def _consistent_or_none(
-    result: Identification, consistent: Callable[..., Identification], held_out: HeldOut, description: Description
+    result: Identification, consistent: Callable[..., Identification], held_out: HeldOut
 ) -> Identification:
     """Return the result with a consistent arm that predicts no joint worse on held-out motion, or none.
 
@@ -174,9 +191,8 @@ def _consistent_or_none(
     """
     T, worst = held_out.equations.base.T, list[str]()
     kept: list[str] = []
-    for error in (description.error, *ERRORS[description.error > ERRORS][::-4]):
-        taken = replace(description, error=error)
-        tried = result if error == description.error else consistent(taken)
+    for trust in (None, *TRUSTS):
+        tried = result if trust is None else consistent(trust)
         for last in (False, True):
             if tried.Psi is None:
                 break
@@ -187,7 +203,7 @@ def _consistent_or_none(
             if last or not worse:
                 break
             kept = worse
-            tried = consistent(taken, described=kept)
+            tried = consistent(trust, described=kept)
     where = f" at {', '.join(worst)}" if worst else ""
     said = (
         [] if ALIKE in result.notes else [f"the consistent arm predicts {HELD_OUT} worse than the description{where}"]

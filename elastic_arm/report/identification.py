@@ -130,7 +130,7 @@ def _verdict(result: Identification) -> list[Block]:
         blocks.append(
             Text(
                 f"All parameters were filled in so that every body is physically possible, trusting the nominal arm to "
-                f"{100 * result.consistency['trust']:.2g} % (as the recordings make it probable)."
+                f"{result.consistency['trust']:.0%} (the value under which the recording is most probable)."
             )
         )
     return blocks

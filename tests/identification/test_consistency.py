@@ -19,7 +19,6 @@ from elastic_arm.identification import (
 from elastic_arm.identification import consistent as module
 from elastic_arm.identification.chart import pseudo_inertia
 from elastic_arm.identification.consistent import consistent, correlation_of_errors, identified_robot, odd_masses
-from elastic_arm.identification.regularisation import described
 from elastic_arm.identification.verdict import remarks
 from elastic_arm.recording import Recording, Side
 from elastic_arm.robot import Inertia, Robot, load_robot, parse_urdf, to_urdf
@@ -96,8 +95,8 @@ def test_errors_count_as_alike_over_half_a_period_only_where_the_motion_repeats(
     recording = recording_of(samples, true_robot)
     _, identifier, _ = identify_with(recording, true_robot, IdentificationSettings(consistent=False))
     half_period = identifier.fit().samples / identifier.statistics.effective_samples
-    assert correlation_of_errors(identifier, identifier.fit(), repeats=True) == half_period
-    assert correlation_of_errors(identifier, identifier.fit(), repeats=False) < 0.4 * half_period
+    assert correlation_of_errors(identifier, repeats=True) == half_period
+    assert correlation_of_errors(identifier, repeats=False) < 0.4 * half_period
 
 
 def of_rigid_arm(described: Robot, harmonics: int, trembles: float | None = None) -> Recording:
@@ -123,8 +122,8 @@ def test_errors_of_averages_count_as_white_ones_at_least(
     rigid = parse_urdf(to_urdf(true_robot))
     settings = IdentificationSettings(consistent=False)
     _, identifier, _ = identify_with(of_rigid_arm(rigid, harmonics, trembles), rigid, settings)
-    assert correlation_of_errors(identifier, identifier.fit(), repeats=False) >= least
-    assert correlation_of_errors(identifier, identifier.fit(), repeats=True) >= least
+    assert correlation_of_errors(identifier, repeats=False) >= least
+    assert correlation_of_errors(identifier, repeats=True) >= least
 
 
 def test_saved_arm_loads_and_predicts_the_same(result: Identification, true_robot: Robot, tmp_path: Path) -> None:
@@ -141,7 +140,7 @@ def test_identified_laws_become_effects_of_the_arm(true_robot: Robot) -> None:
     laws = parse_laws(["viscous_friction:joint_2"], true_robot)
     identifier = identifier_of(true_robot, "mod3", laws)
     identifier.add(record(identifier.model, np.random.default_rng(4), encoder_noise=1e-6, velocity_noise=1e-4))
-    found = consistent(identifier.fit(), described(identifier, identifier.linear_blocks(), 1.0))
+    found = consistent(identifier.fit(), identifier.equations, trust=0.1)
     arm = identified_robot(true_robot, identifier.equations, found.Psi, laws)
     assert [(e["effect"], e["joint"]) for e in arm.effects] == [("viscous_friction", "joint_2")]
     assert arm.effects[0]["parameters"]["coefficient"] == pytest.approx(found.Psi[-1])
@@ -157,7 +156,7 @@ def test_no_identified_friction_drives(true_robot: Robot) -> None:
     below = np.where(np.arange(len(fit.Psi)) == column, -5.0, fit.Psi)
     factor = fit.factor.copy()
     factor[:-1, -1] = factor[:-1, :-1] @ below
-    found = consistent(replace(fit, Psi=below, factor=factor), described(identifier, identifier.linear_blocks(), 1.0))
+    found = consistent(replace(fit, Psi=below, factor=factor), identifier.equations, trust=0.1)
     assert found.Psi[-1] == pytest.approx(0.0, abs=1e-3)
 
 
@@ -178,7 +177,7 @@ def test_what_the_data_do_not_say_stays_with_the_nominal(true_robot: Robot) -> N
     """The mass of link 1, which turns about a vertical axis and enters no equation, stays as described."""
     identifier = identifier_of(true_robot)
     identifier.add(record(identifier.model, np.random.default_rng(4), encoder_noise=1e-6, velocity_noise=1e-4))
-    found = consistent(identifier.fit(), described(identifier, identifier.linear_blocks(), 1.0))
+    found = consistent(identifier.fit(), identifier.equations)
     named = dict(zip(identifier.equations.names, found.Psi, strict=True))
     assert named["link_1.m"] == pytest.approx(true_robot.joints[0].link.mass, rel=0.05)
 

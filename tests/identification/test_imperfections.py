@@ -14,7 +14,7 @@ from elastic_arm.identification.batch.identify import FELT
 from elastic_arm.identification.batch.imperfections import LEVEL, ZERO, NuisanceLaw, possible_imperfections, told_apart
 from elastic_arm.identification.batch.mounting import turned
 from elastic_arm.identification.law_columns import law_columns, on_recorded_side
-from elastic_arm.identification.regularisation import Description, law_sizes
+from elastic_arm.identification.regularisation import law_sizes, prior_of
 from elastic_arm.identification.stream import Identifier
 from elastic_arm.recording import Recording
 from elastic_arm.robot import Robot
@@ -120,7 +120,7 @@ def test_the_prior_of_what_is_ordinary_weighs_as_the_errors_last(robot: Robot) -
     equations: BaseRegression = identifier.equations
     place, sizes = equations.base.names.index(column.name), law_sizes(identifier.linear_blocks(), equations)
     assert sizes[place] == 0.5
-    white, coloured = (Description(equations, sizes, c).prior() for c in (1.0, 100.0))
+    white, coloured = (prior_of(equations, np.inf, laws=sizes, correlated=c) for c in (1.0, 100.0))
     assert white.factor[place, place] == pytest.approx(2.0) and coloured.factor[place, place] == pytest.approx(20.0)
     assert np.asarray(coloured.excess)[place] == pytest.approx(10.0)
 
@@ -186,8 +186,7 @@ def test_the_prior_of_the_description_is_kept_where_a_zero_is_part_of_a_base_par
     sizes = law_sizes(identifier.linear_blocks(), equations)
     assert any(mixed) and np.isnan(sizes[mixed]).all()
     own = np.isnan(sizes)
-    none = np.full(len(sizes), np.nan)
-    with_laws, without = (Description(equations, laws, 1.0, 0.1).prior().factor for laws in (sizes, none))
+    with_laws, without = (prior_of(equations, 0.1, laws=laws).factor for laws in (sizes, None))
     np.testing.assert_array_equal(with_laws[np.ix_(own, own)], without[np.ix_(own, own)])
 
 

@@ -2,7 +2,10 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import product
+
+import numpy as np
 
 from elastic_arm.effects.library.base_tilt import TILT
 from elastic_arm.effects.library.friction import PLAIN
@@ -23,8 +26,16 @@ from elastic_arm.identification.batch.selection import (
 )
 from elastic_arm.identification.consistent import correlation_of_errors, odd_masses, with_consistency
 from elastic_arm.identification.law_columns import on_recorded_side, with_stated
+from elastic_arm.identification.least_squares import Prior
 from elastic_arm.identification.misfit import poor_fits, resonance
-from elastic_arm.identification.regularisation import Description, described
+from elastic_arm.identification.regularisation import (
+    DOUBT,
+    chosen_width,
+    described_width,
+    description_error,
+    law_sizes,
+    prior_of,
+)
 from elastic_arm.identification.result import Identification
 from elastic_arm.identification.stream import Identifier
 from elastic_arm.identification.validation import HeldOut, validated
@@ -36,6 +47,9 @@ from elastic_arm.recording.recording import recordings_of
 from elastic_arm.recording.standstill import without_standstill
 from elastic_arm.robot import Robot, require_robot
 
+# Relative error of the description: where an arm is taken for rigid it is never believed to be off by more. What
+# repeats in all parts of a recording shows no need of a prior, and still predicts another motion badly.
+LOOSE = 3.0
 MOTOR_INERTIA = "the description states no motor inertia: it was identified too (armature; a URDF cannot hold it)"
 BARE = "without a torque, and so without an equation: what it alone would show is not determined"
 UNSEEN = "left out, as it acts at a joint without a torque"
@@ -115,7 +129,7 @@ def identify_with(
         robot, effects = mounting.of(robot), (*effects, *parse_laws([TILT], robot, settings.catalogue))
         trials = replace(trials, robot=robot, settings=replace(settings, effects=effects), _known={})
         choice = trials.selected()
-    result, trial, description = _estimated(trials, choice)
+    result, trial, correlated = _estimated(trials, choice)
     equations = {name for rms in result.noise.values() for name in rms}
     bare = [name for name in prepared[0].without_torque(robot.joint_names) if name not in equations]
     notes += [mounting.note] if mounting else []
@@ -124,7 +138,7 @@ def identify_with(
     result = result.with_(notes=tuple(dict.fromkeys([*result.notes, *notes])))
     if validate:
         motions = _held_out_motions(held_out, trial, not choice.sticking, report)
-        result = validated(result, trial.identifier, robot, (*effects, *choice.laws), motions, description)
+        result = validated(result, trial.identifier, robot, (*effects, *choice.laws), motions, correlated)
     if result.identified is not None:
         # Of the arm that is written, after validation has had its say.
         result = result.with_(notes=(*result.notes, *odd_masses(robot, result.identified)))
@@ -137,28 +151,42 @@ def _cleared(recording: Recording, robot: Robot) -> Recording:
     return with_made_torque(by_motor_encoders(moving, robot), robot)
 
 
-def _estimated(trials: Trials, choice: BatchChoice) -> tuple[Identification, BatchTrial, Description]:
-    """Return the identification by one choice, its estimator, and the description as its prior."""
+def _estimated(trials: Trials, choice: BatchChoice) -> tuple[Identification, BatchTrial, float]:
+    """Return the identification by one choice, its estimator, and by what its errors exceed white ones in variance."""
     trial = trials.final(choice)
     trials.report("estimate", 1.0)
     identifier, derived = trial.identifier, trial.derived
     sources = tuple(recording.source for recording, _ in trials.recordings)
-    correlated = correlation_of_errors(identifier, trial.fit, repeats=any(stage.repeats for stage in trials.stages))
-    description = described(identifier, trial.linear_blocks, correlated)
-    found = identifier.fit(description.prior())
-    result = identifier.estimate(sources, tuple(d.method for d in derived), found, description.shown)
+    correlated = 1.0
+    if trials.settings.consistent or choice.held:
+        correlated = correlation_of_errors(identifier, repeats=any(stage.repeats for stage in trials.stages))
+    width, prior = _regularised(trial, choice, correlated)
+    found = trial.fit if prior is None else identifier.fit(prior)
+    result = identifier.estimate(sources, tuple(d.method for d in derived), found)
     units = trials.robot.units
     notes = [note for recording, _ in trials.recordings for note in recording.notes]
     notes += [note for d, source in zip(derived, sources, strict=True) for note in d.notes(source, units)]
-    notes.append(description.words)
+    notes += [] if width is None else [described_width(width, "parts of the recordings left out in turn")]
     notes += trials.notes(choice)
     notes += poor_fits(identifier.equations, derived[0].longest, result.Psi_base, trials.stages[0].torque_noise)
     result = result.with_(notes=tuple(dict.fromkeys([*result.notes, *notes])))
     if trials.settings.consistent:
         trials.report("physical consistency", 1.0)
-        effects = (*trials.effects, *choice.laws)
-        result = with_consistency(result, identifier, trials.robot, effects, description)
-    return result, trial, description
+        laws = (*trials.effects, *choice.laws)
+        result = with_consistency(result, identifier, trials.robot, laws, correlated=correlated)
+    return result, trial, correlated
+
+
+def _regularised(trial: BatchTrial, choice: BatchChoice, correlated: float) -> tuple[float | None, Prior | None]:
+    """Return the width of the prior that predicts left-out parts best, None where it takes none, and the prior."""
+    equations, blocks = trial.identifier.equations, trial.linear_blocks
+    prior = partial(prior_of, equations, laws=law_sizes(blocks, equations), correlated=correlated)
+    plain = trial.identifier.fit(prior(np.inf)) if choice.held else trial.fit
+    chosen = chosen_width(blocks, plain, equations, correlated)
+    width = min(chosen or LOOSE, LOOSE) if equations.rigid else chosen
+    if width is None:
+        return None, None
+    return width if chosen else None, prior(width, description_error(plain, equations, DOUBT))
 
 
 def _held_out(recordings: Sequence[Recording], fitted: Samples, robot: Robot, model: str) -> dict[str, DerivativeStage]:

@@ -101,6 +101,11 @@ class BatchChoice:
         return self.sign_speed, self.averaged, self.sticking, tuple((e.place, e.ordinary) for e in self.imperfections)
 
     @property
+    def held(self) -> bool:
+        """Whether a prior holds some imperfections to what is ordinary."""
+        return any(each.ordinary is not None for each in self.imperfections)
+
+    @property
     def laws(self) -> tuple[EffectInstance, ...]:
         """The imperfections' laws."""
         return tuple(each.instance for each in self.imperfections)
