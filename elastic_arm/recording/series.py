@@ -115,35 +115,13 @@ class Series:
                 )
         stamp_ns = self._gather(np.int64, lambda piece: piece.stamp_ns)
         if (stamp_ns[1:] > stamp_ns[:-1]).all():
-            return self._new(stamp_ns, slice(None), [])
+            return stamp_ns, slice(None), []
         stamp_ns, rows, found = in_order(stamp_ns, self.topic, self._gather(np.int64, lambda piece: piece.log_ns))
         again = np.diff(stamp_ns, prepend=stamp_ns[0] - 1) == 0
         if again.any():
             stamp_ns, rows, words = self._once(stamp_ns, rows)
             found.append(words)
-        return self._new(stamp_ns, rows, found)
-
-    def _new(
-        self, stamp_ns: Stamps, rows: Rows | slice, found: list[Finding]
-    ) -> tuple[Stamps, Rows | slice, list[Finding]]:
-        """Leave out messages that repeat the one before, where stamps are half as irregular without them."""
-        new = np.zeros(len(stamp_ns), np.bool_)
-        new[:1] = True
-        for path in dict.fromkeys(path for piece in self.pieces for path in piece.values if piece.has(path)):
-            table = self._gather(np.float64, *_spread(self, path))[rows]
-            new[1:] |= ~((table[1:] == table[:-1]) | (np.isnan(table[1:]) & np.isnan(table[:-1]))).all(axis=1)
-            if new.all():
-                return stamp_ns, rows, found
-        if new.sum() < 3:
-            return stamp_ns, rows, found
-        steps = (np.quantile(np.diff(stamps), (0.16, 0.84)) for stamps in (stamp_ns, stamp_ns[new]))
-        own, without = (float(last - first) for first, last in steps)
-        if without >= 0.5 * own:
-            return stamp_ns, rows, found
-        words = f"{np.sum(~new)} of {len(new)} messages on {self.topic} repeat all numbers of the one before, between"
-        message = f"{words} the stamps of the others: sent again by a second publisher, a relay? They are left out"
-        finding = Finding("warning", "second_publisher", message, topic=self.topic)
-        return stamp_ns[new], np.arange(self.count)[rows][new], [*found, finding]
+        return stamp_ns, rows, found
 
     def _once(self, stamp_ns: Stamps, rows: Rows) -> tuple[Stamps, Rows, Finding]:
         """Take one message of each stamp: the first that does not hold zeros alone."""

@@ -179,29 +179,3 @@ def test_messages_of_a_gripper_are_no_fault(tmp_path: Path) -> None:
     both = sorted(states("/motor_states", TAKEN) + gripper, key=lambda message: message[2])
     report = check_bag(write_foreign(tmp_path / "bag", both))
     assert report.usable and not [finding for finding in report.findings if "finite" in finding.message]
-
-
-def of_rows(rows: Sequence[float], stamp_ns: np.ndarray) -> list[tuple[str, str, int, bytes]]:
-    """Messages whose numbers tell a row each."""
-    given = zip(rows, stamp_ns.tolist(), strict=True)
-    return [("/joint_states", JOINT_STATE, s, joint_state(s, JOINTS, *[[row, row + 1, 0.0]] * 3)) for row, s in given]
-
-
-@pytest.mark.parametrize("lost", [300, 3])
-def test_messages_that_a_relay_sends_again_are_left_out(tmp_path: Path, lost: int) -> None:
-    """Each sample comes again 0.1 ms later, or all but every third: the rate is the arm's, and the check says so."""
-    taken = stamps(300)
-    late = [row for row in range(300) if row % lost]
-    sent = of_rows(range(300), taken) + of_rows(late, taken[late] + 100_000)
-    bag = write_foreign(tmp_path / "bag", sorted(sent, key=lambda message: message[2]))
-    (finding,) = [finding for finding in check_bag(bag).findings if finding.code == "second_publisher"]
-    assert f"{len(late)} of {300 + len(late)} messages on /joint_states repeat" in finding.message
-    link = read_recording(bag).link
-    assert link is not None and link.stamp_ns.tolist() == taken.tolist()
-
-
-@pytest.mark.parametrize("rows", [np.arange(300) // 2, np.minimum(np.arange(300), 100)])
-def test_samples_that_stay_at_even_stamps_are_kept(tmp_path: Path, rows: np.ndarray) -> None:
-    """Numbers that are renewed at every second sample, and an arm that stands without noise, are no relays."""
-    link = read_recording(write_foreign(tmp_path / "bag", of_rows(rows.tolist(), stamps(300)))).link
-    assert link is not None and len(link) == 300
