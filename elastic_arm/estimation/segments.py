@@ -68,7 +68,7 @@ def _cut(recording: Recording, begins: Sequence[float]) -> list[Recording]:
     ]
 
 
-def recorded_seconds(recording: Recording) -> float:
+def _recorded_seconds(recording: Recording) -> float:
     """Return how long a recording lasts, s, without its holes."""
     stamps = _stamps(recording)
     return float(np.diff(stamps)[_unbroken(stamps)].sum()) * 1e-9
@@ -112,7 +112,7 @@ class MostTelling:
         """Take the next part of the recording."""
         self._first, self._last = self._first or part, part
         self.whole += part.duration
-        self.recorded += recorded_seconds(part)
+        self.recorded += _recorded_seconds(part)
         stamps = _stamps(part)
         for begin, end in moving_spans(part).tolist():
             own = stamps[slice(*np.searchsorted(stamps, (begin, end + 1)))]
@@ -128,7 +128,7 @@ class MostTelling:
         sides = motion.measured().values()
         if not all(map(len, sides)):
             return
-        self.moving += (seconds := recorded_seconds(motion))
+        self.moving += (seconds := _recorded_seconds(motion))
         side = next(
             (side for side in (motion.motor, motion.link) if side is not None and side.position is not None), None
         )

@@ -21,10 +21,10 @@ from elastic_arm.recording.storage.bag import Bag, BagFile, open_bag
 from elastic_arm.recording.storage.mcap_scan import McapBlock
 from elastic_arm.recording.storage.messages import topics_of
 from elastic_arm.recording.timebase.joining import pair
+from elastic_arm.recording.timebase.ordering import LATE_NS
 from elastic_arm.recording.topics import JOINT_STATES, JOINT_TORQUES, MOTOR_STATES, REFERENCE, ROBOT_DESCRIPTION, TYPES
 
 PART = 400_000  # messages of a part of a long bag: three minutes of two topics at 1 kHz
-SECOND = 1_000_000_000  # ns; no message is on its way for longer
 _CONTRACT = (JOINT_STATES, MOTOR_STATES, JOINT_TORQUES, REFERENCE)
 _STATE = {name: name for name in ("position", "velocity", "effort")}
 _POINT = {
@@ -176,10 +176,10 @@ def read_parts(
         topics = topics or set(content.series) - {REFERENCE}
         if topics <= set(content.series):
             read = recording_of(content, channels, joints, arrival=arrival)[0]
-            if end is not None and (back := end - read.start_ns - later) > SECOND:
-                later += back + SECOND
+            if end is not None and (back := end - read.start_ns - later) > LATE_NS:
+                later += back + LATE_NS
             read = read.moved(later) if later else read
-            end = read.start_ns + round(read.duration * SECOND)
+            end = read.start_ns + round(read.duration * 1e9)
             yield read, content.share
 
 
@@ -399,7 +399,7 @@ def _reference(series: Series | None, joints: tuple[str, ...], found: list[Findi
             return None
         series, _ = series.holding(joints)[0]
         seconds, nanoseconds = (series.column(f"points.0.time_from_start.{part}", 0) for part in ("sec", "nanosec"))
-        ahead = seconds.astype(np.int64) * SECOND + nanoseconds.astype(np.int64)
+        ahead = seconds.astype(np.int64) * 1_000_000_000 + nanoseconds.astype(np.int64)
         check_times(side.stamp_ns + ahead, REFERENCE)
         return replace(side, stamp_ns=side.stamp_ns + ahead)
     except RecordingError as error:

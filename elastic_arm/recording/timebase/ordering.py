@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from elastic_arm.recording.inspection.report import Finding, check_stamped, moment
 from elastic_arm.recording.sides import Stamps
 
-_LATE_NS = 1_000_000_000  # no message is on its way for longer
+LATE_NS = 1_000_000_000  # no message is on its way for longer
 _AROUND = 50  # messages on either side of a step back that show whether the clock stays behind
 
 
@@ -55,14 +55,14 @@ def _one_clock(stamp_ns: Stamps, topic: str, log_ns: Stamps) -> tuple[Stamps, li
         # 0.75 sample intervals, below which two clocks seem to stamp in turn
         crowded = np.mean(steps[again:until] < 0.75 * usual) if until > again else 0.0
         # A hole that no message came through, as none is on its way for a second
-        apart = until > again and steps[again:until].max() > _LATE_NS
+        apart = until > again and steps[again:until].max() > LATE_NS
         # 0.2 of the intervals that stand twice in what the clock passed twice; half where that is all of it
         if back > 0.5 * (stamp_ns[k] - stamp_ns[k + 1]) and (crowded > 0.2 or apart) and number[-1] > 5:
             words = f"{topic}: the clock was set back by {back * 1e-9:.4g} s after {moment(stamp_ns, k)}"
             message = f"{words}: later stamps are taken for as much later"
-            if (silent := int(log_ns[k + 1] - log_ns[k])) > _LATE_NS:
+            if (silent := int(log_ns[k + 1] - log_ns[k])) > LATE_NS:
                 # The same of all topics, whenever each arrived: they belong together.
-                message, back = f"{message}, a hole of {silent * 1e-9:.3g} s for one of 1 s", back + _LATE_NS
+                message, back = f"{message}, a hole of {silent * 1e-9:.3g} s for one of 1 s", back + LATE_NS
             time = float(stamp_ns[k] - stamp_ns[0]) * 1e-9
             found.append(Finding("warning", "clock_set_back", message, topic=topic, time=time))
             stamp_ns[k + 1 :] += round(back)
@@ -75,7 +75,7 @@ def _far_off(stamp_ns: Stamps, rows: NDArray[np.intp]) -> NDArray[np.bool_]:
     for ends, last in ((range(len(rows) - 1, 0, -1), len(rows) - 1), (range(len(rows) - 1), 0)):
         for i in ends:
             inner = i - 1 if last else i + 1
-            if rows[i] == last or abs(int(stamp_ns[i] - stamp_ns[inner])) < _LATE_NS:
+            if rows[i] == last or abs(int(stamp_ns[i] - stamp_ns[inner])) < LATE_NS:
                 break
             far[i] = True
     return far
