@@ -110,19 +110,3 @@ def test_imports_form_no_circle() -> None:
         TopologicalSorter(with_packages).prepare()
     except CycleError as error:
         pytest.fail(f"imports form a circle: {' <- '.join(error.args[1])}")
-
-
-def test_no_package_outgrows_its_lines() -> None:
-    """No part has more lines of Python than the table of docs/architecture.md allows, and each belongs to one part."""
-    text = (ROOT / "docs" / "architecture.md").read_text().split("## Lines")[1].split("\n## ")[0]
-    allowed = {
-        part: int(most.replace(",", "")) for part, most in re.findall(r"^\| ([a-z].*?) \| ([\d,]+) \|", text, re.M)
-    }
-    part_of = {name: part for part in allowed for name in part.split(", ")}
-    lines = dict.fromkeys(allowed, 0)
-    for path in [*PACKAGE.rglob("*.py"), *(ROOT / "tests").rglob("*.py")]:
-        name = path.relative_to(PACKAGE).parts[0] if path.is_relative_to(PACKAGE) else "tests"
-        top = "the other modules at the top" if name.endswith(".py") else None
-        lines[part_of.get(name) or top or name] += path.read_text().count("\n")
-    grown = {part: (count, allowed[part]) for part, count in lines.items() if count > allowed[part]}
-    assert not grown, f"lines, and lines at most: {grown}; shorten, or decide in docs/architecture.md"
