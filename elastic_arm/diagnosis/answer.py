@@ -38,6 +38,7 @@ from elastic_arm.evidence.grams import OCTAVES, Bands
 from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.model import Fit
 from elastic_arm.evidence.priors import LEFT, LISTED, MOTION, NOISY
+from elastic_arm.evidence.problem import FITTED, JUDGING
 from elastic_arm.evidence.relinearise import Explanation, explain, theta_of
 from elastic_arm.evidence.term import Key, Term
 from elastic_arm.identification.batch.identify import resonances
@@ -90,7 +91,8 @@ class Answer:
     prepared: Prepared  # what was to be explained
     explanation: Explanation  # sets and their posteriors
     question: Question  # what was asked
-    which: int = 1  # 1 where the recordings that judge are looked at, 0 where those that were fitted are
+    which: int = JUDGING  # the part of the recordings that is looked at
+    by_all: bool = False  # whether sizes are those by all recordings, not by the fitted ones alone
 
     @staticmethod
     def of(prepared: Prepared, question: Question) -> Answer:
@@ -100,7 +102,7 @@ class Answer:
     @property
     def best(self) -> Fit:
         """The most probable set."""
-        return self.explanation.best
+        return self.explanation.best if self.by_all else self.explanation.sized
 
     @cached_property
     def sets(self) -> list[tuple[float, Fit]]:
@@ -118,15 +120,16 @@ class Answer:
     @cached_property
     def judging(self) -> Linearisation:
         """The last linearisation, of the recordings that judge."""
-        last, problem = self.explanation.judging if self.which else self.explanation.linear, self.prepared.problem
-        return last if problem is last.problem else replace(last, problem=problem, near=None)
+        linear, problem = self.explanation.linear, self.prepared.problem
+        if self.which == JUDGING and problem is linear.problem:
+            return linear.judging
+        return replace(linear, problem=problem, which=self.which, near=None)
 
     def events(self) -> tuple[Event, ...]:
         """Return the stretches of recordings that the rest of each contradicts, in what effects and numbers leave."""
         # What the recordings that judge tell of sizes is no event.
-        explanation = replace(self.explanation, best=self.explanation.of_all)
-        whole = replace(self, explanation=explanation, prepared=self.prepared.without(()))
-        looks = replace(whole, which=0), whole
+        whole = replace(self, by_all=True, prepared=self.prepared.without(()))
+        looks = replace(whole, which=FITTED), whole
         problem, found = whole.prepared.problem, []
         for number, source in problem.sources.items():
             parts = [
@@ -177,7 +180,7 @@ class Answer:
             common = next(t for t in self.best.terms if t.key == term.what)
             columns = self.judging.data.plain(common.feature.by_size) if bends(common) else self._columns(common)
             each = self.best.raw(term).reshape(-1, columns[0].shape[2])
-            each = (each - each.mean(axis=0)) * (self.prepared.problem.held_back or not self.which)
+            each = (each - each.mean(axis=0)) * (self.prepared.problem.held_back or self.which == FITTED)
             parts = zip(columns, self.judging.data.parts, strict=True)
             return [X @ each[part.recording] for X, part in parts]
         if term.kind == "law":
@@ -301,11 +304,12 @@ class Answer:
         problem = self.prepared.problem
         values = self.explanation.linear.values
         each: list[tuple[float, dict[str, ParameterEstimate]]] = []
-        _, instance = estimated(fit, term, problem.numbers, values)
+        _, instance = estimated(fit.model.of_fitted(fit), term, problem.numbers, values)
         for p, one, t in holding:
             if p < LISTED * probability or t.key != term.key or (t.kind, t.count) != (term.kind, term.count):
                 continue
-            each.append((p, estimated(one, t, problem.numbers, values)[0]))
+            sized = one.model.of_fitted(one)
+            each.append((p, estimated(sized, t, problem.numbers, values)[0]))
         sides = dict.fromkeys(side for p, _, t in holding if p > 0.05 * probability for side in t.feature.sides)
         stated = next((i for _, i in problem.known if term.kind == "stated" and (i.effect.id, i.joint) == name), None)
         here = next((t for t in self.best.optional if _name(t.key) == name), None)
@@ -365,7 +369,7 @@ class Answer:
         Either in the recordings that were fitted, where what is left follows a motion; or in those that judge, where
         causes act and more is left than the noise that the fit has found.
         """
-        model, data = self.explanation.search.model, self.judging.data
+        model, data = self.best.model, self.judging.data
         fitted, judging = model.bands, Bands(data)
         causes = [self.added[t.ident] for t in self.best.optional if t.kind != "law"]
         acting = _less([np.zeros_like(y) for y in self.before], causes)
@@ -390,7 +394,7 @@ class Answer:
     @cached_property
     def white_left(self) -> Array:
         """What is left of the recordings that were fitted, whitened (rows,)."""
-        model, fit = self.explanation.search.model, self.best
+        model, fit = self.best.model, self.best
         left = model.y - model.N @ (fit.numbers - fit.far_off)
         for t in fit.terms:
             left = left - (0.0 if t.offset is None else t.offset) - t.columns @ fit.raw(t)
@@ -503,7 +507,7 @@ class Answer:
 
     def _whitened_share(self) -> float:
         """Return the share of the whitened power over the noise that is gone, where no octave shows a gap by itself."""
-        model, fit = self.explanation.search.model, self.best
+        model, fit = self.best.model, self.best
         empty = model.fit(())
         first, left = (float(np.sum(np.maximum(f.found.left - model.bands.n, 0.0))) for f in (empty, fit))
         return 1.0 - left / first if first else 0.0

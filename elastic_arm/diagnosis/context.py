@@ -45,7 +45,7 @@ class DiagnosisContext:
     def found(self) -> Linearisation:
         """The recordings that judge, where the numbers were found."""
         settled = self.explanation.settled
-        return self.judging if settled is self.explanation.linear else replace(settled, which=1, near=None)
+        return self.judging if settled is self.explanation.linear else settled.judging
 
     @property
     def model(self) -> Model:

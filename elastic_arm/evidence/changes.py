@@ -7,6 +7,7 @@ import numpy as np
 from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.model import Fit
 from elastic_arm.evidence.pool import linear_prior
+from elastic_arm.evidence.problem import FITTED
 from elastic_arm.evidence.term import Key, Term
 
 CHANGE = "change"
@@ -18,9 +19,14 @@ def change_key(term: Term) -> Key:
 
 
 def change_of(linear: Linearisation, term: Term) -> Term:
-    """Return what a term adds in each recording beside its common size."""
-    data, count = linear.data, len(linear.problem.observed[linear.which])
-    recording = np.tile(data.of_stretches([part.recording for part in data.parts]), data.layout.rows)
+    """Return what a term adds in each fitted recording beside its common size.
+
+    In recordings that only judge, its size is the mean of those that are fitted.
+    """
+    data = linear.data
+    count = len(linear.problem.observed[FITTED])
+    numbered = linear.problem.numbered(linear.which)
+    recording = np.tile(data.of_stretches([numbered[part.recording] for part in data.parts]), data.layout.rows)
     own, own_std = term.columns[:, : term.linear], term.std[: term.linear]
     if bends(term):
         own = term.columns
@@ -39,7 +45,7 @@ def bends(term: Term) -> bool:
 
 def possible_changes(linear: Linearisation, fit: Fit) -> Iterator[Term]:
     """Yield the changes of a fit's terms that are not in it."""
-    if len(linear.problem.observed[linear.which]) < 2:
+    if len(linear.problem.observed[FITTED]) < 2:
         return
     for term in fit.terms:
         sized = (term.kind in ("effect", "number", "stated") and term.linear) or bends(term)

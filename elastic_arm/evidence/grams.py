@@ -3,11 +3,14 @@
 All that is decided needs no more of the data. Each pair of columns is multiplied once.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import NamedTuple, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from elastic_arm.arrays import Array
 from elastic_arm.estimation.whitening import WhitenedData
@@ -49,14 +52,26 @@ class Bands:
             for place in range(self.places):
                 found.append(place * octaves + own)
                 told.append(data.of_stretches(shares[:, place]))
-        self.of_rows = np.concatenate(found)
+        self._count(np.concatenate(found), np.concatenate(told))
+
+    def among(self, rows: NDArray[np.bool_]) -> Bands:
+        """Return the bands of some of the rows (rows,)."""
+        found = Bands.__new__(Bands)
+        found.places = self.places
+        found._count(self.of_rows[rows], self._told[rows])
+        return found
+
+    def _count(self, of_rows: NDArray[np.intp], told: Array) -> None:
+        octaves = len(OCTAVES) + 1
+        self.of_rows, self._told = of_rows, told
         self.counts = np.bincount(self.of_rows, minlength=self.places * octaves)
-        self._order = None if len(each) == 1 else np.argsort(self.of_rows, kind="stable")
+        is_sorted = bool(np.all(np.diff(self.of_rows) >= 0))
+        self._order = None if is_sorted else np.argsort(self.of_rows, kind="stable")
         ends = np.concatenate([[0], np.cumsum(self.counts)])
         self.used = np.flatnonzero(self.counts)
         self.slices = [slice(int(ends[b]), int(ends[b + 1])) for b in self.used]
         # Of rows in which torques of no law were, what is left tells less.
-        self.n = np.maximum(np.bincount(self.of_rows, np.concatenate(told), len(self.counts))[self.used], 1.0)
+        self.n = np.maximum(np.bincount(self.of_rows, told, len(self.counts))[self.used], 1.0)
         self.place, self.octave = np.divmod(self.used, octaves)
 
     def side_by_side(self, each: Sequence[Array]) -> Array:

@@ -5,12 +5,15 @@
 Late channels are moved back in time and torques divided by their gains, so that what is left of them acts linearly.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from elastic_arm.arrays import Array
 from elastic_arm.dynamics import Model, build_model
@@ -29,7 +32,7 @@ from elastic_arm.equations.robot_at import nearest_robot
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.known_torques import ActingEffect
 from elastic_arm.estimation.whitening import WhitenedData
-from elastic_arm.evidence.problem import Observations, Problem
+from elastic_arm.evidence.problem import ALL, FITTED, JUDGING, Observations, Problem
 from elastic_arm.evidence.term import Term
 
 
@@ -48,7 +51,7 @@ class Linearisation:
     problem: Problem  # recordings, equations, numbers
     values: Array  # (K,) of the numbers, in standard deviations of their priors
     acting: tuple[ActingEffect, ...]  # effects that act in the predicted torques
-    which: int = 0  # 0 for the recordings that are fitted, 1 for those that judge
+    which: int = ALL  # the part of the recordings
     # what depends on the motion alone, of the same recordings beside other numbers
     near: Motions | None = field(default=None, repr=False)
     cache: dict[str, Any] = field(default_factory=dict, init=False, repr=False)  # what was made of it
@@ -70,7 +73,22 @@ class Linearisation:
     def observed(self) -> Observations:
         """The recordings, late channels moved back, torques without their gains."""
         scale = gains(self.problem.numbers, self.values, self.problem.robot.joint_names)
-        return tuple(o.corrected(self.late, scale, self.model.robot) for o in self.problem.observed[self.which])
+        return tuple(o.corrected(self.late, scale, self.model.robot) for o in self.problem.part(self.which))
+
+    @property
+    def judging(self) -> Linearisation:
+        """The recordings that judge, at the same values; made once."""
+        if "judging" not in self.cache:
+            self.cache["judging"] = replace(self, which=JUDGING, near=None)
+        found: Linearisation = self.cache["judging"]
+        return found
+
+    @cached_property
+    def fitted_rows(self) -> NDArray[np.bool_]:
+        """Which whitened rows (rows,) are of recordings that are fitted."""
+        fitted = len(self.problem.observed[FITTED])
+        of_stretches = [part.recording < fitted for part in self.data.parts]
+        return np.tile(self.data.of_stretches(of_stretches), self.data.layout.rows)
 
     @cached_property
     def data(self) -> WhitenedData:
@@ -108,7 +126,7 @@ class Linearisation:
         """Columns (N', R, K) of the numbers of each stretch, Nm for one standard deviation."""
         p = self.problem
         return number_columns(
-            self.model, p.robot, self.data, p.numbers, self.inertial, self._features, p.indices[self.which]
+            self.model, p.robot, self.data, p.numbers, self.inertial, self._features, p.numbered(self.which)
         )
 
     @cached_property

@@ -313,6 +313,8 @@ class LinearModel:
     shares: tuple[Term, ...] = ()  # what other terms add to columns of the numbers (:attr:`.Linearisation.shares`)
     name: str = ""  # the trust in the description
     density: float = 0.0  # ln of the density of what was recorded over that of the rows (:attr:`.WhitenedData.density`)
+    fitted_rows: NDArray[np.bool_] | None = None  # (rows,) of recordings that are fitted; None for all
+    parts: dict[str, LinearModel] = field(default_factory=dict)  # the same data without the judging rows
     spreads: dict[object, tuple[Array, Array]] = field(default_factory=dict, init=False)  # of the last fit
     _fits: dict[object, Fit] = field(default_factory=dict, init=False)
 
@@ -364,6 +366,27 @@ class LinearModel:
         return posterior(
             self.grams.of(terms, self.lacking(terms)), self.bands.n, prior, self.bands.place, coloured, start
         )
+
+    def of_fitted(self, fit: Fit) -> Fit:
+        """Return the posterior of a set by the rows of the recordings that are fitted."""
+        rows = self.fitted_rows
+        if rows is None or rows.all():
+            return fit
+        if "fitted" not in self.parts:
+            always = tuple(t.among(rows) for t in self.always)
+            shares = tuple(t.among(rows) for t in self.shares)
+            self.parts["fitted"] = replace(
+                self,
+                y=self.y[rows],
+                N=self.N[rows],
+                bands=self.bands.among(rows),
+                always=always,
+                shares=shares,
+                fitted_rows=None,
+                parts={},
+            )
+        part = self.parts["fitted"].trusting(self.name)
+        return part.fit([t.among(rows) for t in fit.optional])
 
     def trusting(self, name: str) -> LinearModel:
         """Return the same data with another trust in the description."""

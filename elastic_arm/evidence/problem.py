@@ -19,6 +19,7 @@ from elastic_arm.evidence.priors import Priors
 from elastic_arm.robot import Robot
 
 Observations = tuple[Observation, ...]
+FITTED, JUDGING, ALL = 0, 1, 2  # parts of the recordings
 
 
 @dataclass(frozen=True)
@@ -47,6 +48,15 @@ class Problem:
         """Numbers of the recordings that are fitted, and of those that judge."""
         first, second = (len(part) for part in self.observed)
         return range(first), range(second) if self.held_back else range(first, first + second)
+
+    def part(self, which: int) -> Observations:
+        """Return the recordings of a part: fitted, judging, or all of them, the fitted ones first."""
+        return sum(self.observed, ()) if which == ALL else self.observed[which]
+
+    def numbered(self, which: int) -> list[int]:
+        """Return the number of the recording that each observation of a part belongs to."""
+        first, second = self.indices
+        return [[*first], [*second], [*first, *second]][which]
 
     @property
     def sources(self) -> dict[int, str]:

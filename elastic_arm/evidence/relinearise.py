@@ -15,7 +15,6 @@ from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.known_torques import ActingEffect
 from elastic_arm.evidence.changes import CHANGE, change_of
 from elastic_arm.evidence.grams import Bands, kept
-from elastic_arm.evidence.judged import Judge
 from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.model import EXACT, KINDS, Fit, LinearModel, Screen
 from elastic_arm.evidence.nonlinear import components, moved, placed_anew, tangent_term
@@ -36,20 +35,18 @@ class Explanation:
     linear: Linearisation  # where
     search: Search  # all sets met
     best: Fit  # the most probable one
-    of_all: Fit  # the same, fitted to the recordings that judge as well once it is found
     trust: Mapping[str, float]  # probability of each trust in the description
     log: tuple[str, ...] = ()  # what was done, a line a step
 
-    @property
-    def judging(self) -> Linearisation:
-        """The recordings that judge, at the same linearisation; made once."""
-        found: Linearisation = self.linear.cache.setdefault("judging", replace(self.linear, which=1, near=None))
-        return found
+    @cached_property
+    def sized(self) -> Fit:
+        """The most probable set with its sizes by the recordings that are fitted."""
+        return self.best.model.of_fitted(self.best)
 
     @cached_property
     def settled(self) -> Linearisation:
         """The linearisation at the numbers of the most probable set, which may have been met beside another."""
-        return _moved(self.linear, self.best) if _far(self.best) else self.linear
+        return _moved(self.linear, self.sized) if _far(self.sized) else self.linear
 
 
 @dataclass
@@ -63,7 +60,7 @@ class Shared:
 
 
 def explain(problem: Problem, *, refit: bool) -> Explanation:
-    """Return the most probable explanation of the recordings that are fitted.
+    """Return the most probable explanation of all recordings.
 
     refit: whether the description cannot be as measured.
     """
@@ -80,16 +77,7 @@ def explain(problem: Problem, *, refit: bool) -> Explanation:
             break
         tried.add(other.keys)
         found = _better(found, _descended(found.linear, other, refit, shared, best=found.best))
-    judged = _judged(found)
-    best = judged.best
-    if best.keys != found.best.keys and _apart(found.linear, best):
-        # Where effects acted that are not there, sizes of the others are those beside them.
-        there = _settled(found.linear, best, best.model.name)
-        own = _explained(there, _again(best, there), best.model.name, refit, shared, moves=ALL, most=0)
-        more = (fit.compared_with(own.best) for fit in found.search.met.values() if fit.keys != best.keys)
-        own.search.take(more, own.best)
-        judged = _judged(replace(own, log=(*found.log, *own.log)))
-    return replace(judged, log=(*first.log, *judged.log))
+    return replace(found, log=(*first.log, *found.log))
 
 
 def _begun(described: Linearisation, refit: bool, shared: Shared) -> Explanation:
@@ -106,14 +94,6 @@ def _begun(described: Linearisation, refit: bool, shared: Shared) -> Explanation
         starts.append(_explained(built, (), MEASURED, refit, shared, moves=ADDED))
     first = max(starts, key=lambda found: found.best.compared_with(starts[0].best).score)
     return replace(first, log=tuple(line for one in starts for line in one.log))
-
-
-def _judged(found: Explanation) -> Explanation:
-    """Return an explanation whose sets are scored by all recordings."""
-    judge = Judge(found.search, found.judging, known_terms(found.judging)[0])
-    best = judge.settled(found.best)
-    log = *found.log, f"by all recordings: {words_of(best, found.best)}"
-    return replace(found, best=best, of_all=judge.whole(best), log=log)
 
 
 def _stated(problem: Problem) -> tuple[ActingEffect, ...]:
@@ -267,6 +247,7 @@ def linear_model(linear: Linearisation, trust: str) -> LinearModel:
             linear.shares,
             trust,
             linear.data.density,
+            linear.fitted_rows,
         )
     return linear.cache["model"].trusting(trust)
 
@@ -316,7 +297,7 @@ def _explained(
     total = np.logaddexp.reduce(list(scores.values()))
     log.append(f"{trust}, {best.score:.1f}: {', '.join(f'{k[0]} {k[1]}' for k in best.keys) or 'nothing'}")
     shares = {k: float(np.exp(v - total)) for k, v in scores.items()}
-    return Explanation(linear, search, best, best, shares, tuple(log))
+    return Explanation(linear, search, best, shares, tuple(log))
 
 
 def pool_of(linear: Linearisation) -> list[Term]:

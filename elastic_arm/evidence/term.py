@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from elastic_arm.arrays import Array
 from elastic_arm.evidence.priors import SCALES
@@ -79,6 +80,11 @@ class Term:
         grid = self.grid + (0.0 if self.is_scaled else float(np.log(len(SCALES))))
         ident = self.ident[:-1] if self.is_scaled else self.ident
         return replace(self, std=std, scale=scale, grid=grid, is_scaled=True, ident=(*ident, scale))
+
+    def among(self, rows: NDArray[np.bool_]) -> Term:
+        """Return it at some of the rows (rows,)."""
+        offset = None if self.offset is None else self.offset[rows]
+        return replace(self, columns=self.columns[rows], offset=offset)
 
     def with_odds(self, odds: float) -> Term:
         """Return it with other prior odds."""
