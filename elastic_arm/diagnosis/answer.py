@@ -13,6 +13,7 @@ from threadpoolctl import threadpool_limits
 
 from elastic_arm.arrays import Array
 from elastic_arm.diagnosis.changes import changes_between
+from elastic_arm.diagnosis.confirmation import Confirmation, held_out, share_without
 from elastic_arm.diagnosis.context import DiagnosisContext
 from elastic_arm.diagnosis.estimates import ParameterEstimate, averaged, estimated
 from elastic_arm.diagnosis.events import Event, blocks_of, events_of
@@ -26,6 +27,7 @@ from elastic_arm.diagnosis.result import (
     Diagnosis,
     Imperfection,
     ResidualSizes,
+    UnconfirmedCause,
     UnexplainedResidual,
     plain_parameters,
 )
@@ -40,6 +42,7 @@ from elastic_arm.evidence.model import Fit
 from elastic_arm.evidence.priors import LEFT, LISTED, MOTION, NOISY
 from elastic_arm.evidence.problem import FITTED, JUDGING
 from elastic_arm.evidence.relinearise import Explanation, explain, theta_of
+from elastic_arm.evidence.search import without
 from elastic_arm.evidence.term import Key, Term
 from elastic_arm.identification.batch.identify import resonances
 from elastic_arm.identification.batch.mounting import CHANCE, STEP
@@ -81,7 +84,7 @@ def diagnose(recordings: Sequence[Recording], question: Question, validate: Sequ
         if events == answer.prepared.events:
             break
         answer = Answer.of(answer.prepared.without(events), question)
-    return answer.result()
+    return answer.confirmed().result()
 
 
 @dataclass(frozen=True)
@@ -93,6 +96,8 @@ class Answer:
     question: Question  # what was asked
     which: int = JUDGING  # the part of the recordings that is looked at
     by_all: bool = False  # whether sizes are those by all recordings, not by the fitted ones alone
+    # what was likely by the fit and gains nothing on the recordings that judge, with its share there
+    refused: tuple[tuple[Name, float | None], ...] = ()
 
     @staticmethod
     def of(prepared: Prepared, question: Question) -> Answer:
@@ -224,7 +229,7 @@ class Answer:
         at = ordinary if self.question.refit else np.where(self._of_one, ordinary, 0.0)
         step = self._described + self._shares * at
         left = [y - N @ step for y, N in zip(self.judging.data.y, self.judging.plain_numbers, strict=True)]
-        return _less(left, [self._added(t, stated=True) for t in self._always])
+        return _minus(left, [self._added(t, stated=True) for t in self._always])
 
     @property
     def _always(self) -> tuple[Term, ...]:
@@ -247,8 +252,8 @@ class Answer:
     def after(self) -> list[Array]:
         """Residuals of each stretch with the causes and what is ordinary."""
         causes = [self.added[t.ident] for t in self.best.optional if t.kind != "law"]
-        known = [_less(self.added[t.ident], [self._added(t, stated=True)]) for t in self._always]
-        return _less(self.before, [self.numbers_added, *known, *causes])
+        known = [_minus(self.added[t.ident], [self._added(t, stated=True)]) for t in self._always]
+        return _minus(self.before, [self.numbers_added, *known, *causes])
 
     @cached_property
     def gaps(self) -> tuple[Gap, Gap]:
@@ -261,7 +266,50 @@ class Answer:
         """By how much the gap shrinks."""
         return shrink(*self.gaps)
 
+    # -- what the recordings that judge confirm
+
+    def _with(self, fit: Fit) -> Answer:
+        """Return what is said where a fit is that of the best set."""
+        return replace(self, explanation=replace(self.explanation, best=fit))
+
+    def _less(self, term: Term) -> Answer:
+        """Return what is said without a term of the best set, the rest refitted."""
+        best = self.explanation.best
+        return self._with(best.model.fit(without(best, term), best))
+
+    def confirmed(self) -> Answer:
+        """Return the answer without the causes that gain nothing on the recordings that judge, the worst first."""
+        answer = self
+        while True:
+            best = answer.explanation.best
+            own = held_out(best)
+            terms = [t for t in best.optional if t.kind not in (LAW, CHANGE)]
+            doubtful = []
+            for term in terms:
+                less = answer._less(term)
+                nats = own - held_out(less.explanation.best)
+                confirmation = Confirmation(nats, answer._share_without(term, less))
+                if not confirmation.confirms:
+                    doubtful.append((nats, term, confirmation, less))
+            if not doubtful:
+                return answer
+            _, term, confirmation, less = min(doubtful, key=lambda one: one[0])
+            refused = (*answer.refused, (_name(term.key), confirmation.share))
+            answer = replace(less, refused=refused)
+
+    def _share_without(self, term: Term, less: Answer) -> float | None:
+        """Return the share of the gap at the places of a term that comes back without it."""
+        own = Gap.of(self.judging.data, self.added[term.ident])
+        return share_without(self.gaps[0], self.gaps[1], less.gaps[1], own)
+
     # -- what is said
+
+    def not_confirmed(self) -> tuple[UnconfirmedCause, ...]:
+        """Return what is likely by the fit and gains nothing on the recordings that judge."""
+        found = []
+        for name, share in self.refused:
+            found.append(UnconfirmedCause(*name, self.probability(name), share))
+        return tuple(found)
 
     @property
     def places(self) -> list[tuple[str, str]]:
@@ -275,7 +323,8 @@ class Answer:
         names = dict.fromkeys(_name(k) for _, fit in self.sets for k in fit.keys if k[0] not in (LAW, CHANGE))
         # One that the recording does not tell from others is there where they are together likelier than not.
         best = {_name(k) for k in self.best.keys}
-        for name in names:
+        refused = {name for name, _ in self.refused} - best
+        for name in (name for name in names if name not in refused):
             p = self.probability(name)
             if p > 0.5 or (name in best and p + sum(self._instead(name).values()) > 0.5):
                 found.append(self._cause(name, p))
@@ -313,8 +362,9 @@ class Answer:
         sides = dict.fromkeys(side for p, _, t in holding if p > 0.05 * probability for side in t.feature.sides)
         stated = next((i for _, i in problem.known if term.kind == "stated" and (i.effect.id, i.joint) == name), None)
         here = next((t for t in self.best.optional if _name(t.key) == name), None)
-        alone = self.before if here is None else _less(self.before, [self.added[here.ident]])
+        alone = self.before if here is None else _minus(self.before, [self.added[here.ident]])
         share = shrink(self.gaps[0], Gap.of(self.judging.data, alone)).share
+        missed = None if here is None else self._share_without(here, self._less(here))
         cause = Cause(
             effect=name[0],
             joint=name[1],
@@ -322,6 +372,7 @@ class Answer:
             regime=term.feature.effect.regime,
             parameters=averaged(each),
             shrink=0.0 if share is None else share,
+            shrink_without=missed,
             confidence=probability,
             alternatives=tuple(self._alternatives(name, term)),
             instance=replace(instance, joint=name[1]),
@@ -372,7 +423,7 @@ class Answer:
         model, data = self.best.model, self.judging.data
         fitted, judging = model.bands, Bands(data)
         causes = [self.added[t.ident] for t in self.best.optional if t.kind != "law"]
-        acting = _less([np.zeros_like(y) for y in self.before], causes)
+        acting = _minus([np.zeros_like(y) for y in self.before], causes)
         white = [data.whiten([r[:, :, None] for r in one])[:, 0] for one in (self.before, self.after, acting)]
         of_fitted = [fitted.n * fit.found.v for fit in (model.fit(()), self.best)]
         of_judging = [judging.powers(w) for w in white]
@@ -464,6 +515,7 @@ class Answer:
             shrink_interval=None if verdict == "none" or share is None else self.shrink.interval or (share, share),
             shrink_by_place={p: (None if np.isnan(v) else v) for p, v in named(self.shrink.by_row).items()},
             causes=tuple(cause for cause, _ in causes),
+            not_confirmed=self.not_confirmed(),
             unexplained=tuple(unexplained),
             imperfections=self.imperfections(),
             made=prepared.made,
@@ -555,7 +607,7 @@ def _name(key: Key) -> Name:
     return key[0], key[1]
 
 
-def _less(first: Sequence[Array], added: Sequence[Sequence[Array]]) -> list[Array]:
+def _minus(first: Sequence[Array], added: Sequence[Sequence[Array]]) -> list[Array]:
     """Return residuals of each stretch without what some terms add."""
     left = [y.copy() for y in first]
     for own in added:

@@ -1,7 +1,7 @@
 """What a diagnosis worked on, kept for figures and for going on from it."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np

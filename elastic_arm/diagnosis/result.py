@@ -61,6 +61,9 @@ class Cause:
     instance: EffectInstance  # as the simulator takes it
     stated: Mapping[str, Any] | None = None
     is_number: bool = False  # whether it is a number of the arm, which the corrected arm holds as that
+    # share of the gap at its places that comes back where it is taken out and the rest is refitted, on the recordings
+    # that judge; None where no place has a gap
+    shrink_without: float | None = None
 
     @property
     def held_as(self) -> str:
@@ -100,6 +103,7 @@ class Cause:
             "parameters": parameters,
             "shrink": _plain(self.shrink),
             "confidence": _plain(self.confidence),
+            "shrink_without": None if self.shrink_without is None else _plain(self.shrink_without),
             "from": None if self.stated is None else {name: _plain(value) for name, value in self.stated.items()},
             "to": None if self.stated is None else found,
             "held_as": self.held_as,
@@ -112,6 +116,26 @@ class Cause:
                 }
                 for a in self.alternatives
             ],
+        }
+
+
+@dataclass(frozen=True)
+class UnconfirmedCause:
+    """An effect that is likely by the fit and gains nothing on the recordings that judge."""
+
+    effect: str
+    joint: str | None
+    confidence: float  # its posterior probability
+    shrink_without: float | None  # as of a cause: nothing, or less
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as in `diagnosis.json`."""
+        share = None if self.shrink_without is None else _plain(self.shrink_without)
+        return {
+            "effect": self.effect,
+            "joint": self.joint,
+            "confidence": _plain(self.confidence),
+            "shrink_without": share,
         }
 
 
@@ -271,6 +295,8 @@ class Diagnosis(Result):
         Share of the gap that is gone, its 95 % interval, and of each joint and side; None where there is no gap.
     causes, unexplained
         What was found, most important first, and where something is left.
+    not_confirmed
+        What is likely by the fit and gains nothing on the recordings that judge.
     imperfections
         Numbers of the description and of the sensors.
     made
@@ -309,6 +335,7 @@ class Diagnosis(Result):
     shrink_by_place: Mapping[Place, float | None]
     causes: tuple[Cause, ...]
     unexplained: tuple[UnexplainedResidual, ...]
+    not_confirmed: tuple[UnconfirmedCause, ...] = ()
     imperfections: tuple[Imperfection, ...] = ()
     made: tuple[str, ...] = ()
     changes: tuple[Change, ...] = ()
@@ -403,6 +430,7 @@ class Diagnosis(Result):
             "unexplained": [
                 {"joint": p.joint, "side": p.side, "regime": p.regime, "rmse": _plain(p.rmse)} for p in self.unexplained
             ],
+            "not_confirmed": [one.to_dict() for one in self.not_confirmed],
             "known": [dict(one) for one in self.known],
             "events": [
                 {**vars(one), **{k: _plain(getattr(one, k)) for k in ("begin", "end", "rmse")}} for one in self.events
@@ -495,6 +523,7 @@ def from_dict(data: Mapping[str, Any], folder: Path, catalogue: Catalogue) -> Di
         shrink_by_place={place: v for place, v in places(data["shrink_by_place"]).items() if place in noise},
         causes=tuple(_cause(one, catalogue) for one in data["causes"]),
         unexplained=tuple(UnexplainedResidual(**one) for one in data["unexplained"]),
+        not_confirmed=tuple(UnconfirmedCause(**one) for one in data.get("not_confirmed", ())),
         imperfections=tuple(Imperfection(**one, neutral=float(one["unit"] == "1")) for one in data["imperfections"]),
         changes=tuple(Change(**one) for one in changes),
         known=tuple(data["known"]),
@@ -517,6 +546,7 @@ def _cause(one: Mapping[str, Any], catalogue: Catalogue) -> Cause:
         instance=EffectInstance(effect, one["joint"], {**values, **side}),
         stated=one["from"],
         is_number=one["held_as"] == "number",
+        shrink_without=one.get("shrink_without"),
     )
 
 

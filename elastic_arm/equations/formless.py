@@ -1,5 +1,13 @@
 """Laws that no catalogue states: any smooth function of what a joint's friction, springs, drive and sensors depend on.
 
+    f(a) = sum_k gamma_k phi_k(a),   gamma ~ N(0, size² 1)
+
+The columns phi span the range that the argument has in all recordings. Two priors share them:
+
+- rough: cubic splines whose coefficients are a random walk of second order (P-splines, Eilers and Marx 1996);
+- smooth: a Gaussian process over the range r in [0, 1], K = 1 + M(|r - r'|) + 0.03² M(4 |r - r'|), with the Matern
+  5/2 kernel M(d) = (1 + s + s²/3) exp(-s), s = √5 d (Rasmussen and Williams 2006, equation 4.17).
+
 A law of the catalogue has a form. Where the form is wrong, a function without one explains more, although each of its
 many coefficients has a price (:mod:`elastic_arm.evidence`).
 """
@@ -26,6 +34,9 @@ SHARED = {"link": 1.0, "drive": 1.0, "motor": -1.0}
 WAVES = 6  # a turn
 DEGREE = 3  # of the splines
 MEAN = 30.0  # prior standard deviation of a law's mean over that of a spline; convention
+FINER, FINE_SHARE = 4.0, 0.03  # of the second kernel of a smooth law: inverse of its length, and its size
+SMALL = 1e-8  # share of the largest eigenvalue of the kernel below which a shape is left out; numerical
+ROUGH, SMOOTH = "rough", "smooth"
 
 
 @dataclass(frozen=True)
@@ -37,6 +48,7 @@ class GeneralLaw:
     argument: str  # what it depends on, in words
     shapes: Callable[[Signals], Array]  # signals -> (N, k) functions
     friction: bool = False  # whether it is a general form of friction: dry friction of one size is among its functions
+    smoothness: str = ROUGH  # prior of its functions
 
     def plain(self, data: WhitenedData) -> list[Array]:
         """Return its columns (N', R, k) in the band, one array a stretch; coefficients of 1 make about 1 Nm."""
@@ -52,27 +64,11 @@ def general_laws(sets: Sequence[WhitenedData], joint: int, gear: Transmission | 
     """
     n, sides = sets[0].layout.n, sets[0].layout.sides
     found = []
-    for side in (side for side in ("link", "motor") if side in sides):
-        first = n if side == "motor" and sets[0].parts[0].signals.values["x"].shape[1] > n else 0
-        angle, speed, sign = _signal("x", first + joint), _signal("dx", first + joint), _signal(f"sign_{side}", joint)
-        over_speed = _splines(sets, _root(speed), SPEEDS)
-        resisting = {
-            "its speed": _and(_times(sign, over_speed), over_speed),
-            "its direction, changing with its angle": _times(sign, _splines(sets, angle, PLACES)),
-            "its direction, changing with its load": _times(sign, _splines(sets, _load(joint), PLACES)),
-        }
-        found += [GeneralLaw(joint, side, argument, shapes, friction=True) for argument, shapes in resisting.items()]
-        found.append(_over_angle(sets, joint, side, angle))
-    found += changing_friction(sets, joint)
+    for smoothness in (ROUGH, SMOOTH):
+        found += _laws_over_a_range(sets, joint, smoothness)
     if "drive" in sides:
-        load = _load(joint)
-        found.append(GeneralLaw(joint, "drive", "its load", _splines(sets, load, LOADS)))
-        found.append(
-            GeneralLaw(joint, "drive", "its load some time before", _scaled(sets, _relaxed(load, RELAXATIONS)))
-        )
-    if "link" in sides or "drive" in sides:
-        load = _load(joint)
-        found.append(GeneralLaw(joint, "sensor", "its load", _but_linear(sets, load, _splines(sets, load, LOADS))))
+        remembered = _scaled(sets, _relaxed(_load(joint), RELAXATIONS))
+        found.append(GeneralLaw(joint, "drive", "its load some time before", remembered))
     elastic = sets[0].parts[0].signals.values["x"].shape[1] > n
     if gear is not None and elastic:
         for acting in ("drive", "motor"):
@@ -85,17 +81,36 @@ def general_laws(sets: Sequence[WhitenedData], joint: int, gear: Transmission | 
     return found
 
 
-def changing_friction(sets: Sequence[WhitenedData], joint: int) -> list[GeneralLaw]:
-    """Return the general laws in which friction changes over time, one of each side."""
-    over_time, found = _splines(sets, _signal("progress", 0), TIMES), []
-    for side in (side for side in ("link", "motor") if side in sets[0].layout.sides):
-        shapes = _times(_signal(f"sign_{side}", joint), over_time)
-        found.append(GeneralLaw(joint, side, "its direction, changing over time", shapes, friction=True))
+def _laws_over_a_range(sets: Sequence[WhitenedData], joint: int, smoothness: str) -> list[GeneralLaw]:
+    """Return the laws of a joint that are functions of one argument over its range."""
+    n, sides = sets[0].layout.n, sets[0].layout.sides
+    load = _load(joint)
+    found = []
+
+    def over(argument: Argument, count: int) -> Argument:
+        return _splines(sets, argument, count, smoothness)
+
+    def add(side: str, argument: str, shapes: Argument, *, friction: bool = False) -> None:
+        found.append(GeneralLaw(joint, side, argument, shapes, friction, smoothness))
+
+    for side in (side for side in ("link", "motor") if side in sides):
+        first = n if side == "motor" and sets[0].parts[0].signals.values["x"].shape[1] > n else 0
+        angle, speed = _signal("x", first + joint), _signal("dx", first + joint)
+        sign = _signal(f"sign_{side}", joint)
+        over_speed = over(_root(speed), SPEEDS)
+        add(side, "its speed", _and(_times(sign, over_speed), over_speed), friction=True)
+        over_angle = _times(sign, over(angle, PLACES))
+        add(side, "its direction, changing with its angle", over_angle, friction=True)
+        over_load = _times(sign, over(load, PLACES))
+        add(side, "its direction, changing with its load", over_load, friction=True)
+        over_time = _times(sign, over(_signal("progress", 0), TIMES))
+        add(side, "its direction, changing over time", over_time, friction=True)
+        add(side, "its angle", over(angle, ANGLES))
+    if "drive" in sides:
+        add("drive", "its load", over(load, LOADS))
+    if "link" in sides or "drive" in sides:
+        add("sensor", "its load", _but_linear(sets, load, over(load, LOADS)))
     return found
-
-
-def _over_angle(sets: Sequence[WhitenedData], joint: int, side: str, angle: Argument) -> GeneralLaw:
-    return GeneralLaw(joint, side, "its angle", _splines(sets, angle, ANGLES))
 
 
 def _signal(name: str, column: int) -> Argument:
@@ -142,30 +157,49 @@ def _scaled(sets: Sequence[WhitenedData], shapes: Argument) -> Argument:
     return lambda signals: shapes(signals) / size
 
 
-def _splines(sets: Sequence[WhitenedData], argument: Argument, count: int) -> Argument:
-    """Return cubic B-splines over the range of an argument in all recordings, of random bends, and their mean.
+def _splines(sets: Sequence[WhitenedData], argument: Argument, count: int, smoothness: str = ROUGH) -> Argument:
+    """Return shapes over the range of an argument in all recordings, made of cubic B-splines.
 
-    Coefficients are a random walk of second order (P-splines, Eilers and Marx 1996): a smooth law is likelier than a
-    rough one. The mean has a wider prior.
-
-    argument: signals -> (N,).
+    argument: signals -> (N,); count: number of splines; smoothness: prior of their coefficients.
     """
     values = np.concatenate([argument(part.signals) for data in sets for part in data.parts])
     low, high = float(values.min()), float(values.max())
     high = max(high, low + 1e-9)
     step = (high - low) / (count - DEGREE)
     knots = low + step * np.arange(-DEGREE, count + 1)
-    walk = np.cumsum(np.cumsum(np.eye(count), axis=0), axis=0)
-    walk -= walk.mean(axis=0)
-    walk /= np.sqrt(np.mean(np.sum(walk**2, axis=1)))
+    shapes_of_splines = _random_walk(count) if smoothness == ROUGH else _gaussian_process(count)
 
     def shapes(signals: Signals) -> Array:
         within = np.clip(argument(signals), low, high)
         # The right end belongs to the last interval.
-        local = BSpline.design_matrix(np.minimum(within, high - 1e-9 * step), knots, DEGREE).toarray()
-        return np.hstack([local @ walk, np.full((len(within), 1), MEAN)])
+        local = BSpline.design_matrix(np.minimum(within, high - 1e-9 * step), knots, DEGREE)
+        return np.asarray(local @ shapes_of_splines)
 
     return shapes
+
+
+def _random_walk(count: int) -> Array:
+    """Return coefficients (count, count + 1) of splines: random bends of unit size, and a mean with a wider prior."""
+    walk = np.cumsum(np.cumsum(np.eye(count), axis=0), axis=0)
+    walk -= walk.mean(axis=0)
+    walk /= np.sqrt(np.mean(np.sum(walk**2, axis=1)))
+    return np.hstack([walk, np.full((count, 1), MEAN)])
+
+
+def _gaussian_process(count: int) -> Array:
+    """Return coefficients (count, k) of splines whose products are the kernel of a smooth law, largest first."""
+    r = np.linspace(0.0, 1.0, count)
+    distance = np.abs(r[:, None] - r)
+    kernel = 1.0 + _matern(distance) + FINE_SHARE**2 * _matern(FINER * distance)
+    e, U = np.linalg.eigh(kernel)
+    own = e > SMALL * e.max()
+    return np.asarray((U[:, own] * np.sqrt(e[own]))[:, ::-1])
+
+
+def _matern(distance: Array) -> Array:
+    """Return the Matern 5/2 kernel at distances in its length."""
+    s = np.sqrt(5.0) * distance
+    return np.asarray((1.0 + s + s**2 / 3.0) * np.exp(-s))
 
 
 def _but_linear(sets: Sequence[WhitenedData], argument: Argument, shapes: Argument) -> Argument:

@@ -131,16 +131,21 @@ class Fit:
 
     def gain_of_scale(self, term: Term, scale: float) -> float:
         """Return what a term would gain, nats, if its size had a prior of another scale, at the same noise."""
+        return self._gain_of_width(term, scale / term.scale)
+
+    def gain_of_size(self, law: Term, size: float) -> float:
+        """Return what a law without a form would gain, nats, at another size, at the same noise."""
+        return self._gain_of_width(law, size / float(law.std[0]))
+
+    def _gain_of_width(self, term: Term, ratio: float) -> float:
+        """Return what a term gains, nats, where the prior of its linear coefficients is wider by a ratio."""
         own = slice(self.slices[term.ident].start, self.slices[term.ident].start + term.linear)
         P = term.std[: term.linear] ** -2.0
-        more = P * ((term.scale / scale) ** 2 - 1.0)
+        more = P * (ratio**-2.0 - 1.0)
         A = np.eye(term.linear) + self.found.S[own, own] * more
         x = self.found.x[own]
-        return float(
-            term.linear * np.log(term.scale / scale)
-            - 0.5 * np.linalg.slogdet(A)[1]
-            - 0.5 * (more * x) @ np.linalg.solve(A, x)
-        )
+        moved = (more * x) @ np.linalg.solve(A, x)
+        return float(-term.linear * np.log(ratio) - 0.5 * np.linalg.slogdet(A)[1] - 0.5 * moved)
 
     def covariance(self, term: Term) -> Array:
         """Return their covariance (k, k)."""

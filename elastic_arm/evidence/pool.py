@@ -188,14 +188,16 @@ def law_terms(linear: Linearisation) -> list[Term]:
 
     def made(law: GeneralLaw) -> Term:
         X = data.whiten(law.plain(data))
-        return Term(("law", str(law.joint), (law.side, law.argument)), "law", X, np.ones(X.shape[1]), what=law)
+        key = "law", str(law.joint), (law.side, law.argument, law.smoothness)
+        return Term(key, "law", X, np.ones(X.shape[1]), what=law)
 
     return share_out(made, laws)
 
 
 def sized(term: Term, size: float) -> Term:
     """Return a law without a form at one of the sizes it may have."""
-    return replace(term, std=np.full(term.count, size), grid=float(np.log(len(SIZES))), ident=(*term.ident, size))
+    ident = (term.kind, *term.key, term.count, size)
+    return replace(term, std=np.full(term.count, size), grid=float(np.log(len(SIZES))), ident=ident)
 
 
 def monomials(points: Array) -> Array:

@@ -16,7 +16,8 @@ from elastic_arm.evidence.changes import CHANGE, possible_changes
 from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.model import Fit, LinearModel, Screen
 from elastic_arm.evidence.nonlinear import is_open, refined
-from elastic_arm.evidence.priors import MOST, NEAR, RELATED, SCALES, SHORT, TRIED, TRIED_OF_TWO, WORTH
+from elastic_arm.evidence.pool import sized
+from elastic_arm.evidence.priors import MOST, NEAR, RELATED, SCALES, SHORT, SIZES, TRIED, TRIED_OF_TWO, WORTH
 from elastic_arm.evidence.term import Ident, Key, Term
 
 Thetas = dict[Key, tuple[float, ...]]
@@ -149,6 +150,16 @@ class Search:
         """Yield fits with a size on the scale on which it is most probable beside the others."""
         for t in fit.optional:
             yield self._scaled(fit, t.key)
+        yield self._resized(fit)
+
+    def _resized(self, fit: Fit) -> Fit:
+        """Return a fit with each law without a form at the size that is most probable beside the others."""
+        for t in [t for t in fit.optional if t.kind == "law"]:
+            gains = [fit.gain_of_size(t, float(size)) for size in SIZES]
+            if max(gains) > WORTH:
+                other = sized(t, float(SIZES[int(np.argmax(gains))]))
+                fit = self._keep(self.model.fit([other if u is t else u for u in fit.optional], fit))
+        return fit
 
     def _dropped(self, fit: Fit) -> Iterator[Fit]:
         return (less for _, less in self._left_out(fit))
@@ -171,7 +182,7 @@ class Search:
         for pair in combinations(fit.optional, 2):
             if fit.correlation(*pair) < RELATED:
                 continue
-            less = self._keep(self.model.fit(without(fit, *pair), fit))
+            less = self._without(fit, *pair)
             for t in self.proposals(less, TRIED_OF_TWO, self._instead(fit, *pair), fit.score - less.score):
                 yield self._with(less.optional, t, less)
 
@@ -185,7 +196,11 @@ class Search:
 
     def _left_out(self, fit: Fit) -> list[tuple[Term, Fit]]:
         """Return each term of a fit, and the fit without it."""
-        return [(t, self._keep(self.model.fit(without(fit, t), fit))) for t in fit.optional]
+        return [(t, self._keep(self._without(fit, t))) for t in fit.optional]
+
+    def _without(self, fit: Fit, *terms: Term) -> Fit:
+        """Return the fit of a set without some of its terms; laws without a form take the size they then have."""
+        return self._resized(self._keep(self.model.fit(without(fit, *terms), fit)))
 
     def probabilities(self) -> dict[frozenset[Key], float]:
         """Return the probability of each set met."""

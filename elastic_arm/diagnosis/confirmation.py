@@ -1,0 +1,50 @@
+"""What the recordings that judge lose where a cause is taken out and the rest is refitted.
+
+    nats = ln p(y' | y, S) - ln p(y' | y, S without it)
+    share = sum over its places of (e(S without it) - e(S)) / max(e(S without it), e(described))
+
+with y the rows that are fitted, y' those that judge, and e the power over the sensors' noise, in that noise, that a
+residual keeps on the recordings that judge with sizes of the fitted ones. A cause that gains nothing there is none:
+its law fits one recording.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.diagnosis.gap import Gap
+from elastic_arm.evidence.model import Fit
+
+
+@dataclass(frozen=True)
+class Confirmation:
+    """What a cause gains on the recordings that judge."""
+
+    nats: float  # of log-likelihood
+    share: float | None  # of the gap at its places; None where no place has a gap
+
+    @property
+    def confirms(self) -> bool:
+        """Whether it gains anything there."""
+        return self.nats > 0.0 and (self.share is None or self.share > 0.0)
+
+
+def held_out(fit: Fit) -> float:
+    """Return ln p(y' | y, S) of a fit to all recordings, up to a constant of the data."""
+    return fit.found.evidence - fit.model.of_fitted(fit).found.evidence
+
+
+def share_without(before: Gap, after: Gap, without: Gap, own: Gap) -> float | None:
+    """Return the share of the gap that comes back where a cause is taken out.
+
+    before, after, without: gaps as described, of the set, and of the set without the cause; own: what the cause adds
+    to the residuals. Its places are those at which that is more than the noise, or where it is most.
+    """
+    noise = before.noise.sum(axis=1)
+    size = own.power.sum(axis=1) / noise
+    places: NDArray[np.bool_] = size >= min(1.0, float(size.max(initial=0.0)))
+    where = (before.significant | without.significant) & places[:, None]
+    first, left, again = (gap.place(where) / noise for gap in (before, after, without))
+    whole = float(np.maximum(first, again).sum())
+    return None if whole == 0.0 else float((again - left).sum()) / whole
