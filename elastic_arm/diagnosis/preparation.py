@@ -21,6 +21,7 @@ from elastic_arm.dynamics import build_model
 from elastic_arm.effects import EffectInstance, robot_effects
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.effects.library.base_tilt import TILT
+from elastic_arm.effects.library.friction import PLAIN
 from elastic_arm.effects.model import Scope
 from elastic_arm.equations.numbers import Number
 from elastic_arm.equations.places import feature_of, features, recorded_features
@@ -31,6 +32,7 @@ from elastic_arm.estimation.equations import SIDES, EquationSet
 from elastic_arm.estimation.observation import Observation, continued, observe
 from elastic_arm.estimation.segments import of_one_rate
 from elastic_arm.evidence.problem import Problem, uncertain_numbers
+from elastic_arm.evidence.term import Key
 from elastic_arm.identification.batch.mounting import Mounting, other_mounting
 from elastic_arm.identification.batch.selection import turning_speeds
 from elastic_arm.memory import available_memory
@@ -121,6 +123,7 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
     numbers, directions = uncertain_numbers(
         robot, question.model, observed, layout, uncertain, [*seen[0], *seen[1]], largest, priors, held_back
     )
+    candidates = _candidates(question, equations, still, layout, numbers, observed[0][0], seen)
     problem = Problem(
         robot=robot,
         model=question.model,
@@ -131,7 +134,8 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
         directions=directions,
         stated=seen[0],
         given=seen[1],
-        candidates=tuple(_candidates(question, equations, still, layout, numbers, observed[0][0], seen)),
+        candidates=tuple(candidates),
+        usual=_usual(candidates, equations, seen),
         largest=largest,
         far=frozenset(effect.id for effect in question.candidates),
         held_back=held_back,
@@ -228,6 +232,19 @@ def _is_seen(feature: Feature, layout: EquationSet) -> bool:
         return False
     whole = bool(layout.live.all()) or feature.effect.regressor is not None
     return whole or bool(layout.transform[:, feature.rows].any())
+
+
+def _usual(
+    candidates: Sequence[Feature], equations: ArmEquations, seen: Sequence[Sequence[EffectInstance]]
+) -> frozenset[Key]:
+    """Return the friction of motors at joints for which none is stated or known: every real drive has some."""
+    stated = {(i.effect.id, i.joint) for part in seen for i in part}
+    found = set()
+    for feature in candidates:
+        plain = feature.effect.id in PLAIN and feature.choices.get("side") == "motor"
+        if plain and (feature.effect.id, feature.joint) not in stated:
+            found.add(feature.key)
+    return frozenset(found)
 
 
 def _candidates(

@@ -14,7 +14,7 @@ from elastic_arm.arrays import Array
 from elastic_arm.evidence.grams import Bands, Grams, kept
 from elastic_arm.evidence.pool import sized
 from elastic_arm.evidence.posterior import Posterior, Prior, mass, posterior
-from elastic_arm.evidence.priors import CHANGED, FORMLESS, ODDS, RELATED, SCALES, SIZES, TRUST
+from elastic_arm.evidence.priors import CHANGED, FORMLESS, MEASURED, ODDS, RELATED, SCALES, SIZES, TRUST, USUAL
 from elastic_arm.evidence.term import Ident, Key, Term
 
 WIDEST = max(one.factor for one in TRUST.values())
@@ -39,7 +39,8 @@ class Fit:
     @property
     def score(self) -> float:
         """ln p(y, set) up to a constant of the data."""
-        return self.found.evidence - sum(t.price + self.model.doubt(t) for t in self.optional) + self.correction
+        prices = sum(t.price + self.model.doubt(t) for t in self.optional)
+        return self.found.evidence - prices + float(np.log(TRUST[self.model.name].prior)) + self.correction
 
     def compared_with(self, other: Fit) -> Fit:
         """Return the fit with a score that compares with that of a fit at another linearisation.
@@ -319,6 +320,7 @@ class LinearModel:
     name: str = ""  # the trust in the description
     density: float = 0.0  # ln of the density of what was recorded over that of the rows (:attr:`.WhitenedData.density`)
     fitted_rows: NDArray[np.bool_] | None = None  # (rows,) of recordings that are fitted; None for all
+    usual: frozenset[Key] = frozenset()  # what every real drive has and the description does not state
     parts: dict[str, LinearModel] = field(default_factory=dict)  # the same data without the judging rows
     spreads: dict[object, tuple[Array, Array]] = field(default_factory=dict, init=False)  # of the last fit
     _fits: dict[object, Fit] = field(default_factory=dict, init=False)
@@ -359,6 +361,8 @@ class LinearModel:
         """Return -ln of the prior odds that one of the terms of a kind is there, nats."""
         if term.kind == "change":
             return -float(np.log(CHANGED))
+        if term.key in self.usual and self.name != MEASURED:
+            return -float(np.log(USUAL))
         return -float(np.log(ODDS * (FORMLESS if term.kind == "law" else 1.0)))
 
     def lacking(self, terms: Sequence[Term]) -> tuple[Term, ...]:

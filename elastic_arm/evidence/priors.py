@@ -32,6 +32,8 @@ TRUST = {
     "as built": Trust(1.0, 0.3, 0.1),
     "rough": Trust(4.0, 0.1, 0.1),
 }
+MEASURED, BUILT = "as measured", "as built"  # the kinds of trust from which a search starts
+USUAL = 9.0  # prior odds of what every real drive has, friction, where a description states none: but for a simulation
 ODDS = 1e-2  # that an effect is there or a number is far off: of a hundred sound arms, one has a false cause
 FORMLESS = 1e-3  # odds of a law without a form over those of an effect: the catalogue has what arms mostly have
 SCALES = np.array([1.0, 0.1, 0.01, 1e-3, 1e-4])  # of a size's range: effects are of all sizes
@@ -61,7 +63,6 @@ WORTH = 1.0  # nats of a move that is taken: less is an alternative
 COMPARED = 100.0  # nats up to which scores at different linearisations compare, as those of one set at several show
 RELATED = 0.1  # correlation of two terms from which one may stand for both
 MOST = 24  # terms of a set
-ROUNDS = 5  # of search and linearisation
 ELSEWHERE, NEAR = 1, 15.0  # other sets that are linearised for themselves, and nats up to which they may be behind
 
 

@@ -16,6 +16,7 @@ from elastic_arm.estimation.equations import EquationSet
 from elastic_arm.estimation.observation import Observation
 from elastic_arm.evidence.numbers import numbers_of, of_each_recording, unreferenced
 from elastic_arm.evidence.priors import Priors
+from elastic_arm.evidence.term import Key
 from elastic_arm.robot import Robot
 
 Observations = tuple[Observation, ...]
@@ -41,6 +42,7 @@ class Problem:
     candidates: tuple[Feature, ...]  # effects that may be there, at their places
     largest: Array  # (n,) torques of the joints, Nm
     far: frozenset[str]  # effects as which numbers that are far off are reported
+    usual: frozenset[Key] = frozenset()  # candidates that every real drive has and the description does not state
     held_back: bool = False  # whether the recordings that judge are the last parts of those that are fitted
 
     @property

@@ -14,18 +14,18 @@ from elastic_arm.equations.places import scaling
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.known_torques import ActingEffect
 from elastic_arm.evidence.changes import CHANGE, change_of
+from elastic_arm.evidence.frontier import Frontier, Node
 from elastic_arm.evidence.grams import Bands, kept
 from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.model import EXACT, KINDS, Fit, LinearModel, Screen
 from elastic_arm.evidence.nonlinear import components, moved, placed_anew, tangent_term
 from elastic_arm.evidence.pool import effect_terms, law_terms, linear_prior, number_terms
-from elastic_arm.evidence.priors import COMPARED, ELSEWHERE, MOST, NEAR, ROUNDS, STATED, TRUST, WORTH
+from elastic_arm.evidence.priors import BUILT, COMPARED, ELSEWHERE, MEASURED, NEAR, STATED, TRUST, WORTH
 from elastic_arm.evidence.problem import Problem
 from elastic_arm.evidence.search import ADDED, ALL, SIMPLE, Search, Thetas, words_of
 from elastic_arm.evidence.term import Key, Term
 
 STEPS = 6  # of Gauss and Newton beside a set
-MEASURED, BUILT = "as measured", "as built"  # of the kinds of trust, those from which a search starts
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +35,7 @@ class Explanation:
     linear: Linearisation  # where
     search: Search  # all sets met
     best: Fit  # the most probable one
+    path: Sequence[Fit]  # better and better sets on the way to it
     trust: Mapping[str, float]  # probability of each trust in the description
     log: tuple[str, ...] = ()  # what was done, a line a step
 
@@ -67,33 +68,74 @@ def explain(problem: Problem, *, refit: bool) -> Explanation:
     described = Linearisation(problem, np.zeros(len(problem.numbers)), _stated(problem))
     shared = Shared()
     first = _begun(described, refit, shared)
-    nothing = first.linear, first.search.model.fit(())
-    found = _descended(first.linear, first.best, refit, shared, taken=nothing)
+    log = list(first.log)
+    start = Node(first.path[0], first.linear)
+
+    def linearise(fit: Fit, near: Node) -> Node:
+        there = _settled(near.linear, fit, fit.model.name)
+        own = linear_model(there, fit.model.name).fit(_again(fit, there))
+        own = own.compared_with(start.fit)
+        log.append(f"linearised about itself: {own.score - near.fit.score:+.1f}: {words_of(own, near.fit)}")
+        return Node(own, there)
+
+    def expand(node: Node, scores: Mapping[Any, float]) -> Sequence[Fit]:
+        moves = (SIMPLE, ALL)[node.depth]
+        frame = node.fit.correction  # scores at its linearisation lack it
+        others = {keys: score - frame for keys, score in scores.items() if keys != node.fit.keys}
+        trust = node.fit.model.name
+        found = _explained(node.linear, node.fit.optional, trust, refit, shared, moves=moves, refused=others)
+        log.extend(found.log)
+        node.found = found
+        return found.path
+
+    frontier = Frontier(start, linearise, expand, depths=2)
+    frontier.follow(first.path)
+    best = frontier.run()
     tried: set[frozenset[Key]] = set()
     for _ in range(ELSEWHERE):
         # Exchanged at this linearisation, a set whose numbers lie elsewhere is judged by columns that are not its own.
-        other = _elsewhere(found, tried)
+        other = _elsewhere(best.found, tried)
         if other is None:
             break
         tried.add(other.keys)
-        found = _better(found, _descended(found.linear, other, refit, shared, best=found.best))
-    return replace(found, log=(*first.log, *found.log))
+        frontier.take(other)
+        best = frontier.run()
+    return _known(best, frontier.scores, log)
+
+
+def _known(node: Node, scores: Mapping[Any, float], log: Sequence[str]) -> Explanation:
+    """Return the explanation at the best node: sets that were linearised about themselves have that score."""
+    found: Explanation = node.found
+    for keys, fit in found.search.met.items():
+        if keys in scores and keys != found.best.keys:
+            own = scores[keys] - node.fit.correction
+            found.search.met[keys] = replace(fit, correction=fit.correction + own - fit.score)
+    return replace(found, log=tuple(log))
 
 
 def _begun(described: Linearisation, refit: bool, shared: Shared) -> Explanation:
     """Return the most probable of several starts, with the steps of all."""
     # Where the description is exact, all that is left is an effect. Where it is off everywhere, there is less to
-    # mistake for one where its numbers lie alone; but beside a large effect they lie far off there.
-    built = _settled(described, None, BUILT)
-    starts = [
-        _explained(described, (), BUILT if refit else MEASURED, refit, shared, moves=ADDED),
-        _explained(built, (), BUILT, refit, shared, moves=ADDED),
-    ]
-    if not refit and all(one.best.model.name != MEASURED for one in starts):
-        # One number that is far off may have found its place among those that are a little.
-        starts.append(_explained(built, (), MEASURED, refit, shared, moves=ADDED))
+    # mistake for one where its numbers lie beside what every drive has; but beside a large effect they lie far off.
+    usual = linear_model(described, BUILT).fit(_usual_terms(described))
+    built = _settled(described, usual if usual.optional else None, BUILT)
+    terms = _again(usual, built)
+    starts = [_explained(built, terms, BUILT, refit, shared, moves=ADDED)]
+    if not refit:
+        starts.insert(0, _explained(described, (), MEASURED, refit, shared, moves=ADDED))
+        if all(one.best.model.name != MEASURED for one in starts):
+            # One number that is far off may have found its place among those that are a little.
+            starts.append(_explained(built, terms, MEASURED, refit, shared, moves=ADDED))
     first = max(starts, key=lambda found: found.best.compared_with(starts[0].best).score)
     return replace(first, log=tuple(line for one in starts for line in one.log))
+
+
+def _usual_terms(linear: Linearisation) -> list[Term]:
+    """Return what every real drive has and the description does not state."""
+    problem = linear.problem
+    features = [feature for feature in problem.candidates if feature.key in problem.usual]
+    terms = effect_terms(linear, linear.placed(features))
+    return _chosen_among(terms, problem.usual)
 
 
 def _stated(problem: Problem) -> tuple[ActingEffect, ...]:
@@ -103,13 +145,6 @@ def _stated(problem: Problem) -> tuple[ActingEffect, ...]:
         for feature, instance in problem.known[: len(problem.stated)]
         if not feature.fixed and not isinstance(feature.effect, (SensorEffect, ControllerEffect))
     )
-
-
-def _better(one: Explanation, other: Explanation) -> Explanation:
-    """Return the more probable of two explanations, with the sets and the steps of both."""
-    better, worse = (one, other) if one.best.score >= other.best.compared_with(one.best).score else (other, one)
-    better.search.take((fit.compared_with(better.best) for fit in worse.search.met.values()), better.best)
-    return replace(better, log=(*one.log, "elsewhere:", *other.log))
 
 
 def _elsewhere(found: Explanation, tried: Set[frozenset[Key]]) -> Fit | None:
@@ -123,68 +158,6 @@ def _elsewhere(found: Explanation, tried: Set[frozenset[Key]]) -> Fit | None:
         and np.max(np.abs(fit.numbers - found.best.numbers)[moving], initial=0.0) > 1.0
     )
     return max(sets, key=lambda fit: fit.score, default=None)
-
-
-def _descended(
-    linear: Linearisation,
-    before: Fit,
-    refit: bool,
-    shared: Shared,
-    *,
-    taken: tuple[Linearisation, Fit] | None = None,
-    best: Fit | None = None,
-) -> Explanation:
-    """Return the most probable set, linearised at its own numbers, from one that was found at another linearisation.
-
-    taken: a set that is known at its own linearisation; best: the most probable set known.
-
-    Each set that a search finds is linearised for itself, and taken if it is not much less probable there than the one
-    taken before; if it is, the next search may differ by half as many terms. Laws without a form and the moves that
-    take long come once the set stays, as before they would fit the linearisation's error; not at all where a set stays
-    that is less probable than the best one known.
-    """
-    log: list[str] = []
-    moves, most = SIMPLE, MOST
-    refused: dict[frozenset[Key], float] = {}
-    previous = -np.inf
-    for n in range(ROUNDS + 1):
-        there, own = linear, before
-        if taken is None or before.keys == taken[1].keys or _apart(linear, before, taken[1].numbers):
-            there = _settled(linear, before, before.model.name)
-            own = linear_model(there, before.model.name).fit(_again(before, there))
-        known = own if taken is None else taken[1]
-        score = own.compared_with(known).score
-        worse = score < known.score - COMPARED
-        stays = taken is not None and known.keys == own.keys
-        if taken is None or not worse:
-            taken, most = (there, own), MOST
-        elif not stays:
-            log.append(f"{n}: {score - known.score:+.1f} where it is linearised: {words_of(own, known)}")
-            changed = len(own.keys ^ known.keys)
-            if changed == 1 or most == 1:
-                refused[own.keys] = score
-            most = max(1, min(most, changed) // 2)
-        if n == ROUNDS:
-            break
-        linear, last = taken
-        found = _explained(
-            linear, last.optional, last.model.name, refit, shared, moves=moves, most=most, refused=refused
-        )
-        log += [f"{n}: {line}" for line in found.log]
-        before = found.best
-        gains = max(before.score, score) > max(known.score, previous) + WORTH  # its nonlinear numbers move on
-        previous = before.score
-        if before.keys == last.keys and not gains and (stays or worse or not _far(before)):
-            if moves == ALL or (best is not None and before.score < best.score + WORTH):
-                break
-            moves = ALL
-        elif n == ROUNDS - 2:
-            moves = ALL
-    met = found.search.met
-    if worse and not stays:  # A set that is not taken is no more probable than the last one, whatever it gains here.
-        for keys in [keys for keys, fit in met.items() if fit.score > known.score + WORTH and keys != known.keys]:
-            del met[keys]
-    return replace(found, best=max(met.values(), key=lambda fit: fit.score, default=known), log=tuple(log))
 
 
 def _settled(linear: Linearisation, before: Fit | None, trust: str) -> Linearisation:
@@ -248,6 +221,7 @@ def linear_model(linear: Linearisation, trust: str) -> LinearModel:
             trust,
             linear.data.density,
             linear.fitted_rows,
+            linear.problem.usual,
         )
     return linear.cache["model"].trusting(trust)
 
@@ -268,12 +242,11 @@ def _explained(
     shared: Shared,
     *,
     moves: int,
-    most: int = MOST,
     refused: Mapping[frozenset[Key], float] | None = None,
 ) -> Explanation:
     """Return the most probable set at a linearisation, from one to start from.
 
-    most: terms by which it may differ; refused: sets that were not taken, with their scores where they are linearised.
+    refused: scores of sets at their own linearisations, as they compare with those at this one.
     """
     trusts = {name: one for name, one in TRUST.items() if not (refit and name == MEASURED)}
     model, log = linear_model(linear, trust), []
@@ -281,23 +254,24 @@ def _explained(
     terms = start
     # The trust in the description that is most probable beside the set, and the set beside it, until both stay.
     tried: dict[str, Search] = {}
+    path: list[Fit] = []
     while trust not in tried:
         search = Search(linear, model.trusting(trust), screens, shared.thetas, refused or {})
-        tried[trust], best = search, search.run(terms, moves=moves, most=most)
+        tried[trust], best = search, search.run(terms, moves=moves)
+        path += search.path
         log += [f"{trust}: {line}" for line in search.log]
         terms = best.optional
-        scores = {
-            name: model.trusting(name).fit(terms, best).score + float(np.log(one.prior)) for name, one in trusts.items()
-        }
+        scores = {name: model.trusting(name).fit(terms, best).score for name in trusts}
         trust = max(scores, key=lambda name: scores[name])
     search = tried[trust]
-    best = search.run(terms if most == MOST else start, moves=moves, most=most)
+    best = search.run(terms, moves=moves)
+    path += search.path
     search.screens = ()
     model.grams.let_go()
     total = np.logaddexp.reduce(list(scores.values()))
     log.append(f"{trust}, {best.score:.1f}: {', '.join(f'{k[0]} {k[1]}' for k in best.keys) or 'nothing'}")
     shares = {k: float(np.exp(v - total)) for k, v in scores.items()}
-    return Explanation(linear, search, best, shares, tuple(log))
+    return Explanation(linear, search, best, path, shares, tuple(log))
 
 
 def pool_of(linear: Linearisation) -> list[Term]:
@@ -308,15 +282,19 @@ def pool_of(linear: Linearisation) -> list[Term]:
         number_terms(problem.numbers, linear.numbers, problem.far),
         known_terms(linear)[1],
     )
-    return [t for terms in kinds for t in _chosen_among(terms)]
+    return [t for terms in kinds for t in _chosen_among(terms, problem.usual)]
 
 
-def _chosen_among(terms: Sequence[Term]) -> list[Term]:
-    """Return terms of which each effect is as likely, and each of its places."""
+def _chosen_among(terms: Sequence[Term], usual: Set[Key] = frozenset()) -> list[Term]:
+    """Return terms of which each effect is as likely, and each of its places; what is usual is at each of them."""
     places: dict[str, set[Key]] = {}
     for t in terms:
         places.setdefault(t.key[0], set()).add(t.key)
-    return [t.with_odds(float(np.log(len(places)) + np.log(len(places[t.key[0]])))) for t in terms]
+    found = []
+    for t in terms:
+        odds = float(np.log(len(places)) + np.log(len(places[t.key[0]])))
+        found.append(t.with_odds(0.0 if t.key in usual else odds))
+    return found
 
 
 def known_terms(linear: Linearisation) -> tuple[list[Term], list[Term]]:

@@ -46,16 +46,19 @@ class Search:
     _refined: dict[tuple[Key, frozenset[Ident]], Term] = field(default_factory=dict)
     _looked: set[tuple[Key, frozenset[Ident]]] = field(default_factory=set)  # beside which sets a range was scanned
     log: list[str] = field(default_factory=list)
+    path: list[Fit] = field(default_factory=list)  # better and better sets, the last one the most probable
 
-    def run(self, start: Sequence[Term] = (), *, moves: int = ALL, most: int = MOST) -> Fit:
-        """Return the most probable set met on the way from one to start from.
+    def run(self, start: Sequence[Term] = (), *, moves: int = ALL) -> Fit:
+        """Return the most probable set met on the way from one to start from; the way is kept in `path`.
 
-        moves: as many kinds as :data:`ADDED`, :data:`SIMPLE` or :data:`ALL`; most: terms by which it may differ.
+        moves: as many kinds as :data:`ADDED`, :data:`SIMPLE` or :data:`ALL`.
         """
-        first = best = self._keep(self.model.fit(start))
-        while len(best.keys ^ first.keys) < most and (better := self._better(best, moves)) is not None:
+        best = self._keep(self.model.fit(start))
+        self.path = [best]
+        while (better := self._better(best, moves)) is not None:
             self.log.append(f"{better.score - best.score:+.1f}: {words_of(better, best)}")
             best = better
+            self.path.append(best)
         self._let_go(best)
         return best
 

@@ -1,0 +1,96 @@
+"""Best-first search over sets of terms, each judged where its own numbers lie.
+
+    s(S) = ln p(y, S) with the residuals linearised about the posterior of S itself
+
+A search at the linearisation of one set meets others with scores that are as good as that linearisation. So
+
+1. the best known set is expanded: a search from it, at its own linearisation, gives a path of better and better sets;
+2. the last set of the path is linearised about itself. Where it is better there, it is the best known set;
+3. where it is not, the step was too long: the set half way along the path is tried;
+4. a set from which no path leads to a better one is expanded by more expensive moves. The search ends when there are
+   none left.
+
+A set that was linearised about itself keeps that score wherever it is met again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+from elastic_arm.evidence.priors import WORTH
+
+
+class Scored(Protocol):
+    """A set of terms with a score."""
+
+    @property
+    def keys(self) -> Hashable:
+        """Return what is in it."""
+
+    @property
+    def score(self) -> float:
+        """Return the logarithm of its probability, nats."""
+
+
+@dataclass
+class Node:
+    """A set at its own linearisation."""
+
+    fit: Any  # the set with its score there
+    linear: Any  # the linearisation
+    depth: int = 0  # of the moves that are next
+    found: Any = None  # what the last search from it found
+
+
+Path = Sequence[Scored]
+
+
+@dataclass
+class Frontier:
+    """The sets that were linearised about themselves, and the best of them.
+
+    linearise: returns a set at its own linearisation, from one that was met at that of a node; expand: returns a path
+    that begins with the node's own set; depths: number of kinds of moves, the more expensive ones last.
+    """
+
+    best: Node
+    linearise: Callable[[Any, Node], Node]
+    expand: Callable[[Node, dict[Hashable, float]], Path]
+    depths: int
+    scores: dict[Hashable, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.scores[self.best.fit.keys] = self.best.fit.score
+
+    def run(self) -> Node:
+        """Return the best set, all its moves tried."""
+        while self.best.depth < self.depths:
+            node = self.best
+            path = self.expand(node, self.scores)
+            if not self.follow(path):
+                node.depth += 1
+        return self.best
+
+    def follow(self, path: Path) -> bool:
+        """Return whether a set on a path is better than the best at its own linearisation; it is the best then."""
+        start = self.best
+        last = len(path) - 1
+        while last > 0:
+            fit = path[last]
+            # The numbers of the start itself may have moved on.
+            if fit.keys not in self.scores or fit.keys == start.fit.keys:
+                self.take(fit)
+            if self.best is not start:
+                return True
+            last //= 2
+        return False
+
+    def take(self, fit: Scored) -> None:
+        """Linearise a set about itself; it is the best one if it is better there."""
+        node = self.linearise(fit, self.best)
+        known = self.scores.get(node.fit.keys, node.fit.score)
+        self.scores[node.fit.keys] = max(known, node.fit.score)
+        if node.fit.score > self.best.fit.score + WORTH:
+            self.best = node
