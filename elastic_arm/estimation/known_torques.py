@@ -14,7 +14,7 @@ from elastic_arm.arrays import Array
 from elastic_arm.dynamics import Model
 from elastic_arm.effects.library.torque_filters import CLEAR, low_pass_error
 from elastic_arm.estimation.effect_columns import Feature
-from elastic_arm.estimation.motion import CompletedMotion, drive_constants
+from elastic_arm.estimation.motion import CompletedMotion, Loads, drive_constants
 from elastic_arm.estimation.noise import reduced_to, wiener_filter
 from elastic_arm.estimation.observation import Observation
 from elastic_arm.estimation.regressors import Signals
@@ -81,6 +81,24 @@ def known_torques(
     if predicted and model.robot.elastic:
         signals = signals.wound_by(wound_under(spring, signals.t, model))
     return KnownTorques(motion, signals, load, drive, laws, tuple(shares))
+
+
+def loads_of(model: Model, acting: Sequence[ActingEffect], standstill: tuple[Array, Array]) -> Loads | None:
+    """Return by what effects that act load the drives beside the model's own torques; None where none does.
+
+    standstill: speeds (n,) below which velocities of links and motors have no sign, rad/s.
+    """
+    # A regressor of its own, or states, take the motion as a whole; laws of the drive's own are not its load.
+    laws = [e for e in acting if e.feature.effect.regressor is None and not e.feature.effect.states]
+    laws = [e for e in laws if "link" in e.feature.sides and not e.feature.effect.twist]
+    if not laws or not model.robot.elastic:
+        return None
+
+    def loads(motion: CompletedMotion) -> Array:
+        signals = Signals.of_samples(motion, standstill, elastic=True)
+        return np.asarray(sum(effect.torques(signals)[0] for effect in laws))
+
+    return loads
 
 
 def inertia_of(model: Model, poses: Array, acting: Sequence[ActingEffect]) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from typing import Any, Self
 
@@ -121,8 +122,15 @@ class CompletedMotion(Motion):
         return np.hstack([q, theta]) if elastic else q
 
 
-def completed(motion: Motion, model: Model) -> CompletedMotion:
-    """Fill in missing channels by what cancels from the usable rows."""
+Loads = Callable[["CompletedMotion"], Array]
+
+
+def completed(motion: Motion, model: Model, loads: Loads | None = None) -> CompletedMotion:
+    """Fill in missing channels by what cancels from the usable rows.
+
+    loads: what loads the drives (N, n) Nm along a motion beside the model's own torques, such as a payload; it winds a
+    drive whose deflection no encoder shows.
+    """
     K, D = drive_constants(model)
     link, motor = (motion.q, motion.dq, motion.ddq), (motion.theta, motion.dtheta, motion.ddtheta)
     q, dq, ddq = (own if own is not None else other for own, other in zip(link, motor, strict=True))
@@ -132,6 +140,10 @@ def completed(motion: Motion, model: Model) -> CompletedMotion:
         # 12.0 Hz, up to which the deflection behind a single encoder follows the load
         wound = _deflection(model, motion.t, load, 12.0)
         q, dq, ddq = (v - np.where(without["q"], w, 0.0) for v, w in zip((q, dq, ddq), wound, strict=True))
+        if loads is not None:
+            more = loads(completed(motion, model))
+            wound = _deflection(model, motion.t, more, 12.0)
+            q, dq, ddq = (v - np.where(without["q"], w, 0.0) for v, w in zip((q, dq, ddq), wound, strict=True))
     theta, dtheta, ddtheta = (own if own is not None else other for own, other in zip(motor, link, strict=True))
     if q is None or dq is None or ddq is None or theta is None or dtheta is None or ddtheta is None:
         raise DiagnosisError("the recording holds no positions", "Record /motor_states or /joint_states with positions")
@@ -143,7 +155,7 @@ def completed(motion: Motion, model: Model) -> CompletedMotion:
     tau_J = K * (theta - q) + D * (dtheta - dq)
     tau_J = tau_J if motion.tau_J is None else np.where(without["tau_J"], tau_J, motion.tau_J)
     tau_m = motion.tau_m if motion.tau_m is not None else np.zeros_like(tau_J)
-    before = None if motion.before is None else completed(motion.before, model)
+    before = None if motion.before is None else completed(motion.before, model, loads)
     return CompletedMotion(
         motion.t, q, dq, ddq, theta, dtheta, ddtheta, tau_J, tau_m, span=motion.span, before=before, r=motion.r
     )
@@ -176,7 +188,7 @@ def with_filtered_deflection(
     return replace(motion, **changed)
 
 
-def wound_by_load(model: Model, motion: CompletedMotion) -> CompletedMotion:
+def wound_by_load(model: Model, motion: CompletedMotion, loads: Loads | None = None) -> CompletedMotion:
     """Return motion with the drives wound by the load of the model, instead of as the two encoders read.
 
     Where no joint torque is measured, the deflection stands in the residual itself, times the stiffness. Made of it,
@@ -185,7 +197,7 @@ def wound_by_load(model: Model, motion: CompletedMotion) -> CompletedMotion:
     """
     theta, dtheta, ddtheta = motion.theta, motion.dtheta, motion.ddtheta
     motor_side = Motion(motion.t, theta=theta, dtheta=dtheta, ddtheta=ddtheta, tau_m=motion.tau_m, r=motion.r)
-    return completed(motor_side, model)
+    return completed(motor_side, model, loads)
 
 
 def _deflection(model: Model, t: Array, load: Array, cutoff: float) -> tuple[Array, Array, Array]:

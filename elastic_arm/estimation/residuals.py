@@ -20,7 +20,7 @@ from elastic_arm.arrays import Array
 from elastic_arm.dynamics import Model
 from elastic_arm.estimation.band import Band
 from elastic_arm.estimation.equations import DRIVE, LINK, MOTOR, EquationSet
-from elastic_arm.estimation.motion import CompletedMotion, completed, drive_constants
+from elastic_arm.estimation.motion import CompletedMotion, Loads, completed, drive_constants
 from elastic_arm.estimation.observation import Observation
 from elastic_arm.estimation.resampling import read_at
 from elastic_arm.recording.standstill import STANDS
@@ -89,11 +89,17 @@ class Stretch:
         return np.asarray(self.band.apply(values)[self.kept])
 
 
-def residuals(model: Model, observation: Observation, equations: EquationSet, band: Band) -> list[Stretch]:
-    """Return the residuals of every stretch of a recording."""
+def residuals(
+    model: Model, observation: Observation, equations: EquationSet, band: Band, loads: Loads | None = None
+) -> list[Stretch]:
+    """Return the residuals of every stretch of a recording.
+
+    loads: what loads the drives (N, n) Nm along a motion beside the model's own torques.
+    """
     stretches = []
     for piece, calm in zip(observation.pieces, observation.quiet, strict=True):
-        motion, quiet = completed(piece, model), completed(calm, model)
+        motion = completed(piece, model, loads)
+        quiet = completed(calm, model, loads)
         full = raw_residuals(model, motion) @ equations.transform.T
         t = band.times(motion.t)
         first, last = np.searchsorted(t, [motion.t[0] + observation.margin, motion.t[-1] - observation.margin])

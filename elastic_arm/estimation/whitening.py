@@ -29,7 +29,7 @@ from elastic_arm.estimation.convolution import (
 )
 from elastic_arm.estimation.effect_columns import Feature, starting_state
 from elastic_arm.estimation.equations import EquationSet
-from elastic_arm.estimation.known_torques import ActingEffect, inertia_of, known_torques, true_load
+from elastic_arm.estimation.known_torques import ActingEffect, inertia_of, known_torques, loads_of, true_load
 from elastic_arm.estimation.motion import drive_constants, wound_by_load
 from elastic_arm.estimation.observation import Observation
 from elastic_arm.estimation.regressors import Entries, Signals
@@ -234,7 +234,8 @@ class WhitenedData:
             steps = {side: np.where(moves, step, 0.0) for side, step in observation.steps.items()}
             # Laws need not pass a smoother whose response at the edge of the band is more than 0.99.
             limits = observation.smoother if observation.gain(np.array([band.cutoff]))[0] < 0.99 else None
-            for stretch in residuals(model, observation, layout, in_band):
+            loads = loads_of(model, acting, standstill)
+            for stretch in residuals(model, observation, layout, in_band, loads):
                 signals_of = partial(
                     Signals.of,
                     standstill=standstill,
@@ -244,7 +245,9 @@ class WhitenedData:
                     smoother=limits,
                     made=observation.made(stretch.quiet),
                 )
-                motion = wound_by_load(model, stretch.quiet) if layout.reads_torque_by_deflection else stretch.quiet
+                motion = (
+                    wound_by_load(model, stretch.quiet, loads) if layout.reads_torque_by_deflection else stretch.quiet
+                )
                 known = known_torques(model, motion, acting, signals_of, predicted=predicted)
                 load, clear = true_load(model, observation, known, noise.f, noise.load)
                 drive = load + known.drive - known.load

@@ -25,7 +25,7 @@ from elastic_arm.evidence.problem import Problem
 from elastic_arm.evidence.search import ADDED, ALL, SIMPLE, Search, Thetas, words_of
 from elastic_arm.evidence.term import Key, Term
 
-STEPS = 6  # of Gauss and Newton beside a set
+STEPS, REPEATS = 6, 4  # of Gauss and Newton beside a set, and how often a set's nonlinear numbers move on; numerical
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,8 +72,7 @@ def explain(problem: Problem, *, refit: bool) -> Explanation:
     start = Node(first.path[0], first.linear)
 
     def linearise(fit: Fit, near: Node) -> Node:
-        there = _settled(near.linear, fit, fit.model.name)
-        own = linear_model(there, fit.model.name).fit(_again(fit, there))
+        there, own = _about_itself(near.linear, fit)
         own = own.compared_with(start.fit)
         log.append(f"linearised about itself: {own.score - near.fit.score:+.1f}: {words_of(own, near.fit)}")
         return Node(own, there)
@@ -101,6 +100,21 @@ def explain(problem: Problem, *, refit: bool) -> Explanation:
         frontier.take(other)
         best = frontier.run()
     return _known(best, frontier.scores, log)
+
+
+def _about_itself(linear: Linearisation, fit: Fit) -> tuple[Linearisation, Fit]:
+    """Return a set linearised about its own numbers, from those that it has at another linearisation."""
+    trust = fit.model.name
+    best: tuple[Linearisation, Fit] | None = None
+    for _ in range(REPEATS):
+        there = _settled(linear, fit, trust)
+        fit = linear_model(there, trust).fit(_again(fit, there))
+        if best is not None and fit.compared_with(best[1]).score < best[1].score + WORTH:
+            break
+        best = there, fit
+        linear = there
+    assert best is not None
+    return best
 
 
 def _known(node: Node, scores: Mapping[Any, float], log: Sequence[str]) -> Explanation:
