@@ -217,6 +217,17 @@ class Screen:
             at += one.shape[1]
         return pieces, left
 
+    def beside(self, fit: Fit) -> tuple[Array, Array]:
+        """Return the products (c, c) of the columns of all terms and of these with the residual (c,) beside a fit.
+
+        What the fit's coefficients can take is taken off (a Schur complement), at the noise of the fit.
+        """
+        w = 1.0 / fit.found.v
+        pieces, left = self._beside(fit, slice(None))
+        C = np.vstack([np.tensordot(w, one, 1) for one in pieces])
+        own = np.tensordot(w, self.grams.bands.products(self.X, self.X), 1)
+        return own - C.T @ fit.found.S @ C, w @ left
+
     def related(self, fit: Fit, term: Term) -> set[int]:
         """Return the terms that could stand for a term of a fit, by the correlation of their coefficients."""
         if not self.terms:

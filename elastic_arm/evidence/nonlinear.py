@@ -9,24 +9,24 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.optimize import minimize, minimize_scalar
+from scipy.optimize import minimize
 
 from elastic_arm.arrays import Array
 from elastic_arm.effects.parameters import Parameter
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.evidence.linearisation import Linearisation
-from elastic_arm.evidence.model import Fit, LinearModel
-from elastic_arm.evidence.pool import linear_prior, monomials, quadratic_points
+from elastic_arm.evidence.model import Fit, LinearModel, Screen
+from elastic_arm.evidence.pool import linear_prior, monomials, relaxed_columns
 from elastic_arm.evidence.priors import SCALES
 from elastic_arm.evidence.term import Term
 
 STEP = 1e-3  # of derivatives, in the coordinates of the numbers over their ranges; numerical
 STEPS = 6  # of Gauss and Newton
 LONGEST = 0.25  # of a range, of one step
-SCANNED, EVALUATIONS = 25, 12  # values of one number over its range, and between two of them; numerical
+SCANNED, DECIDED = 25, 3  # values of one number over its range, and those that are fitted; numerical
 TINY = 1e-12  # numerical
 NEVER = -1e30  # score of what is out of bounds; numerical
-PLACES = 60  # values of several numbers that are tried; numerical
+PLACES = 120  # values of several numbers that are tried; numerical
 SETTLED = 0.1  # of its standard deviation: a step that is none; numerical
 
 
@@ -136,7 +136,7 @@ def refined(
         theta, size = _scanned(linear, model, term, others, first)
     if np.isnan(term.theta).any():
         start = start.scaled(1.0)  # the scale of a relaxed law is that of its first order
-        theta, size = _placed(linear, model, start, others, first, theta)
+        theta, size = _placed(linear, model, start, model.fit(others, near), theta)
         start = start.scaled(float(min(SCALES, key=lambda s: abs(np.log(max(size, TINY) / (s * start.std[0]))))))
     best = tangent_term(linear, start, theta, size)
     fit = model.fit([*others, best], first)
@@ -162,49 +162,42 @@ def refined(
     return best, fit
 
 
-def placed_anew(linear: Linearisation, model: LinearModel, term: Term, others: Sequence[Term]) -> Term:
-    """Return the term of a law of second degree in several numbers where these are most probable beside others."""
-    near = model.fit(others)
-    return tangent_term(linear, term, *_placed(linear, model, term, others, near, term.theta))
-
-
 def _placed(
-    linear: Linearisation, model: LinearModel, term: Term, others: Sequence[Term], near: Fit, relaxed: tuple[float, ...]
+    linear: Linearisation, model: LinearModel, term: Term, near: Fit, relaxed: tuple[float, ...]
 ) -> tuple[tuple[float, ...], float]:
-    """Return several nonlinear numbers and the size that are most probable, from those of a relaxed law and elsewhere.
+    """Return several nonlinear numbers and the size that are most probable beside a fit, at its noise.
 
-    Of a size that is small beside the ordinary numbers, the relaxed ones are anywhere; and derivatives that were taken
-    at a small size promise what the law at its full size does not hold. The law is of second degree in the numbers.
+    The law is of second degree in the numbers, so that its column is V m(theta), m their monomials. What is left of
+    the products of V beside the fit (a Schur complement) gives the gain of any theta.
+
+    relaxed: numbers of the law that is linear in all monomials, from which the search starts, as from elsewhere.
     """
     ranges = np.array([(p.low, p.high) for p in components(term.feature)])
-    points = quadratic_points(len(ranges))
-    values = np.hstack([linear.columns(term.feature, tuple(point)) for point in points])
-    values = values @ np.linalg.inv(monomials(points).T)
-    tried: list[tuple[float, tuple[float, ...], float]] = []
+    V = relaxed_columns(linear.columns, term.feature)
+    whole = Term(term.key, "effect", V, np.ones(V.shape[1]), feature=term.feature, theta=(np.nan,))
+    G, b = Screen(model.grams, [whole]).beside(near)
+    variance = float(term.std[0]) ** 2
 
-    def cost(at: Array) -> float:
-        tried.append(_tried(model, term, others, near, tuple(at.tolist()), values @ monomials(at[None]).T))
-        return -tried[-1][0]
+    def size_at(at: Array) -> tuple[float, float]:
+        """Return the most probable size at some numbers, and the gain there, nats."""
+        m = monomials(at[None])[0]
+        curvature = 1.0 + variance * float(m @ G @ m)
+        slope = float(m @ b)
+        size = variance * slope / curvature
+        gain = 0.5 * size * slope - 0.5 * float(np.log(curvature))
+        # A mean beyond its bounds has derivatives of the other sign.
+        return size, gain if term.low[0] <= size <= term.high[0] else NEVER
 
     middle, widths = ranges.mean(axis=1), np.diff(ranges, axis=1)[:, 0]
-    elsewhere = middle + 0.25 * np.vstack([np.diag(widths), -np.diag(widths)])
-    for start in (np.array(relaxed), min(elsewhere, key=cost)):
+    around = 0.25 * np.vstack([np.diag(widths), -np.diag(widths)])
+    found = []
+    for start in (np.array(relaxed), *(middle + around)):
         inwards = np.diag(np.where(start > middle, -0.1, 0.1) * widths)
         options = {"initial_simplex": start + np.vstack([np.zeros_like(start), inwards]), "maxfev": PLACES}
-        minimize(cost, start, method="Nelder-Mead", bounds=ranges, options=options)
-    return max(tried)[1:]
-
-
-def _tried(
-    model: LinearModel, term: Term, others: Sequence[Term], near: Fit, theta: tuple[float, ...], X: Array
-) -> tuple[float, tuple[float, ...], float]:
-    """Return the score of a law of one column X (rows, 1) at values of its nonlinear numbers; these, and its size."""
-    prior = {name: getattr(term, name)[:1] for name in ("std", "mean", "low", "high")}
-    one = replace(term, columns=X, theta=theta, tangents=(), ident=(*term.ident, theta), **prior)
-    fit = model.fit([*others, one], near)
-    size = float(fit.beta(one)[0])
-    # A mean beyond its bounds has derivatives of the other sign.
-    return fit.score if one.low[0] <= size <= one.high[0] else NEVER, theta, size
+        best = minimize(lambda at: -size_at(at)[1], start, method="Nelder-Mead", bounds=ranges, options=options)
+        found.append((-float(best.fun), tuple(best.x.tolist())))
+    theta = max(found)[1]
+    return theta, size_at(np.array(theta))[0]
 
 
 def _scanned(
@@ -213,20 +206,25 @@ def _scanned(
     """Return the one nonlinear number and the size that are most probable, by a scan of its range.
 
     Far from its optimum a law leaves so much that its slow part counts as noise, and derivatives see its edges alone.
+    What each value would gain beside the others proposes; the fits of the best ones decide.
     """
     feature, (p,) = term.feature, linear.allowed(term.feature)
     low, high = axis(p)
-    reach = (high - low) / (SCANNED - 1)
-    tried: list[tuple[float, tuple[float, ...], float]] = []
-
-    def cost(at: float) -> float:
+    prior = {name: getattr(term, name)[:1] for name in ("std", "mean", "low", "high")}
+    values = np.linspace(low, high, SCANNED)
+    scanned = []
+    for at in values.tolist():
         theta = (float(np.exp(at)) if p.logarithmic else at,)
-        tried.append(_tried(model, term, others, near, theta, linear.columns(feature, theta)))
-        return -tried[-1][0]
-
-    at = min(np.linspace(low, high, SCANNED), key=cost)
-    bounds = max(at - reach, low), min(at + reach, high)
-    minimize_scalar(cost, bounds=bounds, method="bounded", options={"maxiter": EVALUATIONS})
+        X = linear.columns(feature, theta)
+        scanned.append(replace(term, columns=X, theta=theta, tangents=(), ident=(*term.ident, theta), **prior))
+    without = model.fit(others, near)
+    gains = Screen(model.grams, scanned).gains(without)
+    tried = []
+    for k in np.argsort(-gains)[:DECIDED].tolist():
+        fit = model.fit([*others, scanned[k]], near)
+        size = float(fit.beta(scanned[k])[0])
+        inside = scanned[k].low[0] <= size <= scanned[k].high[0]
+        tried.append((fit.score if inside else NEVER, scanned[k].theta, size))
     _, theta, size = max(tried)
     return theta, 1.0 if feature.fixed else size
 

@@ -63,6 +63,7 @@ WORTH = 1.0  # nats of a move that is taken: less is an alternative
 COMPARED = 100.0  # nats up to which scores at different linearisations compare, as those of one set at several show
 RELATED = 0.1  # correlation of two terms from which one may stand for both
 MOST = 24  # terms of a set
+FIRST = 4  # effects of an arm that is exactly as described, at the first look
 ELSEWHERE, NEAR = 1, 15.0  # other sets that are linearised for themselves, and nats up to which they may be behind
 
 

@@ -18,9 +18,9 @@ from elastic_arm.evidence.frontier import Frontier, Node
 from elastic_arm.evidence.grams import Bands, kept
 from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.model import EXACT, KINDS, Fit, LinearModel, Screen
-from elastic_arm.evidence.nonlinear import components, moved, placed_anew, tangent_term
+from elastic_arm.evidence.nonlinear import components, moved, tangent_term
 from elastic_arm.evidence.pool import effect_terms, law_terms, linear_prior, number_terms
-from elastic_arm.evidence.priors import BUILT, COMPARED, ELSEWHERE, MEASURED, NEAR, STATED, TRUST, WORTH
+from elastic_arm.evidence.priors import BUILT, COMPARED, ELSEWHERE, FIRST, MEASURED, MOST, NEAR, STATED, TRUST, WORTH
 from elastic_arm.evidence.problem import Problem
 from elastic_arm.evidence.search import ADDED, ALL, SIMPLE, Search, Thetas, words_of
 from elastic_arm.evidence.term import Key, Term
@@ -120,11 +120,13 @@ def _about_itself(linear: Linearisation, fit: Fit) -> tuple[Linearisation, Fit]:
 def _known(node: Node, scores: Mapping[Any, float], log: Sequence[str]) -> Explanation:
     """Return the explanation at the best node: sets that were linearised about themselves have that score."""
     found: Explanation = node.found
-    for keys, fit in found.search.met.items():
-        if keys in scores and keys != found.best.keys:
+    met = found.search.met
+    for keys, fit in met.items():
+        if keys in scores:
             own = scores[keys] - node.fit.correction
-            found.search.met[keys] = replace(fit, correction=fit.correction + own - fit.score)
-    return replace(found, log=tuple(log))
+            met[keys] = replace(fit, correction=fit.correction + own - fit.score)
+    best = max(met.values(), key=lambda fit: fit.score)
+    return replace(found, best=best, log=tuple(log))
 
 
 def _begun(described: Linearisation, refit: bool, shared: Shared) -> Explanation:
@@ -136,10 +138,10 @@ def _begun(described: Linearisation, refit: bool, shared: Shared) -> Explanation
     terms = _again(usual, built)
     starts = [_explained(built, terms, BUILT, refit, shared, moves=ADDED)]
     if not refit:
-        starts.insert(0, _explained(described, (), MEASURED, refit, shared, moves=ADDED))
+        starts.insert(0, _explained(described, (), MEASURED, refit, shared, moves=ADDED, most=FIRST))
         if all(one.best.model.name != MEASURED for one in starts):
             # One number that is far off may have found its place among those that are a little.
-            starts.append(_explained(built, terms, MEASURED, refit, shared, moves=ADDED))
+            starts.append(_explained(built, terms, MEASURED, refit, shared, moves=ADDED, most=FIRST))
     first = max(starts, key=lambda found: found.best.compared_with(starts[0].best).score)
     return replace(first, log=tuple(line for one in starts for line in one.log))
 
@@ -256,11 +258,13 @@ def _explained(
     shared: Shared,
     *,
     moves: int,
+    most: int = MOST,
     refused: Mapping[frozenset[Key], float] | None = None,
 ) -> Explanation:
     """Return the most probable set at a linearisation, from one to start from.
 
-    refused: scores of sets at their own linearisations, as they compare with those at this one.
+    most: terms that it may have more than the start; refused: scores of sets at their own linearisations, as they
+    compare with those at this one.
     """
     trusts = {name: one for name, one in TRUST.items() if not (refit and name == MEASURED)}
     model, log = linear_model(linear, trust), []
@@ -271,15 +275,16 @@ def _explained(
     path: list[Fit] = []
     while trust not in tried:
         search = Search(linear, model.trusting(trust), screens, shared.thetas, refused or {})
-        tried[trust], best = search, search.run(terms, moves=moves)
+        tried[trust], best = search, search.run(terms, moves=moves, most=most)
         path += search.path
         log += [f"{trust}: {line}" for line in search.log]
         terms = best.optional
         scores = {name: model.trusting(name).fit(terms, best).score for name in trusts}
         trust = max(scores, key=lambda name: scores[name])
-    search = tried[trust]
-    best = search.run(terms, moves=moves)
-    path += search.path
+    if tried[trust] is not search:  # found under another trust since
+        search = tried[trust]
+        best = search.run(terms, moves=moves)
+        path += search.path
     search.screens = ()
     model.grams.let_go()
     total = np.logaddexp.reduce(list(scores.values()))
@@ -405,10 +410,6 @@ def _again(fit: Fit, linear: Linearisation) -> list[Term]:
             again = _effect_again(t, fit, linear)
             # Without the friction that it scales there is nothing of it.
             found += [again] if again.feature.friction or not again.feature.effect.scales_friction else []
-    for k, t in enumerate(found):
-        if t.tangents and t.feature.quadratic and t.feature.count == 1 and not t.feature.fixed:
-            model = linear_model(linear, fit.model.name)
-            found[k] = placed_anew(linear, model, t, [*found[:k], *found[k + 1 :]])
     linear.cache["again"] = fit, found
     return found
 

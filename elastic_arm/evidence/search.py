@@ -48,14 +48,14 @@ class Search:
     log: list[str] = field(default_factory=list)
     path: list[Fit] = field(default_factory=list)  # better and better sets, the last one the most probable
 
-    def run(self, start: Sequence[Term] = (), *, moves: int = ALL) -> Fit:
+    def run(self, start: Sequence[Term] = (), *, moves: int = ALL, most: int = MOST) -> Fit:
         """Return the most probable set met on the way from one to start from; the way is kept in `path`.
 
-        moves: as many kinds as :data:`ADDED`, :data:`SIMPLE` or :data:`ALL`.
+        moves: as many kinds as :data:`ADDED`, :data:`SIMPLE` or :data:`ALL`; most: steps of the way.
         """
         best = self._keep(self.model.fit(start))
         self.path = [best]
-        while (better := self._better(best, moves)) is not None:
+        while len(self.path) <= most and (better := self._better(best, moves)) is not None:
             self.log.append(f"{better.score - best.score:+.1f}: {words_of(better, best)}")
             best = better
             self.path.append(best)
