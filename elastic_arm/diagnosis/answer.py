@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence, Set
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence, Set
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -39,7 +39,7 @@ from elastic_arm.evidence.changes import CHANGE, bends
 from elastic_arm.evidence.grams import OCTAVES, Bands
 from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.model import Fit
-from elastic_arm.evidence.priors import LEFT, LISTED, MOTION, NOISY
+from elastic_arm.evidence.priors import LEFT, LISTED, MOTION, NOISY, RELATED
 from elastic_arm.evidence.problem import FITTED, JUDGING
 from elastic_arm.evidence.relinearise import Explanation, explain, theta_of
 from elastic_arm.evidence.search import without
@@ -98,6 +98,7 @@ class Answer:
     by_all: bool = False  # whether sizes are those by all recordings, not by the fitted ones alone
     # what was likely by the fit and gains nothing on the recordings that judge, with its share there
     refused: tuple[tuple[Name, float | None], ...] = ()
+    confirmations: Mapping[Key, Confirmation] = field(default_factory=dict)  # of the terms of the best set
 
     @staticmethod
     def of(prepared: Prepared, question: Question) -> Answer:
@@ -283,19 +284,21 @@ class Answer:
         while True:
             best = answer.explanation.best
             own = held_out(best)
-            terms = [t for t in best.optional if t.kind not in (LAW, CHANGE)]
-            doubtful = []
-            for term in terms:
-                less = answer._less(term)
-                nats = own - held_out(less.explanation.best)
-                confirmation = Confirmation(nats, answer._share_without(term, less))
-                if not confirmation.confirms:
-                    doubtful.append((nats, term, confirmation, less))
+            found = dict(answer.confirmations)
+            for term in best.optional:
+                if term.kind not in (LAW, CHANGE) and term.key not in found:
+                    less = answer._less(term)
+                    nats = own - held_out(less.explanation.best)
+                    found[term.key] = Confirmation(nats, answer._share_without(term, less))
+            doubtful = [t for t in best.optional if t.key in found and not found[t.key].confirms]
             if not doubtful:
-                return answer
-            _, term, confirmation, less = min(doubtful, key=lambda one: one[0])
-            refused = (*answer.refused, (_name(term.key), confirmation.share))
-            answer = replace(less, refused=refused)
+                return replace(answer, confirmations=found)
+            worst = min(doubtful, key=lambda t: found[t.key].nats)
+            refused = (*answer.refused, (_name(worst.key), found[worst.key].share))
+            # What the others gain stays, but of those that could stand for it.
+            alike = {t.key for t in best.optional if best.correlation(worst, t) >= RELATED}
+            kept = {key: one for key, one in found.items() if key not in alike}
+            answer = replace(answer._less(worst), refused=refused, confirmations=kept)
 
     def _share_without(self, term: Term, less: Answer) -> float | None:
         """Return the share of the gap at the places of a term that comes back without it."""
@@ -364,7 +367,7 @@ class Answer:
         here = next((t for t in self.best.optional if _name(t.key) == name), None)
         alone = self.before if here is None else _minus(self.before, [self.added[here.ident]])
         share = shrink(self.gaps[0], Gap.of(self.judging.data, alone)).share
-        missed = None if here is None else self._share_without(here, self._less(here))
+        confirmation = None if here is None else self.confirmations.get(here.key)
         cause = Cause(
             effect=name[0],
             joint=name[1],
@@ -372,7 +375,7 @@ class Answer:
             regime=term.feature.effect.regime,
             parameters=averaged(each),
             shrink=0.0 if share is None else share,
-            shrink_without=missed,
+            shrink_without=None if confirmation is None else confirmation.share,
             confidence=probability,
             alternatives=tuple(self._alternatives(name, term)),
             instance=replace(instance, joint=name[1]),
