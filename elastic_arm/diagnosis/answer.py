@@ -289,7 +289,8 @@ class Answer:
                 if term.kind not in (LAW, CHANGE) and term.key not in found:
                     less = answer._less(term)
                     nats = own - held_out(less.explanation.best)
-                    found[term.key] = Confirmation(nats, answer._share_without(term, less))
+                    price = term.odds + best.model.doubt(term)
+                    found[term.key] = Confirmation(nats, price, answer._share_without(term, less))
             doubtful = [t for t in best.optional if t.key in found and not found[t.key].confirms]
             if not doubtful:
                 return replace(answer, confirmations=found)

@@ -4,7 +4,8 @@
     share = sum over its places of (e(S without it) - e(S)) / max(e(S without it), e(described))
 
 with y the rows that are fitted, y' those that judge, and e the power over the sensors' noise, in that noise, that a
-residual keeps on the recordings that judge with sizes of the fitted ones. A cause that gains nothing there is none:
+residual keeps on the recordings that judge with sizes of the fitted ones. A cause is confirmed where the recordings
+that judge make it likelier than not by themselves, against its prior odds, and its places keep less with it. Otherwise
 its law fits one recording.
 """
 
@@ -22,12 +23,13 @@ class Confirmation:
     """What a cause gains on the recordings that judge."""
 
     nats: float  # of log-likelihood
+    price: float  # -ln of its prior odds, nats
     share: float | None  # of the gap at its places; None where no place has a gap
 
     @property
     def confirms(self) -> bool:
-        """Whether it gains anything there."""
-        return self.nats > 0.0 and (self.share is None or self.share > 0.0)
+        """Whether it gains more than its price, and a share of the gap where there is one."""
+        return self.nats > self.price and (self.share is None or self.share > 0.0)
 
 
 def held_out(fit: Fit) -> float:

@@ -153,7 +153,8 @@ class Search:
         """Yield fits with a size on the scale on which it is most probable beside the others."""
         for t in fit.optional:
             yield self._scaled(fit, t.key)
-        yield self._resized(fit)
+        if any(t.kind == "law" for t in fit.optional):
+            yield self._resized(fit)
 
     def _resized(self, fit: Fit) -> Fit:
         """Return a fit with each law without a form at the size that is most probable beside the others."""
