@@ -16,6 +16,7 @@ from elastic_arm.cli.gate import FailOn, check_gate, pass_gate
 from elastic_arm.cli.mujoco.corrected import Correction, print_correction
 from elastic_arm.cli.mujoco.replay import print_replays, replay_both
 from elastic_arm.cli.outputs import Csv, Force, claim_bag, claim_folder
+from elastic_arm.cli.watching import ended_early
 from elastic_arm.diagnosis import Priors, Question, diagnose, follow_up
 from elastic_arm.diagnosis.comparison import SimulationComparison, compare
 from elastic_arm.diagnosis.corrected_robot import deviations, repaired_robot
@@ -90,6 +91,9 @@ def diagnose_command(
     force: Force = False,
     json: options.Json = False,
     quiet: options.Quiet = False,
+    seconds: Annotated[
+        float | None, typer.Option(min=1.0, metavar="N", help="End the search after N seconds with the best answer.")
+    ] = None,
     fail_on: FailOn = None,
 ) -> None:
     """Find where a recording and a model differ, which effect the model lacks, and how far the gap shrinks with it.
@@ -143,8 +147,8 @@ def diagnose_command(
     sought = None if wrong is None else ()
     question = Question(robot, model, refit=refit, given=given, effects=sought, catalogue=catalogue, priors=priors)
     keep_memory()  # what was read and left out would leave holes
-    with working("diagnosing"):
-        found = diagnose(recordings, question, judges)
+    with working("diagnosing") as status, ended_early(seconds, status, quiet=quiet) as watch:
+        found = diagnose(recordings, question, judges, watch=watch)
     with working("predicting, comparing, proposing"):
         found = follow_up(found, rng=np.random.default_rng(0) if propose else None)
         corrected = correct(found, robot, out_dir, correction) if wrong is None else wrong

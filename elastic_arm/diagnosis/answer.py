@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_limits
 
 from elastic_arm.arrays import Array
 from elastic_arm.diagnosis.changes import changes_between
-from elastic_arm.diagnosis.confirmation import Confirmation, held_out, share_without
+from elastic_arm.diagnosis.confirmation import Confirmation, has_size, held_out, share_without
 from elastic_arm.diagnosis.context import DiagnosisContext
 from elastic_arm.diagnosis.estimates import ParameterEstimate, averaged, estimated
 from elastic_arm.diagnosis.events import Event, blocks_of, events_of
@@ -31,7 +31,15 @@ from elastic_arm.diagnosis.result import (
     UnexplainedResidual,
     plain_parameters,
 )
-from elastic_arm.diagnosis.words import REPEATED_MOTION, event_notes, law_note, no_separation, ringing_note, shape_note
+from elastic_arm.diagnosis.words import (
+    REPEATED_MOTION,
+    UNFINISHED,
+    event_notes,
+    law_note,
+    no_separation,
+    ringing_note,
+    shape_note,
+)
 from elastic_arm.effects import EFFECTS, EffectInstance
 from elastic_arm.effects.library.base_tilt import TILT
 from elastic_arm.errors import DiagnosisError, require_kind
@@ -44,6 +52,7 @@ from elastic_arm.evidence.problem import FITTED, JUDGING
 from elastic_arm.evidence.relinearise import Explanation, explain, theta_of
 from elastic_arm.evidence.search import without
 from elastic_arm.evidence.term import Key, Term
+from elastic_arm.evidence.watch import Watch
 from elastic_arm.identification.batch.identify import resonances
 from elastic_arm.identification.batch.mounting import CHANCE, STEP
 from elastic_arm.identification.verdict import SURE
@@ -57,7 +66,13 @@ Name = tuple[str, str | None]  # effect and joint: the same law on two sides is 
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # more wait for each other, and take thirty times as long
-def diagnose(recordings: Sequence[Recording], question: Question, validate: Sequence[Recording] = ()) -> Diagnosis:
+def diagnose(
+    recordings: Sequence[Recording],
+    question: Question,
+    validate: Sequence[Recording] = (),
+    *,
+    watch: Watch | None = None,
+) -> Diagnosis:
     """Find where recordings and model differ, which effects cause it, and how far the gap shrinks with them.
 
     Parameters
@@ -68,6 +83,8 @@ def diagnose(recordings: Sequence[Recording], question: Question, validate: Sequ
         Arm, model, known effects, catalogue and priors.
     validate
         What judges them; the last third of the recordings where none is given.
+    watch
+        Who is told of the stages, and may end the search; it then gives the best answer that it has.
 
     Raises
     ------
@@ -78,12 +95,16 @@ def diagnose(recordings: Sequence[Recording], question: Question, validate: Sequ
     """
     recordings, validate = recordings_of(recordings), recordings_of(validate, "validate")
     require_kind(question, Question, "question", DiagnosisError, "Give Question(robot).")
-    answer = Answer.of(prepare(recordings, validate, question), question)
+    watch = watch or Watch()
+    watch.say("where the gap lies")
+    answer = Answer.of(prepare(recordings, validate, question), question, watch)
     for _ in range(AGAIN):
         events = answer.events()
-        if events == answer.prepared.events:
+        if events == answer.prepared.events or watch.is_over():
             break
-        answer = Answer.of(answer.prepared.without(events), question)
+        watch.say(f"{len(events)} events left out")
+        answer = Answer.of(answer.prepared.without(events), question, watch)
+    watch.say("what the recordings that judge confirm")
     return answer.confirmed().result()
 
 
@@ -101,9 +122,9 @@ class Answer:
     confirmations: Mapping[Key, Confirmation] = field(default_factory=dict)  # of the terms of the best set
 
     @staticmethod
-    def of(prepared: Prepared, question: Question) -> Answer:
+    def of(prepared: Prepared, question: Question, watch: Watch | None = None) -> Answer:
         """Explain what was prepared."""
-        return Answer(prepared, explain(prepared.problem, refit=question.refit), question)
+        return Answer(prepared, explain(prepared.problem, refit=question.refit, watch=watch), question)
 
     @property
     def best(self) -> Fit:
@@ -289,8 +310,8 @@ class Answer:
                 if term.kind not in (LAW, CHANGE) and term.key not in found:
                     less = answer._less(term)
                     nats = own - held_out(less.explanation.best)
-                    price = term.odds + best.model.doubt(term)
-                    found[term.key] = Confirmation(nats, price, answer._share_without(term, less))
+                    share = answer._share_without(term, less)
+                    found[term.key] = Confirmation(nats, share, has_size(answer.explanation.sized, term))
             doubtful = [t for t in best.optional if t.key in found and not found[t.key].confirms]
             if not doubtful:
                 return replace(answer, confirmations=found)
@@ -551,6 +572,8 @@ class Answer:
     def _notes(self, laws: Sequence[tuple[float, Term]], rows: Sequence[int], left: Set[str]) -> Iterator[str]:
         """Yield what the reader should know besides: of laws, of rows that are open, and of joints that keep much."""
         prepared, problem = self.prepared, self.prepared.problem
+        if not self.explanation.is_whole:
+            yield UNFINISHED
         yield from (law_note(problem.robot.joint_names[t.what.joint], t.what) for _, t in laws)
         yield from (shape_note(*self.places[row]) for row in rows)
         yield from event_notes(prepared.events)

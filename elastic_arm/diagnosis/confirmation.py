@@ -4,18 +4,22 @@
     share = sum over its places of (e(S without it) - e(S)) / max(e(S without it), e(described))
 
 with y the rows that are fitted, y' those that judge, and e the power over the sensors' noise, in that noise, that a
-residual keeps on the recordings that judge with sizes of the fitted ones. A cause is confirmed where the recordings
-that judge make it likelier than not by themselves, against its prior odds, and its places keep less with it. Otherwise
-its law fits one recording.
+residual keeps on the recordings that judge with sizes of the fitted ones. A cause that gains no likelihood there is
+none: its law fits one recording. The share alone decides nothing: what ordinary numbers can take over, at the price of
+their priors, leaves as small a gap.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import chi2, norm
 
 from elastic_arm.diagnosis.gap import Gap
 from elastic_arm.evidence.model import Fit
+from elastic_arm.evidence.term import Term
+
+TWO = 2.0  # deviations within which a size is none (contract)
 
 
 @dataclass(frozen=True)
@@ -23,13 +27,23 @@ class Confirmation:
     """What a cause gains on the recordings that judge."""
 
     nats: float  # of log-likelihood
-    price: float  # -ln of its prior odds, nats
     share: float | None  # of the gap at its places; None where no place has a gap
+    has_size: bool = True  # whether its size is beyond two deviations of none
 
     @property
     def confirms(self) -> bool:
-        """Whether it gains more than its price, and a share of the gap where there is one."""
-        return self.nats > self.price and (self.share is None or self.share > 0.0)
+        """Whether it has a size and gains likelihood."""
+        return self.has_size and self.nats > 0.0
+
+
+def has_size(fit: Fit, term: Term) -> bool:
+    """Whether the size of a term of a fit is beyond two deviations of none, all its coefficients together."""
+    if not term.linear:
+        return True  # its size is known
+    own = slice(term.linear)
+    beta, covariance = fit.beta(term)[own], fit.covariance(term)[own, own]
+    distance = float(beta @ np.linalg.solve(covariance, beta))
+    return bool(distance > chi2.isf(2.0 * norm.sf(TWO), term.linear))
 
 
 def held_out(fit: Fit) -> float:

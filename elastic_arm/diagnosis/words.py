@@ -141,6 +141,12 @@ def unseen_notes(instances: Sequence[EffectInstance], bare: Sequence[str]) -> li
     return found
 
 
+UNFINISHED = (
+    "The search was ended early: this is the best answer so far. Exchanges of several causes and laws of no catalogue "
+    "may not have been tried."
+)
+
+
 def law_note(joint: str, law: GeneralLaw) -> str:
     """Return the note on a law without a form."""
     return f"A torque of {joint} ({law.side}) follows {law.argument}, and no effect of the catalogue has this form."

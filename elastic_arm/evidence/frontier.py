@@ -20,6 +20,7 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 from elastic_arm.evidence.priors import WORTH
+from elastic_arm.evidence.watch import Watch
 
 
 class Scored(Protocol):
@@ -52,13 +53,15 @@ class Frontier:
     """The sets that were linearised about themselves, and the best of them.
 
     linearise: returns a set at its own linearisation, from one that was met at that of a node; expand: returns a path
-    that begins with the node's own set; depths: number of kinds of moves, the more expensive ones last.
+    that begins with the node's own set; depths: number of kinds of moves, the more expensive ones last; is_over:
+    whether the search is to end with the best set that it has.
     """
 
     best: Node
     linearise: Callable[[Any, Node], Node]
     expand: Callable[[Node, dict[Hashable, float]], Path]
     depths: int
+    is_over: Callable[[], bool] = Watch().is_over
     scores: dict[Hashable, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -66,7 +69,7 @@ class Frontier:
 
     def run(self) -> Node:
         """Return the best set, all its moves tried."""
-        while self.best.depth < self.depths:
+        while self.best.depth < self.depths and not self.is_over():
             node = self.best
             path = self.expand(node, self.scores)
             if not self.follow(path):
@@ -77,7 +80,7 @@ class Frontier:
         """Return whether a set on a path is better than the best at its own linearisation; it is the best then."""
         start = self.best
         last = len(path) - 1
-        while last > 0:
+        while last > 0 and not self.is_over():
             fit = path[last]
             # The numbers of the start itself may have moved on.
             if fit.keys not in self.scores or fit.keys == start.fit.keys:

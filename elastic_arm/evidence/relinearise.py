@@ -24,6 +24,7 @@ from elastic_arm.evidence.priors import BUILT, COMPARED, ELSEWHERE, FIRST, MEASU
 from elastic_arm.evidence.problem import Problem
 from elastic_arm.evidence.search import ADDED, ALL, SIMPLE, Search, Thetas, words_of
 from elastic_arm.evidence.term import Key, Term
+from elastic_arm.evidence.watch import Watch
 
 STEPS, SHORTER = 8, 0.3  # of Gauss and Newton beside a set, and the share of a step that was too long; numerical
 
@@ -38,6 +39,7 @@ class Explanation:
     path: Sequence[Fit]  # better and better sets on the way to it
     trust: Mapping[str, float]  # probability of each trust in the description
     log: tuple[str, ...] = ()  # what was done, a line a step
+    is_whole: bool = True  # whether all moves were tried
 
     @cached_property
     def sized(self) -> Fit:
@@ -58,23 +60,28 @@ class Shared:
     # What may be added, of the last linearisations, and laws without a form, of the last: they take most of the memory.
     screens: dict[Linearisation, Screen] = field(default_factory=dict)
     laws: dict[Linearisation, Screen] = field(default_factory=dict)
+    watch: Watch = field(default_factory=Watch)
 
 
-def explain(problem: Problem, *, refit: bool) -> Explanation:
+def explain(problem: Problem, *, refit: bool, watch: Watch | None = None) -> Explanation:
     """Return the most probable explanation of all recordings.
 
-    refit: whether the description cannot be as measured.
+    refit: whether the description cannot be as measured; watch: who is told of the stages, and may end the search.
     """
+    watch = watch or Watch()
+    watch.say("ordinary numbers")
     described = Linearisation(problem, np.zeros(len(problem.numbers)), _stated(problem))
-    shared = Shared()
+    shared = Shared(watch=watch)
     first = _begun(described, refit, shared)
     log = list(first.log)
-    start = Node(first.path[0], first.linear)
+    start = Node(first.path[0], first.linear, found=first)
 
     def linearise(fit: Fit, near: Node) -> Node:
         there, own = _about_itself(near.linear, fit)
         own = own.compared_with(start.fit)
         log.append(f"linearised about itself: {own.score - near.fit.score:+.1f}: {words_of(own, near.fit)}")
+        gain = own.score - start.fit.score
+        watch.say(f"causes: a set of {len(own.optional)}, {gain:.0f} nats more probable than none")
         return Node(own, there)
 
     def expand(node: Node, scores: Mapping[Any, float]) -> Sequence[Fit]:
@@ -87,11 +94,11 @@ def explain(problem: Problem, *, refit: bool) -> Explanation:
         node.found = found
         return found.path
 
-    frontier = Frontier(start, linearise, expand, depths=2)
+    frontier = Frontier(start, linearise, expand, depths=2, is_over=watch.is_over)
     frontier.follow(first.path)
     best = frontier.run()
     tried: set[frozenset[Key]] = set()
-    for _ in range(ELSEWHERE):
+    for _ in range(0 if watch.is_over() else ELSEWHERE):
         # Exchanged at this linearisation, a set whose numbers lie elsewhere is judged by columns that are not its own.
         other = _elsewhere(best.found, tried)
         if other is None:
@@ -99,7 +106,10 @@ def explain(problem: Problem, *, refit: bool) -> Explanation:
         tried.add(other.keys)
         frontier.take(other)
         best = frontier.run()
-    return _known(best, frontier.scores, log)
+    if best.found is None:  # ended before anything was looked for from there
+        nothing_more = _explained(best.linear, best.fit.optional, best.fit.model.name, refit, shared, moves=0)
+        best.found = nothing_more
+    return replace(_known(best, frontier.scores, log), is_whole=best.depth == frontier.depths)
 
 
 def _about_itself(linear: Linearisation, fit: Fit) -> tuple[Linearisation, Fit]:
@@ -285,6 +295,7 @@ def _explained(
     path: list[Fit] = []
     while trust not in tried:
         search = Search(linear, model.trusting(trust), screens, shared.thetas, refused or {})
+        search.is_over = shared.watch.is_over
         tried[trust], best = search, search.run(terms, moves=moves, most=most)
         path += search.path
         log += [f"{trust}: {line}" for line in search.log]

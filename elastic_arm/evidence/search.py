@@ -19,6 +19,7 @@ from elastic_arm.evidence.nonlinear import is_open, refined
 from elastic_arm.evidence.pool import sized
 from elastic_arm.evidence.priors import MOST, NEAR, RELATED, SCALES, SHORT, SIZES, TRIED, TRIED_OF_TWO, WORTH
 from elastic_arm.evidence.term import Ident, Key, Term
+from elastic_arm.evidence.watch import Watch
 
 Thetas = dict[Key, tuple[float, ...]]
 ADDED, SIMPLE, ALL = 2, 4, 7  # how many kinds of moves, in the order of `_better`: the later ones take longer
@@ -46,6 +47,7 @@ class Search:
     _refined: dict[tuple[Key, frozenset[Ident]], Term] = field(default_factory=dict)
     _looked: set[tuple[Key, frozenset[Ident]]] = field(default_factory=set)  # beside which sets a range was scanned
     log: list[str] = field(default_factory=list)
+    is_over: Callable[[], bool] = Watch().is_over
     path: list[Fit] = field(default_factory=list)  # better and better sets, the last one the most probable
 
     def run(self, start: Sequence[Term] = (), *, moves: int = ALL, most: int = MOST) -> Fit:
@@ -66,7 +68,13 @@ class Search:
         """Return a better set one move away: more terms first, as they are cheap to find."""
         simple = self._added, self._rescaled, self._dropped, self._exchanged
         moves = (*simple, self._scanned, self._two_for_one, self._one_for_two)[:count]
-        return next((one for move in moves for one in move(fit) if one.score > fit.score + WORTH), None)
+        for move in moves:
+            for one in move(fit):
+                if one.score > fit.score + WORTH:
+                    return one
+                if self.is_over():
+                    return None
+        return None
 
     def _added(self, fit: Fit) -> Iterator[Fit]:
         if len(fit.optional) < MOST:
