@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from elastic_arm.equations.formless import _splines
+from elastic_arm.equations.formless import FINE_SHARE, ROUGH, SMOOTH, _splines
 
 
 def test_smooth_laws_are_likelier_than_rough_ones() -> None:
@@ -29,3 +29,29 @@ def test_smooth_laws_are_likelier_than_rough_ones() -> None:
     rough = np.repeat(rng.choice([-1.0, 1.0], 32), 13)[: len(angle)]
     # Fits of least squares differ by as little as both laws are splines; the prior tells them apart.
     assert evidence(np.sqrt(2.0) * np.sin(3.0 * angle) + noise) > evidence(rough + noise) + 50.0
+
+
+def test_a_law_reaches_as_far_as_the_argument_does_in_any_recording() -> None:
+    """A law that spans all recordings varies beyond the range of the first one; one of the first alone is constant."""
+    signals: list[Any] = []
+    for reach in (1.0, 2.0):
+        angle = np.linspace(-reach, reach, 200)
+        signals.append(SimpleNamespace(values={"x": angle[:, None]}))
+    each: list[Any] = [SimpleNamespace(parts=[SimpleNamespace(signals=one)]) for one in signals]
+    beyond = signals[1].values["x"][:, 0] > 1.2
+    for smoothness in (ROUGH, SMOOTH):
+        whole, first = (
+            _splines(sets, lambda s: s.values["x"][:, 0], 16, smoothness)(signals[1])[beyond]
+            for sets in (each, each[:1])
+        )
+        assert np.ptp(first, axis=0).max() < 1e-6
+        assert np.ptp(whole, axis=0).max() > 0.05
+
+
+def test_a_smooth_law_has_fewer_shapes_and_the_variance_of_its_kernel() -> None:
+    angle = np.linspace(-1.0, 1.0, 400)
+    signals: Any = SimpleNamespace(values={"x": angle[:, None]})
+    sets: Any = [SimpleNamespace(parts=[SimpleNamespace(signals=signals)])]
+    X = _splines(sets, lambda s: s.values["x"][:, 0], 32, SMOOTH)(signals)
+    assert X.shape[1] < 20
+    np.testing.assert_allclose(np.sum(X**2, axis=1), 2.0 + FINE_SHARE**2, rtol=0.05)

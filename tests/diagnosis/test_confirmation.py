@@ -1,0 +1,51 @@
+"""What the recordings that judge gain by a cause, on made-up regressions."""
+
+import numpy as np
+
+from elastic_arm.diagnosis.confirmation import Confirmation, has_size, held_out
+from elastic_arm.evidence.model import Fit
+from tests.evidence.made_up import HARMONICS, model, term
+
+ROWS = 4 * HARMONICS
+
+
+def fits(amplitude_judging: float) -> tuple[Fit, Fit]:
+    """Return the fits with and without a law whose size in the judging half is this, and 3 in the fitted half."""
+    rng = np.random.default_rng(3)
+    column = rng.standard_normal(ROWS)
+    fitted = np.arange(ROWS) % (2 * HARMONICS) < HARMONICS
+    size = np.where(fitted, 3.0, amplitude_judging)
+    y = 0.5 * rng.standard_normal(ROWS) + size * column
+    data = model(y, fitted_rows=fitted)
+    return data.fit([term("law", column, 10.0)]), data.fit([])
+
+
+def test_a_law_of_both_recordings_gains_on_those_that_judge() -> None:
+    with_it, without = fits(3.0)
+    assert held_out(with_it) - held_out(without) > 20.0
+
+
+def test_a_law_that_fits_one_recording_loses_on_the_other() -> None:
+    with_it, without = fits(-3.0)
+    gain = held_out(with_it) - held_out(without)
+    assert gain < 0.0
+    assert not Confirmation(gain, None).confirms
+
+
+def test_sizes_are_those_of_the_fitted_recordings() -> None:
+    """The judging rows count in the choice of a set, and not in the size that is quoted."""
+    with_it, _ = fits(1.0)
+    sized = with_it.model.of_fitted(with_it)
+    (of_all,), (own,) = with_it.optional, sized.optional
+    assert abs(float(sized.beta(own)[0]) - 3.0) < 0.2
+    assert float(with_it.beta(of_all)[0]) < 2.8
+
+
+def test_a_size_within_two_deviations_of_none_is_none() -> None:
+    rng = np.random.default_rng(4)
+    columns = rng.standard_normal((ROWS, 2))
+    data = model(rng.standard_normal(ROWS) + columns[:, 0])
+    present, absent = term("present", columns[:, 0], 3.0), term("absent", 1e-2 * columns[:, 1], 3.0)
+    fit = data.fit([present, absent])
+    assert has_size(fit, fit.optional[0])
+    assert not has_size(fit, fit.optional[1])
