@@ -136,7 +136,7 @@ def _where(found: Diagnosis) -> list[Block]:
         low, high = found.shrink_interval or (np.nan, np.nan)
         taken = f"take {percent(found.shrink)} off the gap (95 % interval {percent(low)} to {percent(high)})"
         taken = "make the gap as a whole larger" if taken.startswith("take -") else taken
-        what = f"All causes together {taken}, as power over the sensors' noise, on motion that no fit has seen."
+        what = f"All causes together {taken}, as power over the sensors' noise, on the recordings that judge."
         blocks.append(Text(what))
     return [*blocks, Figure(figures.gap_map(found)), Table(["side", "compares", "residual, Nm"], rows)]
 
@@ -278,9 +278,9 @@ def _grounds(found: Diagnosis) -> list[Block]:
     fitted = ", ".join(found.identify) or "the first two thirds"
     judged = ", ".join(found.validate) or "the last third"
     if found.context is not None and found.context.held_back:
-        text = f"Causes are fitted on the first two thirds of {fitted}; the last third, which no fit has seen, judges."
+        text = f"Causes are chosen with all of {fitted}; sizes are those of the first two thirds, the last third judges."
     else:
-        text = f"Causes are fitted on {fitted}; every figure of the gap is measured on {judged}, which no fit has seen."
+        text = f"Causes are chosen with all recordings, their sizes are those of {fitted}; the gap is that of {judged}."
     return [
         Text(text),
         Text(f"Trust in the description: {trust_text(found.trust)}."),
