@@ -285,7 +285,7 @@ def _settled(
     """Return the state with the integrals with which the first second is followed best."""
     step = float(arm.model.opt.timestep)
     first = commands[: max(1, round(SETTLED / step))]
-    times = at + step * np.arange(1, len(first) + 1)
+    times = np.asarray(at + step * np.arange(1, len(first) + 1), dtype=np.float64)
     wanted = _interpolated(times, *known)
     found, which = state.integrals.copy(), np.flatnonzero(_integrating(arm))
     size = 0.01  # rad s: the motion is linear in an integral, but for limits

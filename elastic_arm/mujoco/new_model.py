@@ -14,7 +14,9 @@ import numpy as np
 
 from elastic_arm.arrays import Array
 from elastic_arm.effects import Catalogue, EffectInstance
+from elastic_arm.errors import RobotError
 from elastic_arm.mujoco.changes import six, text_of
+from elastic_arm.mujoco.closed_loop import with_controllers
 from elastic_arm.mujoco.elements import DEFLECTION, Elements, delayed, servo, sharp
 from elastic_arm.mujoco.left_out import left_coupling, left_effects, left_numbers
 from elastic_arm.mujoco.mjcf_export import Exported
@@ -22,6 +24,7 @@ from elastic_arm.mujoco.stated_arm import StatedArm, stated_arm
 from elastic_arm.output_files import write_result
 from elastic_arm.robot import Inertia, Robot
 from elastic_arm.robot.kinematics import link_radius
+from elastic_arm.robot.mjcf import MjcfArm, open_mjcf
 from elastic_arm.robot.urdf_export import bodies_with_components, words_of
 
 TIMESTEP = 1e-3
@@ -77,6 +80,24 @@ def to_mjcf(
     _elements(root, elements)
     ET.indent(root)
     return ET.tostring(root, encoding="unicode") + "\n", tuple(elements.left)
+
+
+def playable(robot: Robot, file: Path, catalogue: Catalogue | None = None) -> MjcfArm:
+    """Write an arm with its controllers as a new MJCF, and open it as MuJoCo plays it.
+
+    What its controllers have and no actuator is in the set-points: a dead band, an integral. Raises a RobotError where
+    a controller is none that follows angles.
+    """
+    plain = robot
+    for joint in robot.joints:
+        drive = joint.controller
+        if drive is not None:
+            alike = replace(drive, dead_band=0.0, ki=0.0, between="held")
+            plain = plain.with_joint(joint.name, controller=alike)
+    if not all(servo(joint.controller) for joint in plain.joints):
+        raise RobotError("some joint has no controller of angles", "State `controller:` in the arm file")
+    write_result(file, to_mjcf(plain, catalogue=catalogue)[0])
+    return with_controllers(open_mjcf(file), robot)
 
 
 def _bodies(robot: Robot, arm: StatedArm) -> list[Inertia]:

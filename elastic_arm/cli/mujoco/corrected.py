@@ -1,20 +1,41 @@
 """The user's own file with the numbers that a diagnosis or an identification found, beside robot.yaml."""
 
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
+import numpy as np
 from rich.markup import escape
 
-from elastic_arm.cli.console import out
+from elastic_arm.cli.console import new_table, out
 from elastic_arm.cli.mujoco.export import print_export
 from elastic_arm.effects import Catalogue
 from elastic_arm.errors import MissingExtraError, RobotError
 from elastic_arm.mujoco import Exported, export_mjcf, export_urdf
 from elastic_arm.mujoco.changes import Deviations
+from elastic_arm.mujoco.closed_loop import with_controllers
+from elastic_arm.mujoco.judgement import Choice, Judging, chosen
+from elastic_arm.mujoco.new_model import playable
+from elastic_arm.results import ClosedLoopError
 from elastic_arm.robot import Robot
 from elastic_arm.robot.loading import is_mjcf, parse_chain
 from elastic_arm.robot.mjcf import MjcfArm, open_mjcf
 
 SUFFIX = "_corrected"
+
+
+# What is taken back -> the corrected arm without it.
+Corrected = Callable[[frozenset[str]], Robot]
+
+
+@dataclass(frozen=True)
+class Written:
+    """What was written of a correction."""
+
+    file: Exported | str | None = None  # the user's own file, or why there is none; None where none was to be written
+    robot: Robot | None = None  # the corrected arm; None where the description stays
+    choice: Choice | None = None  # of a commanded arm, what of the correction it holds, and how the arm moves with it
 
 
 class Correction:
@@ -51,13 +72,86 @@ class Correction:
         file.unlink(missing_ok=True)
         if robot is None:
             return None
-        common = {"chain": self._ends, "deviations": deviations, "catalogue": self._catalogue}
         try:
-            if self.mjcf:
-                return export_mjcf(robot, self.base, file, at=self._at, **common)  # type: ignore[arg-type]
-            return export_urdf(robot, self.base, file, **common)  # type: ignore[arg-type]
+            return self._exported(robot, file, deviations)
         except (RobotError, MissingExtraError) as error:
             return str(error)
+
+    def judged(
+        self,
+        robot: Robot,
+        corrected: Corrected,
+        units: Sequence[str],
+        judging: Sequence[Judging],
+        folder: Path,
+        deviations: Deviations | None = None,
+        *,
+        caused: bool,
+    ) -> Written:
+        """Write of a commanded arm's correction what moves it nearer to the recordings that judge, or as near.
+
+        robot: as described; units: what can be taken back; caused: whether what is as near as described is written.
+        """
+        choice = None
+        with TemporaryDirectory() as temporary:
+
+            def build(back: frozenset[str]) -> MjcfArm:
+                return self._played(corrected(back), Path(temporary) / "arm.xml")
+
+            try:
+                described = with_controllers(self.open(self.base), robot) if self.base and self.mjcf else None
+                described = described or playable(robot, Path(temporary) / "described.xml")
+                choice = chosen(described, build, units, judging)
+            except (RobotError, MissingExtraError):
+                pass  # a controller that MuJoCo has not: nothing is played
+        if choice is None:
+            arm = corrected(frozenset()) if caused else None
+            return Written(self.write(arm, folder, deviations), arm)
+        back = frozenset(choice.taken_back)
+        if back >= set(units) or not (caused or choice.better):
+            self.write(None, folder)
+            errors = {name: as_described(one) for name, one in choice.errors.items()}
+            return Written(choice.reason or None, None, choice.with_errors(errors))
+        arm = corrected(back)
+        return Written(self.write(arm, folder, deviations), arm, choice)
+
+    def _exported(self, robot: Robot, file: Path, deviations: Deviations | None = None) -> Exported:
+        assert self.base is not None
+        common = {"chain": self._ends, "deviations": deviations, "catalogue": self._catalogue}
+        if self.mjcf:
+            return export_mjcf(robot, self.base, file, at=self._at, **common)  # type: ignore[arg-type]
+        return export_urdf(robot, self.base, file, **common)  # type: ignore[arg-type]
+
+    def _played(self, robot: Robot, file: Path) -> MjcfArm:
+        """Return a corrected arm as MuJoCo plays it: by the file that is written, or by a new one."""
+        if not self.mjcf:
+            return playable(robot, file, self._catalogue)
+        self._exported(robot, file)
+        return with_controllers(self.open(file), robot)
+
+
+def as_described(error: ClosedLoopError) -> ClosedLoopError:
+    """Return the error of a joint whose correction is not written."""
+    return replace(error, corrected=error.described)
+
+
+def print_closed_loop(errors: Mapping[str, ClosedLoopError]) -> None:
+    """Print by how much each joint errs under the recorded commands, as described and corrected."""
+    if not errors:
+        return
+    units = {one.unit for one in errors.values()}
+    unit = "mrad" if units == {"rad"} else "mrad or mm"
+    table = new_table(f"closed loop, {unit}", *errors, right=tuple(errors))
+    rows: dict[str, list[float | None]] = {
+        "description": [one.described for one in errors.values()],
+        "as written": [one.corrected for one in errors.values()],
+        "refused": [one.refused for one in errors.values()],
+    }
+    for name, values in rows.items():
+        if any(value is not None for value in values):
+            table.add_row(name, *("–" if v is None or not np.isfinite(v) else f"{1e3 * v:.4g}" for v in values))
+    out.print(table)
+    out.print("[dim]errors of angles under the recorded commands, root mean squares over the recordings that judge[/]")
 
 
 def print_correction(done: Exported | str | None) -> None:
