@@ -44,6 +44,7 @@ from elastic_arm.evidence.priors import read_priors
 from elastic_arm.memory import keep_memory
 from elastic_arm.mujoco import Replay
 from elastic_arm.mujoco.judgement import Judging
+from elastic_arm.mujoco.left_out import SAMPLES
 from elastic_arm.output_files import write_result
 from elastic_arm.recording import Recording, write_recording
 from elastic_arm.recording.inspection.check import misread
@@ -188,6 +189,8 @@ def correct(
     Of an arm with recorded torques, where there are causes; of a commanded one, what of it does not move the arm worse
     in `judges`, and without causes only if it moves nearer.
     """
+    if found.context is not None and not robot.elastic:
+        correction.motion = found.context.moved(SAMPLES)
     if not found.made:
         corrected = repaired_robot(robot, found) if found.causes else None
         return Written(correction.write(corrected, folder, deviations(found)), corrected)

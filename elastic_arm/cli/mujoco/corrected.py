@@ -16,6 +16,7 @@ from elastic_arm.mujoco import Exported, export_mjcf, export_urdf
 from elastic_arm.mujoco.changes import Deviations
 from elastic_arm.mujoco.closed_loop import with_controllers
 from elastic_arm.mujoco.judgement import Choice, Judging, chosen
+from elastic_arm.mujoco.left_out import Motion
 from elastic_arm.mujoco.new_model import playable
 from elastic_arm.results import ClosedLoopError
 from elastic_arm.robot import Robot
@@ -46,6 +47,7 @@ class Correction:
 
     def __init__(self, base: Path | None, chain: str | None, at: str | None, catalogue: Catalogue) -> None:
         self.base = base
+        self.motion: Motion | None = None  # over which friction stands for laws that the file has no number for
         self._ends = None if chain is None else parse_chain(chain)
         self._at, self._catalogue = at, catalogue
         self.mjcf = base is not None and is_mjcf(base)
@@ -117,7 +119,7 @@ class Correction:
 
     def _exported(self, robot: Robot, file: Path, deviations: Deviations | None = None) -> Exported:
         assert self.base is not None
-        common = {"chain": self._ends, "deviations": deviations, "catalogue": self._catalogue}
+        common = {"chain": self._ends, "deviations": deviations, "catalogue": self._catalogue, "motion": self.motion}
         if self.mjcf:
             return export_mjcf(robot, self.base, file, at=self._at, **common)  # type: ignore[arg-type]
         return export_urdf(robot, self.base, file, **common)  # type: ignore[arg-type]

@@ -100,6 +100,7 @@ def export(
                 "files": [str(path) for path in done.files],
                 "changes": [asdict(change) for change in done.changes],
                 "left": [one.to_dict() for one in done.left],
+                "stand_ins": list(done.stand_ins),
                 "notes": list(done.notes),
             }
         )
@@ -117,6 +118,8 @@ def print_export(done: Exported, *, new: bool = False) -> None:
         out.print(table)
     elif not new:
         out.print("no number of the description changes")
+    for words in done.stand_ins:
+        out.print(f"[bold yellow]in its place:[/] {escape(words)}", soft_wrap=True)
     for one in done.left:
         out.print(f"[yellow]not in the file:[/] {escape(left_text(one, done.units))}", soft_wrap=True)
     for note in done.notes:
