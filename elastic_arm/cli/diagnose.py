@@ -1,6 +1,7 @@
 """`elastic-arm diagnose`: where model and recording part, which effect causes it, how far the gap shrinks."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from json import dumps as json_text
 from pathlib import Path
 from typing import Annotated
@@ -45,6 +46,7 @@ from elastic_arm.memory import keep_memory
 from elastic_arm.mujoco import Replay
 from elastic_arm.mujoco.judgement import Judging
 from elastic_arm.mujoco.left_out import SAMPLES
+from elastic_arm.mujoco.refinement import refinable
 from elastic_arm.output_files import write_result
 from elastic_arm.recording import Recording, write_recording
 from elastic_arm.recording.inspection.check import misread
@@ -151,9 +153,11 @@ def diagnose_command(
         found = follow_up(found, rng=np.random.default_rng(0) if propose else None)
         corrected = Written(wrong)
         if wrong is None:
-            corrected = correct(found, robot, out_dir, correction, judges or recordings)
+            corrected = correct(found, robot, out_dir, correction, judges or recordings, recordings)
         if corrected.choice is not None:
             found = found.with_closed_loop(corrected.choice.errors, corrected.choice.taken_back)
+            refined = [words] if (words := corrected.note()) else []
+            found = replace(found, notes=(*found.notes, *refined))
         replays = replay_both(correction, out_dir, (judges or recordings)[0]) if replayed else []
         comparison = compare(found, simulated, question, difference) if simulated and difference else None
         write_diagnosis(found, corrected.robot, out_dir, replays, comparison)
@@ -182,25 +186,34 @@ def _numbered(bag: Path | None, count: int) -> list[Path]:
 
 
 def correct(
-    found: Diagnosis, robot: Robot, folder: Path, correction: Correction, judges: Sequence[Recording] = ()
+    found: Diagnosis,
+    robot: Robot,
+    folder: Path,
+    correction: Correction,
+    judges: Sequence[Recording] = (),
+    fitted: Sequence[Recording] = (),
 ) -> Written:
     """Write the file that the arm came from with what was found.
 
-    Of an arm with recorded torques, where there are causes; of a commanded one, what of it does not move the arm worse
-    in `judges`, and without causes only if it moves nearer.
+    Of an arm with recorded torques, where there are causes; of a commanded one, refined on what was fitted, what of it
+    does not move the arm worse in `judges`, and without causes only if it moves nearer.
     """
     if found.context is not None and not robot.elastic:
         correction.motion = found.context.moved(SAMPLES)
     if not found.made:
         corrected = repaired_robot(robot, found) if found.causes else None
         return Written(correction.write(corrected, folder, deviations(found)), corrected)
-    judging = []
+    held_back = found.context is not None and found.context.held_back
+    judging, before = list[Judging](), list[Judging]()
     for one in judges:
         names = [name for name in found.judged if name == one.source or name.startswith(f"{one.source}, ")]
         spans = [found.judged[name] for name in names]
-        whole = (min(begin for begin, _ in spans), max(end for _, end in spans)) if spans else None
+        begin, end = min([b for b, _ in spans], default=0.0), max([e for _, e in spans], default=np.inf)
         if spans or len(judges) == 1:
-            judging.append(Judging(one.select(robot.joint_names), whole))
+            selected = one.select(robot.joint_names)
+            judging.append(Judging(selected, (begin, end)))
+            before.append(Judging(selected, (0.0, begin)))
+    whole = [Judging(one.select(robot.joint_names)) for one in fitted]
     return correction.judged(
         robot,
         lambda back: repaired_robot(robot, found, back),
@@ -209,6 +222,8 @@ def correct(
         folder,
         deviations(found),
         caused=bool(found.causes),
+        numbers=refinable(found),
+        fitted=before if held_back else whole,
     )
 
 

@@ -132,13 +132,9 @@ def servo_motion(arm: MjcfArm, start: StartState, commands: Array, before: Array
     before = commands[:1] if before is None or not len(before) else before
     data = _started(arm, start, before)
     given = _inputs(arm)
-    others = np.setdiff1d(np.arange(model.nv), arm.dofs)
-    drives = [joint.controller or JointController() for joint in arm.robot.joints]
-    dead_band = np.array([drive.dead_band for drive in drives])
-    integrating = _beside(arm)
+    dead_band, integrating = _dead_bands(arm), _beside(arm)
     with _punctual(model):
-        by_step = len(others) or dead_band.any() or integrating.any() or mj.get_mjcb_passive() is not None
-        if not by_step:
+        if not plays_by_step(arm):
             return _rolled_out(arm, data, given, commands)
         # What a <position> actuator has not is in the set-point that it is given: a dead band, an integral.
         integral, step = start.integrals.copy(), float(model.opt.timestep)
@@ -151,6 +147,13 @@ def servo_motion(arm: MjcfArm, start: StartState, commands: Array, before: Array
             hold(data)
             found[k] = data.qpos[arm.positions]
     return found
+
+
+def plays_by_step(arm: MjcfArm) -> bool:
+    """Whether something acts between time steps that MuJoCo does not do itself."""
+    others = np.setdiff1d(np.arange(arm.model.nv), arm.dofs)
+    beside = bool(_dead_bands(arm).any() or _beside(arm).any())
+    return bool(len(others)) or beside or engine().get_mjcb_passive() is not None
 
 
 def held(arm: MjcfArm) -> Callable[[Any], None]:
@@ -215,6 +218,11 @@ def _activation(arm: MjcfArm, i: int, actuator: int, start: StartState, before: 
         return float(start.angles[i])
     due = round(float(model.actuator_delay[actuator]) / float(model.opt.timestep)) + 1
     return float(before[max(0, len(before) - due), i])
+
+
+def _dead_bands(arm: MjcfArm) -> Array:
+    """Return the dead bands of the controllers, (n,) rad."""
+    return np.array([joint.controller.dead_band if joint.controller else 0.0 for joint in arm.robot.joints])
 
 
 def _beside(arm: MjcfArm) -> Array:

@@ -1,10 +1,10 @@
 """Which corrections of a commanded arm are written: those with which it moves as recorded, or nearer.
 
-    d_b = mean over half b of |e_corrected|² - |e_described|²
+    mean |e_corrected|² > mean |e_described|² + max(s, (step of the positions)² / 12)
 
-A joint moves worse where the mean of d_b is above zero by more than its standard error over the halves of all
-recordings, and by more than what the encoder cannot tell apart, (step of its positions)² / 12. What makes a joint move
-worse is taken back: joint by joint, or a cause of the whole arm, first that with which the arm then moves best.
+says that a joint moves worse: s is the standard error of the description's own mean over the halves of the recordings,
+as far as they repeat, and the other what the encoder cannot tell apart. What makes a joint move worse is taken back:
+joint by joint, or a cause of the whole arm, first that with which the arm then moves best.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -69,11 +69,9 @@ class ClosedLoop:
 
     def worse_than(self, other: "ClosedLoop") -> NDArray[np.bool_]:
         """Return at which joints (n,) the model moves worse than another one, beyond what the recordings repeat."""
-        difference = self.halves - other.halves
-        count = len(difference)
-        mean = difference.mean(axis=0)
-        doubt = difference.std(axis=0, ddof=1) / np.sqrt(count) if count > 1 else np.zeros_like(mean)
-        return np.asarray((mean > np.maximum(doubt, self._unseen)) | ~np.isfinite(mean))
+        more = self.squares - other.squares
+        doubt = other.halves.std(axis=0, ddof=1) / np.sqrt(len(other.halves))
+        return np.asarray((more > np.maximum(doubt, self._unseen)) | ~np.isfinite(more))
 
     @property
     def _unseen(self) -> Array:

@@ -295,7 +295,7 @@ class _Document:
             raise RobotError(
                 "its compiler takes all inertia from geoms (inertiafromgeom)", 'Set inertiafromgeom="auto"'
             )
-        own = _own_inertia(model, body)
+        own = own_inertia(model, body)
         new = body_after(own, self.before.links[i], self.after.links[i], name)
         element = self._elements[i]
         inertials = self.file.children(element, "inertial")
@@ -313,7 +313,7 @@ class _Document:
         self.file.set(option, gravity=text_of(*self.after.gravity))
 
 
-def _own_inertia(model: Any, body: int) -> Inertia:
+def own_inertia(model: Any, body: int) -> Inertia:
     """Return a body's inertia in its own frame."""
     rotation = np.empty(9)
     engine().mju_quat2Mat(rotation, model.body_iquat[body])
