@@ -14,7 +14,8 @@ from rich.markup import escape
 from elastic_arm.cli import options
 from elastic_arm.cli.console import err, new_table, out, print_json, reports_errors, shares_of
 from elastic_arm.cli.gate import FailOn, check_gate, pass_gate
-from elastic_arm.cli.mujoco.corrected import Correction, Written, print_closed_loop, print_correction
+from elastic_arm.cli.mujoco.corrected import Correction, Written, print_correction
+from elastic_arm.cli.mujoco.export import print_closed_loop
 from elastic_arm.cli.mujoco.replay import print_replays, replay_both
 from elastic_arm.cli.outputs import Csv, Force, claim_bag, claim_folder
 from elastic_arm.diagnosis import Priors, Question, diagnose, follow_up

@@ -46,7 +46,8 @@ FRICTION = {"coulomb_friction": "torque", "viscous_friction": "coefficient"}
 class Refinable:
     """A number of a corrected arm: a deviation from where it was found."""
 
-    # "scale" of kp and kd, "kd", "armature", "mass" are ratios less 1; "delay" s, "limit" Nm, "com_x" … m, effects in their units
+    # "scale" of kp and kd, "kd", "armature", "mass" are ratios less 1; "delay" s, "limit" Nm, "com_x" … m, and effects
+    # in their units
     what: str
     joint: str | None  # None of all joints
     std: float  # of the posterior

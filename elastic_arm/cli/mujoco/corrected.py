@@ -1,6 +1,6 @@
 """The user's own file with the numbers that a diagnosis or an identification found, beside robot.yaml."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -8,7 +8,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from rich.markup import escape
 
-from elastic_arm.cli.console import new_table, out
+from elastic_arm.cli.console import out
 from elastic_arm.cli.mujoco.export import print_export
 from elastic_arm.diagnosis.words import listed
 from elastic_arm.effects import Catalogue
@@ -172,25 +172,6 @@ def _stays(number: Refinable, back: frozenset[str]) -> bool:
 def as_described(error: ClosedLoopError) -> ClosedLoopError:
     """Return the error of a joint whose correction is not written."""
     return replace(error, corrected=error.described)
-
-
-def print_closed_loop(errors: Mapping[str, ClosedLoopError]) -> None:
-    """Print by how much each joint errs under the recorded commands, as described and corrected."""
-    if not errors:
-        return
-    units = {one.unit for one in errors.values()}
-    unit = "mrad" if units == {"rad"} else "mrad or mm"
-    table = new_table(f"closed loop, {unit}", *errors, right=tuple(errors))
-    rows: dict[str, list[float | None]] = {
-        "description": [one.described for one in errors.values()],
-        "as written": [one.corrected for one in errors.values()],
-        "refused": [one.refused for one in errors.values()],
-    }
-    for name, values in rows.items():
-        if any(value is not None for value in values):
-            table.add_row(name, *("–" if v is None or not np.isfinite(v) else f"{1e3 * v:.4g}" for v in values))
-    out.print(table)
-    out.print("[dim]errors of angles under the recorded commands, root mean squares over the recordings that judge[/]")
 
 
 def print_correction(done: Exported | str | None) -> None:
