@@ -164,7 +164,7 @@ def no_separation(effect: str, other: str) -> str:
 
 def scale_sentence(found: Diagnosis) -> str:
     """Return what anchors the scale of torques that were made of commands, and where it is off."""
-    known = ", ".join(f"{100 * e.std / e.value:.2g} % at {joint}" for joint, e in found.torque_scale.items())
+    known = ", ".join(f"{100 * e.std / abs(e.value):.2g} % at {joint}" for joint, e in found.torque_scale.items())
     off = [
         f"{e.value:.3g} ± {e.std:.2g} times the described one at {joint}"
         for joint, e in found.torque_scale.items()
@@ -197,7 +197,7 @@ def closed_loop_sentences(found: Diagnosis) -> list[str]:
     if len(found.taken_back) >= len(found.joints):
         written = "No correction is written"
     else:
-        written = f"The correction of {listed([one.replace('_', ' ') for one in found.taken_back])} is not written"
+        written = f"The correction of {listed(found.taken_back)} is not written"
     return [f"With all that was found the arm errs more under the recorded commands: {listed(moved)}. {written}."]
 
 

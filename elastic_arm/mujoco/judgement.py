@@ -2,8 +2,8 @@
 
     mean |e_corrected|² > mean |e_described|² + max(s, (step of the positions)² / 12)
 
-says that a joint moves worse: s is the standard error of the description's own mean over the halves of the recordings,
-as far as they repeat, and the other what the encoder cannot tell apart. What makes a joint move worse is taken back:
+of a joint that moves worse: s is the standard error of the description's own mean over the halves of the recordings, as
+far as they repeat, and the other what the encoder cannot tell apart. What makes a joint move worse is taken back:
 joint by joint, or a cause of the whole arm, first that with which the arm then moves best.
 """
 
