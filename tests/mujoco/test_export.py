@@ -1,6 +1,7 @@
 """Corrected files: a user's own MJCF or URDF with numbers changed, and nothing else."""
 
 import difflib
+import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -14,10 +15,11 @@ from typer.testing import CliRunner
 import elastic_arm.robot
 from elastic_arm.dynamics import build_model
 from elastic_arm.errors import RobotError
+from elastic_arm.recording import write_recording
 from elastic_arm.robot import Inertia, JointController, Robot, load_robot, save_robot, to_urdf
 from elastic_arm.robot.kinematics import lumped
 from tests.helpers.mujoco_arms import MODELS, random_motion
-from tests.helpers.servo_arms import EXAMPLE
+from tests.helpers.servo_arms import EXAMPLE, recorded, servo_arm
 from tests.robot.test_mjcf import two_joints
 
 pytest.importorskip("mujoco")
@@ -433,3 +435,20 @@ def test_a_new_file_has_the_limit_of_a_servo_with_a_dead_band(tmp_path: Path) ->
     assert found is not None and (found.kp, found.torque) == (pytest.approx(pan.kp), 3.72)
     (left,) = [one for one in done.left if one.what == "controller"]
     assert left.joint == "pan" and left.numbers["dead_band"] == 0.02
+
+
+def test_an_export_is_played_beside_its_base(tmp_path: Path) -> None:
+    """With --validate the errors of both files under recorded commands are printed: those of the right kp are small."""
+    true = servo_arm({'kp="17.8" kv="0.6" joint="lift"': 'kp="23" kv="0.6" joint="lift"'})
+    write_recording(tmp_path / "bag", recorded(true, 100.0, 14))
+    save_robot(true.robot, tmp_path / "robot.yaml")
+    app = typer.Typer()
+    app.command()(export)
+    base, out = EXAMPLE / "arm.xml", tmp_path / "new.xml"
+    words = [tmp_path / "robot.yaml", "--base", base, "--out", out, "--validate", tmp_path / "bag", "--json"]
+    done = CliRunner().invoke(app, list(map(str, words)))
+    assert done.exit_code == 0, done.output
+    lift = json.loads(done.output)["closed_loop"]["lift"]
+    assert lift["described"] > 5e-3 and lift["corrected"] < 5e-4
+    refused = CliRunner().invoke(app, [*map(str, words[:1]), "--out", str(tmp_path / "o.xml"), *map(str, words[5:7])])
+    assert refused.exit_code == 2 and "Give it as --base" in refused.output
