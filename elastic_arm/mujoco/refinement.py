@@ -55,7 +55,7 @@ class Refinable:
 
 
 def refinable(found: Diagnosis) -> tuple[Refinable, ...]:
-    """Return the numbers of a diagnosed servo arm that its recordings tell of, with their posterior deviations."""
+    """Return the numbers of a diagnosed servo arm that its recordings determine, with their posterior deviations."""
     return (*_of_description(found), *_of_friction(found), *_of_masses(found), *_of_controllers(found))
 
 

@@ -39,7 +39,7 @@ class StandIn:
 
     @property
     def numeric(self) -> dict[str, str]:
-        """Attributes of the <numeric> that tells which numbers of the file stand for laws."""
+        """Attributes of the <numeric> that holds the numbers of the file that stand for laws."""
         return {"name": f"{MARK}{self.joint}", "data": text_of(self.friction_loss, self.damping)}
 
     def words(self, robot: Robot) -> str:
