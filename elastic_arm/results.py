@@ -1,6 +1,7 @@
 """What results share: their tables as rows, CSV files and data frames, and how a notebook shows them."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from typing import Any, ClassVar, Literal
@@ -9,6 +10,31 @@ from elastic_arm.errors import OutputError, require_libraries
 from elastic_arm.output_files import csv_text, write_result
 
 Row = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class ClosedLoopError:
+    """By how much a commanded joint errs in MuJoCo under the recorded commands, root mean squares."""
+
+    described: float  # by the description, in `unit`
+    corrected: float  # by what was written
+    unit: str  # "rad", or "m" of a joint that slides
+    # with all that was found, where not all was written: this joint then moved worse than described; None elsewhere
+    refused: float | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as in `diagnosis.json`; null where a model leaves the finite numbers."""
+        numbers = {"described": self.described, "corrected": self.corrected}
+        if self.refused is not None:
+            numbers["refused"] = self.refused
+        rounded = {name: float(f"{v:.4g}") if v < float("inf") else None for name, v in numbers.items()}
+        return {**rounded, "unit": self.unit}
+
+    @staticmethod
+    def from_dict(data: Mapping[str, Any]) -> "ClosedLoopError":
+        """Return what :meth:`to_dict` wrote."""
+        numbers = {name: float("inf") if v is None else v for name, v in data.items() if name != "unit"}
+        return ClosedLoopError(**numbers, unit=data["unit"])
 
 
 class Result:

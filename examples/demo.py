@@ -29,6 +29,7 @@ from elastic_arm.cli.console import err, out, print_error
 from elastic_arm.cli.describe import base_of
 from elastic_arm.cli.diagnose import print_diagnosis, write_diagnosis
 from elastic_arm.diagnosis import Question, diagnose, follow_up
+from elastic_arm.diagnosis.corrected_robot import repaired_robot
 from elastic_arm.diagnosis.words import instance_text
 from elastic_arm.dynamics import build_model
 from elastic_arm.effects import parse
@@ -285,7 +286,7 @@ def _diagnose_withheld(folder: Path, nominal: Robot, motion: FourierTrajectory, 
     with err.status("diagnosing"):
         fitted, judged = (read_recording(folder / name) for name in ("identify", "validate"))
         found = follow_up(diagnose([fitted], Question(nominal), [judged]), rng=rng)
-        write_diagnosis(found, nominal, folder)
+        write_diagnosis(found, repaired_robot(nominal, found) if found.causes else None, folder)
     print_diagnosis(found, folder)
     words = f"{drawn.effect.id} on {drawn.joint}, {instance_text(drawn, nominal.units)}"
     out.print(f"what had been drawn: {escape(words)}")

@@ -20,7 +20,10 @@ EXAMPLE = ROOT / "examples" / "servo_arm"
 
 
 def test_the_commands_of_the_page_lead_to_the_corrected_arm(tmp_path: Path) -> None:
-    """Late commands and the elbow's friction are found and no more; with them MuJoCo's servos err a fifth as much."""
+    """Late commands and the elbow's friction are found and no more; with them MuJoCo's servos err as encoders do.
+
+    Runge-Kutta reads delays half a time step ahead: the file states 20.5 ms for commands that are 20 ms late.
+    """
     page = (ROOT / "docs" / "servo_arm.md").read_text()
     shutil.copytree(EXAMPLE / "dataset", tmp_path / "dataset")
     shutil.copy(EXAMPLE / "arm.xml", tmp_path)
@@ -35,10 +38,11 @@ def test_the_commands_of_the_page_lead_to_the_corrected_arm(tmp_path: Path) -> N
     assert causes["coulomb_friction", "elbow"]["torque"]["value"] == pytest.approx(0.2, rel=0.1)
     corrected = read_mjcf(tmp_path / "diagnosis" / "arm_corrected.xml")
     pan = corrected.joints[0].controller
-    assert (pan.kp, pan.delay) == (pytest.approx(18.6, rel=0.02), pytest.approx(0.02, abs=5e-4))
+    assert (pan.kp, pan.delay) == (pytest.approx(18.6, rel=0.02), pytest.approx(0.0205, abs=2e-4))
     replays = json.loads((tmp_path / "replay" / "replay.json").read_text())["replays"]
-    before, after = (sum(one["closed_loop_position"].values()) for one in replays)
-    assert after < 0.2 * before
+    before, after = (one["closed_loop_position"] for one in replays)
+    assert min(before.values()) > 0.015 and max(after.values()) < 6e-4
+    assert found["closed_loop"]["elbow"]["corrected"] < 6e-4 < found["closed_loop"]["elbow"]["described"]
 
 
 def test_the_recordings_of_the_page_are_those_that_its_script_makes(tmp_path: Path) -> None:

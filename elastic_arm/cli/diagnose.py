@@ -1,6 +1,7 @@
 """`elastic-arm diagnose`: where model and recording part, which effect causes it, how far the gap shrinks."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from json import dumps as json_text
 from pathlib import Path
 from typing import Annotated
@@ -13,13 +14,14 @@ from rich.markup import escape
 from elastic_arm.cli import options
 from elastic_arm.cli.console import err, new_table, out, print_json, reports_errors, shares_of
 from elastic_arm.cli.gate import FailOn, check_gate, pass_gate
-from elastic_arm.cli.mujoco.corrected import Correction, print_correction
+from elastic_arm.cli.mujoco.corrected import Correction, Written, print_correction
+from elastic_arm.cli.mujoco.export import print_closed_loop
 from elastic_arm.cli.mujoco.replay import print_replays, replay_both
 from elastic_arm.cli.outputs import Csv, Force, claim_bag, claim_folder
 from elastic_arm.cli.watching import ended_early
 from elastic_arm.diagnosis import Priors, Question, diagnose, follow_up
 from elastic_arm.diagnosis.comparison import SimulationComparison, compare
-from elastic_arm.diagnosis.corrected_robot import deviations, repaired_robot
+from elastic_arm.diagnosis.corrected_robot import deviations, repaired_robot, units_of
 from elastic_arm.diagnosis.result import SEPARATING, Cause, Diagnosis, Proposal
 from elastic_arm.diagnosis.words import (
     alone_text,
@@ -43,7 +45,10 @@ from elastic_arm.estimation.equations import SIDES
 from elastic_arm.estimation.segments import DIAGNOSED
 from elastic_arm.evidence.priors import read_priors
 from elastic_arm.memory import keep_memory
-from elastic_arm.mujoco import Exported, Replay
+from elastic_arm.mujoco import Replay
+from elastic_arm.mujoco.judgement import Judging
+from elastic_arm.mujoco.left_out import SAMPLES
+from elastic_arm.mujoco.refinement import refinable
 from elastic_arm.output_files import write_result
 from elastic_arm.recording import Recording, write_recording
 from elastic_arm.recording.inspection.check import misread
@@ -151,10 +156,16 @@ def diagnose_command(
         found = diagnose(recordings, question, judges, watch=watch)
     with working("predicting, comparing, proposing"):
         found = follow_up(found, rng=np.random.default_rng(0) if propose else None)
-        corrected = correct(found, robot, out_dir, correction) if wrong is None else wrong
+        corrected = Written(wrong)
+        if wrong is None:
+            corrected = correct(found, robot, out_dir, correction, judges or recordings, recordings)
+        if corrected.choice is not None:
+            found = found.with_closed_loop(corrected.choice.errors, corrected.choice.taken_back)
+            refined = [words] if (words := corrected.note()) else []
+            found = replace(found, notes=(*found.notes, *refined))
         replays = replay_both(correction, out_dir, (judges or recordings)[0]) if replayed else []
         comparison = compare(found, simulated, question, difference) if simulated and difference else None
-        write_diagnosis(found, None if wrong else robot, out_dir, replays, comparison)
+        write_diagnosis(found, corrected.robot, out_dir, replays, comparison)
         if csv:
             found.to_csv(out_dir)
         for k, bag in enumerate(residual_bags):
@@ -164,7 +175,8 @@ def diagnose_command(
         print_json(found.to_dict())
     elif not quiet:
         print_diagnosis(found, out_dir)
-        print_correction(corrected)
+        print_correction(corrected.file)
+        print_closed_loop(found.closed_loop)
         print_replays(replays)
         print_comparison(comparison)
         also = [*(TABLES if csv else ()), *map(str, residual_bags)]
@@ -178,10 +190,46 @@ def _numbered(bag: Path | None, count: int) -> list[Path]:
     return [] if bag is None else [bag, *(bag.with_name(f"{bag.name}_{k}") for k in range(2, count + 1))]
 
 
-def correct(found: Diagnosis, robot: Robot, folder: Path, correction: Correction) -> Exported | str | None:
-    """Write the file that the arm came from with what was found; None where no cause was."""
-    corrected = repaired_robot(robot, found) if found.causes else None
-    return correction.write(corrected, folder, deviations(found))
+def correct(
+    found: Diagnosis,
+    robot: Robot,
+    folder: Path,
+    correction: Correction,
+    judges: Sequence[Recording] = (),
+    fitted: Sequence[Recording] = (),
+) -> Written:
+    """Write the file that the arm came from with what was found.
+
+    Of an arm with recorded torques, where there are causes; of a commanded one, refined on what was fitted, what of it
+    does not move the arm worse in `judges`, and without causes only if it moves nearer.
+    """
+    if found.context is not None and not robot.elastic:
+        correction.motion = found.context.moved(SAMPLES)
+    if not found.made:
+        corrected = repaired_robot(robot, found) if found.causes else None
+        return Written(correction.write(corrected, folder, deviations(found)), corrected)
+    held_back = found.context is not None and found.context.held_back
+    judging, before = list[Judging](), list[Judging]()
+    for one in judges:
+        names = [name for name in found.judged if name == one.source or name.startswith(f"{one.source}, ")]
+        spans = [found.judged[name] for name in names]
+        begin, end = min([b for b, _ in spans], default=0.0), max([e for _, e in spans], default=np.inf)
+        if spans or len(judges) == 1:
+            selected = one.select(robot.joint_names)
+            judging.append(Judging(selected, (begin, end)))
+            before.append(Judging(selected, (0.0, begin)))
+    whole = [Judging(one.select(robot.joint_names)) for one in fitted]
+    return correction.judged(
+        robot,
+        lambda back: repaired_robot(robot, found, back),
+        units_of(found),
+        judging,
+        folder,
+        deviations(found),
+        caused=bool(found.causes),
+        numbers=refinable(found),
+        fitted=before if held_back else whole,
+    )
 
 
 def write_diagnosis(
@@ -193,7 +241,7 @@ def write_diagnosis(
 ) -> None:
     """Write diagnosis.json, report.html and, where there are any, the corrected arm and the motion proposed.
 
-    robot: as described; None where no arm is to be written. What an earlier diagnosis left in the folder is replaced.
+    robot: the corrected arm; None where none is written. What an earlier diagnosis left in the folder is replaced.
     """
     # Matplotlib is slow to import, and only reports need it.
     from elastic_arm.report.diagnosis import write_gap_report
@@ -204,8 +252,8 @@ def write_diagnosis(
         (folder / name).unlink(missing_ok=True)
     if comparison is not None:
         write_result(folder / COMPARISON, json_text(comparison.to_dict(), indent=2, allow_nan=False) + "\n")
-    if robot is not None and found.causes:
-        save_robot(repaired_robot(robot, found), folder / ROBOT)
+    if robot is not None:
+        save_robot(robot, folder / ROBOT)
     if found.proposal is not None and found.proposal.trajectory is not None and found.proposal.worthwhile:
         found.proposal.trajectory.save(folder / SEPARATING)
 

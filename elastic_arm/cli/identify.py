@@ -10,8 +10,10 @@ from rich.progress import BarColumn, TextColumn
 
 from elastic_arm.cli import options
 from elastic_arm.cli.console import new_table, out, print_json, progress_bar, reports_errors
-from elastic_arm.cli.mujoco.corrected import Correction, print_correction
+from elastic_arm.cli.mujoco.corrected import Correction, Written, print_correction
+from elastic_arm.cli.mujoco.export import print_closed_loop
 from elastic_arm.cli.outputs import Csv, Force, claim_folder
+from elastic_arm.diagnosis.words import listed
 from elastic_arm.effects import Catalogue, robot_effects
 from elastic_arm.effects.library.gravity_compensation import EFFECT as COMPENSATION
 from elastic_arm.estimation.motion import Motion
@@ -22,8 +24,11 @@ from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.result import COMPARED
 from elastic_arm.memory import keep_memory
 from elastic_arm.mujoco import Exported
+from elastic_arm.mujoco.judgement import Judging
 from elastic_arm.recording import Recording
 from elastic_arm.recording.inspection.check import misread
+from elastic_arm.recording.made_torque import is_commanded
+from elastic_arm.robot import Robot, with_joints_of
 
 TABLES = ("parameters.csv", "residuals.csv")
 RESULTS = ("identification.json", "report.html", "robot.yaml")
@@ -97,14 +102,53 @@ def identify(
         stated = any(law.effect.id == COMPENSATION.id for law in (*laws, *robot_effects(robot, catalogue)))
         wrong = misread(recordings, robot, explained=stated)
         result = result if wrong is None else result.with_(identified=None)
+        correction = Correction(robot_file, chain, at, catalogue)
+        written = _corrected(result, robot, correction, held_out or recordings, out_dir)
+        result = _judged(result, written)
         _write(result, sections_of=(identifier.equations, motion), out_dir=out_dir)
         if csv:
             result.to_csv(out_dir)
-        corrected = Correction(robot_file, chain, at, catalogue).write(result.identified, out_dir) or wrong
+        corrected = written.file or wrong
     if json:
         print_json(result.to_dict())
     else:
         _print(result, out_dir, corrected)
+        print_closed_loop({} if written.choice is None else written.choice.errors)
+
+
+def _corrected(
+    result: Identification, robot: Robot, correction: Correction, judges: Sequence[Recording], folder: Path
+) -> Written:
+    """Write the file that the arm came from; of a commanded one, what of it does not move the arm worse."""
+    identified = result.identified
+    selected = [one.select(robot.joint_names) for one in judges]
+    if identified is None or not all(is_commanded(one) for one in selected):
+        return Written(correction.write(identified, folder), identified)
+    return correction.judged(
+        robot,
+        lambda back: with_joints_of(identified, robot, back),
+        robot.joint_names,
+        [Judging(one) for one in selected],
+        folder,
+        caused=True,
+    )
+
+
+def _judged(result: Identification, written: Written) -> Identification:
+    """Return a result with how a commanded arm moves, and which joints are not written."""
+    choice = written.choice
+    if choice is None:
+        return result
+    errors = {name: one.to_dict() for name, one in choice.errors.items()}
+    result = result.with_(closed_loop=errors, identified=written.robot or result.identified)
+    if not choice.worse:
+        return result
+    what = "the corrected file" if written.robot is not None else "no file"
+    words = (
+        f"With all that was identified {listed(choice.worse)} moves worse under the recorded commands: "
+        f"{listed(choice.taken_back)} stays as described, and {what} is written."
+    )
+    return result.with_(notes=(words, *result.notes))
 
 
 def _write(result: Identification, sections_of: tuple[BaseRegression, Motion], out_dir: Path) -> None:

@@ -56,3 +56,10 @@ class DiagnosisContext:
     def seen(self) -> tuple[Observation, ...]:
         """The recordings that judge, late channels moved back, torques without their gains."""
         return self.found.observed
+
+    def moved(self, samples: int) -> tuple[Array, Array, Array]:
+        """Return angles, rates and accelerations (at most about `samples`, n) of the recordings that judge, rad, s."""
+        quiet = [part.stretch.quiet for part in self.validate.parts]
+        every = max(1, sum(len(one.t) for one in quiet) // samples)
+        q, dq, ddq = (np.concatenate([getattr(one, name)[::every] for one in quiet]) for name in ("q", "dq", "ddq"))
+        return q, dq, ddq

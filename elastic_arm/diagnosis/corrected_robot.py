@@ -1,5 +1,6 @@
 """The arm with its causes in it: what the simulator needs to behave like the recording."""
 
+from collections.abc import Collection
 from typing import Any
 
 import numpy as np
@@ -8,26 +9,34 @@ from elastic_arm.diagnosis.context import DiagnosisContext
 from elastic_arm.diagnosis.result import Diagnosis
 from elastic_arm.effects import EffectInstance
 from elastic_arm.effects.model import Plant, SensorEffect
-from elastic_arm.robot import Robot
+from elastic_arm.robot import Robot, with_joints_of
 from elastic_arm.sensors import Sensors
 
 
-def repaired_robot(robot: Robot, diagnosis: Diagnosis) -> Robot:
+def repaired_robot(robot: Robot, diagnosis: Diagnosis, taken_back: Collection[str] = ()) -> Robot:
     """Return the arm with its numbers where they were found, the causes, and what was known at the sizes found.
 
     What a model variant has is left out: take that variant. An ordinary drift is left out, too: it is of the recording,
-    and a simulated zero would run away with it.
+    and a simulated zero would run away with it. taken_back: joints, and effects of the whole arm, as described.
     """
     context = diagnosis.context
-    causes = [cause.instance.to_dict() for cause in diagnosis.causes if cause.held_as == "effect"]
+    written = [cause for cause in diagnosis.causes if (cause.joint or cause.effect) not in taken_back]
+    causes = [cause.instance.to_dict() for cause in written if cause.held_as == "effect"]
     own = {(one["effect"], one["joint"]) for one in causes}
     known = robot.effects if context is None else _known(context)
     kept = [one for one in known if (one["effect"], one["joint"]) not in own]
     arm = (robot if context is None else context.model.robot).with_(effects=(*kept, *causes))
-    for cause in diagnosis.causes:
+    arm = with_joints_of(arm, robot, taken_back)
+    for cause in written:
         if cause.held_as == "controller" and not cause.instance.effect.number:
             arm = cause.instance.effect.added_to(Plant(arm, Sensors.exact()), cause.instance).robot
     return arm
+
+
+def units_of(diagnosis: Diagnosis) -> tuple[str, ...]:
+    """Return what of a correction can be taken back: each joint, and each cause of the whole arm."""
+    whole = [cause.effect for cause in diagnosis.causes if cause.joint is None]
+    return (*diagnosis.joints, *whole)
 
 
 def _known(context: DiagnosisContext) -> list[dict[str, Any]]:

@@ -21,7 +21,7 @@ from elastic_arm.formatting import JointUnits
 from elastic_arm.output_files import write_result
 from elastic_arm.recording import Side
 from elastic_arm.recording.sides import joined_sides
-from elastic_arm.results import Result, Row
+from elastic_arm.results import ClosedLoopError, Result, Row
 
 if TYPE_CHECKING:
     from elastic_arm.diagnosis.context import DiagnosisContext
@@ -311,6 +311,10 @@ class Diagnosis(Result):
         What the reader should know besides.
     prediction, proposal
         How far ahead the model sees, and the motion that separates causes from their alternatives.
+    closed_loop
+        Of a commanded arm, joint -> error under the recorded commands, as described and as written.
+    taken_back
+        Joints, and effects of the whole arm, whose correction is not written.
     context
         What figures are drawn from; not written.
     """
@@ -345,6 +349,8 @@ class Diagnosis(Result):
     notes: tuple[str, ...] = ()
     prediction: Prediction | None = None
     proposal: Proposal | None = None
+    closed_loop: Mapping[str, ClosedLoopError] = field(default_factory=dict)
+    taken_back: tuple[str, ...] = ()
     context: DiagnosisContext | None = field(default=None, repr=False, compare=False)
 
     @property
@@ -353,10 +359,17 @@ class Diagnosis(Result):
         return JointUnits(self.joints, self.prismatic)
 
     @property
-    def torque_scale(self) -> dict[str, float]:
-        """Relative standard deviation of the scale of torques that were made of commands, by joint."""
-        gains = {p.joint: p.std / p.value for p in self.imperfections if p.what == SCALE}
-        return {joint: float(f"{gains[joint]:.2g}") for joint in self.made if joint in gains}
+    def torque_scale(self) -> dict[str, ParameterEstimate]:
+        """Scale of torques that were made of commands, true / described, by joint."""
+        found = {p.joint: p for p in self.imperfections if p.what == SCALE}
+        scales = {joint: found[joint] for joint in self.made if joint in found}
+        return {joint: ParameterEstimate(one.value, one.std, "1") for joint, one in scales.items()}
+
+    def with_closed_loop(self, errors: Mapping[str, ClosedLoopError], taken_back: Sequence[str]) -> Diagnosis:
+        """Return it with how a commanded arm moves: where a joint moves worse as found, it is not explained."""
+        refused = any(one.refused is not None for one in errors.values())
+        verdict = "unknown" if refused and self.verdict == "explained" else self.verdict
+        return replace(self, verdict=verdict, closed_loop=dict(errors), taken_back=tuple(taken_back))
 
     def tables(self) -> dict[str, Sequence[Row]]:
         """Return "causes", a row a parameter; "gap", a row a residual; "parameters", and "residuals" over time."""
@@ -425,7 +438,7 @@ class Diagnosis(Result):
             "causes": [cause.to_dict() for cause in self.causes],
             "shrink_by_place": self._table(self.shrink_by_place),
             "imperfections": [one.to_dict() for one in self.imperfections],
-            **({"torque_scale": self.torque_scale} if self.made else {}),
+            **self._commanded(),
             "changes": [one.to_dict() for one in self.changes],
             "unexplained": [
                 {"joint": p.joint, "side": p.side, "regime": p.regime, "rmse": _plain(p.rmse)} for p in self.unexplained
@@ -439,6 +452,17 @@ class Diagnosis(Result):
             "prediction": None if self.prediction is None else self.prediction.to_dict(self.units.over("rad")),
             "next_motion": None if self.proposal is None else self.proposal.to_dict(SEPARATING),
         }
+
+    def _commanded(self) -> dict[str, Any]:
+        """Return what only an arm has whose torques were made of commands."""
+        if not self.made:
+            return {}
+        scales = {name: {"value": _plain(e.value), "std": _plain(e.std)} for name, e in self.torque_scale.items()}
+        found: dict[str, Any] = {"torque_scale": scales}
+        if self.closed_loop:
+            found["closed_loop"] = {name: one.to_dict() for name, one in self.closed_loop.items()}
+            found["taken_back"] = list(self.taken_back)
+        return found
 
     def save(self, path: str | Path) -> Path:
         """Write `diagnosis.json`.
@@ -525,6 +549,9 @@ def from_dict(data: Mapping[str, Any], folder: Path, catalogue: Catalogue) -> Di
         unexplained=tuple(UnexplainedResidual(**one) for one in data["unexplained"]),
         not_confirmed=tuple(UnconfirmedCause(**one) for one in data.get("not_confirmed", ())),
         imperfections=tuple(Imperfection(**one, neutral=float(one["unit"] == "1")) for one in data["imperfections"]),
+        made=tuple(data.get("torque_scale", ())),
+        closed_loop={name: ClosedLoopError.from_dict(one) for name, one in data.get("closed_loop", {}).items()},
+        taken_back=tuple(data.get("taken_back", ())),
         changes=tuple(Change(**one) for one in changes),
         known=tuple(data["known"]),
         events=tuple(Event(**one) for one in data.get("events", ())),

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from elastic_arm.equations.formless import GeneralLaw
 
 DOUBT = 0.001  # that stays with every confidence and every alternative
+OFF = 2.0  # of its own standard deviations, beyond which a scale is said to be off
 WORTH_A_LINE = 0.05  # probability of an alternative that has a line of its own
 NAMED = 4  # alternatives that a line names
 
@@ -168,12 +169,54 @@ def no_separation(effect: str, other: str) -> str:
 
 
 def scale_sentence(found: Diagnosis) -> str:
-    """Return what anchors the scale of torques that were made of commands."""
-    known = ", ".join(f"{100 * std:.2g} % at {joint}" for joint, std in found.torque_scale.items())
+    """Return what anchors the scale of torques that were made of commands, and where it is off."""
+    known = ", ".join(f"{100 * e.std / abs(e.value):.2g} % at {joint}" for joint, e in found.torque_scale.items())
+    off = [
+        f"{e.value:.3g} ± {e.std:.2g} times the described one at {joint}"
+        for joint, e in found.torque_scale.items()
+        if abs(e.value - 1.0) > OFF * e.std
+    ]
+    where = f" It is {listed(off)}." if off else ""
     return (
         "no torque was recorded: torques are those that the described controllers make of commands and positions. "
-        f"Their scale is known to {known}: torques, masses and friction are ratios to kp and kd as far as that."
+        f"Their scale is known to {known}: torques, masses and friction are ratios to kp and kd as far as that.{where}"
     )
+
+
+def closed_loop_sentences(found: Diagnosis) -> list[str]:
+    """Return which joints of a commanded arm move worse with what was found, and what is not written; the worst first.
+
+    Empty where none does.
+    """
+    refused = {joint: one for joint, one in found.closed_loop.items() if one.refused is not None}
+    if not refused:
+        return []
+    ordered = sorted(refused, key=lambda joint: -(refused[joint].refused or 0.0) / refused[joint].described)
+    moved = []
+    for joint in ordered:
+        one = refused[joint]
+        worse = one.refused or 0.0
+        sizes = (
+            f"by {_short(worse, one.unit)}" if np.isfinite(worse) else "in no simulator, which takes no such numbers"
+        )
+        moved.append(f"{joint} {sizes} instead of {_short(one.described, one.unit)}")
+    if len(found.taken_back) >= len(found.joints):
+        written = "No correction is written"
+    else:
+        written = f"The correction of {listed(found.taken_back)} is not written"
+    return [f"With all that was found the arm errs more under the recorded commands: {listed(moved)}. {written}."]
+
+
+def closed_loop_sentence(found: Diagnosis) -> str:
+    """Return how far a commanded arm errs at its worst joint, as described and as written; empty where not known."""
+    errors = found.closed_loop
+    if not errors:
+        return ""
+    joint = max(errors, key=lambda name: errors[name].described)
+    one = errors[joint]
+    described = f"the description errs by {_short(one.described, one.unit)} at {joint}"
+    written = f"what is written by {_short(one.corrected, one.unit)}"
+    return f"Under the recorded commands {described}, {written}."
 
 
 def summary(found: Diagnosis) -> list[str]:
@@ -184,8 +227,10 @@ def summary(found: Diagnosis) -> list[str]:
         if one.what == "rotor_inertia" and one.unit != "1" and one.value > 2.0 * one.std
     ]
     causes = [cause_sentence(cause, found.model) for cause in found.causes]
-    first, *more = [*causes, _verdict_sentence(found, "the motor inertia" if inertias else "")]
+    worse = closed_loop_sentences(found)
+    first, *more = [*worse, *causes, _verdict_sentence(found, "the motor inertia" if inertias else "")]
     more += [f"Motor inertia, which the description does not state: {listed(inertias)}."] if inertias else []
+    more += [closed] if (closed := closed_loop_sentence(found)) else []
     return [f"{found.verdict}: {first}", *more]
 
 
@@ -210,7 +255,7 @@ def _verdict_sentence(found: Diagnosis, beside: str) -> str:
         f"With {added}, the model's error {motion} {verb} from {before:.3g} to {after:.3g} {unit} {where}, "
         f"where it exceeds the noise most; {gone}"
     )
-    return f"{sentence}." if found.verdict == "explained" else f"{sentence}, and what is left has another cause."
+    return f"{sentence}, and what is left has another cause." if found.unexplained else f"{sentence}."
 
 
 def cause_sentence(cause: Cause, model: str) -> str:

@@ -96,6 +96,8 @@ class Identification(Result):
         The arm with the parameters of Psi; not part of the JSON file, see :meth:`save_robot`.
     prismatic
         The joints that slide: N at these for Nm, m for rad.
+    closed_loop
+        Of a commanded arm, joint -> error under the recorded commands, as described and as written.
     """
 
     _report = "elastic_arm.report.identification"
@@ -120,6 +122,7 @@ class Identification(Result):
     validation: dict[str, dict[str, dict[str, dict[str, float]]]] | None = None
     identified: Robot | None = None
     prismatic: tuple[str, ...] = ()
+    closed_loop: dict[str, dict[str, Any]] | None = None
 
     @property
     def units(self) -> JointUnits:

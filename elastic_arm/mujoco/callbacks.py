@@ -20,6 +20,7 @@ from elastic_arm.effects.effect_set import EffectSet
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.errors import EffectError, RobotError
 from elastic_arm.mujoco.elements import DEFLECTION, Elements
+from elastic_arm.mujoco.stand_ins import MARK
 from elastic_arm.mujoco.stated_arm import acts_by_law, stated_arm
 from elastic_arm.robot import Robot, load_robot
 from elastic_arm.robot.mjcf import engine
@@ -59,6 +60,8 @@ class Attachment:
         self._memory: dict[int, tuple[float, Array, Array]] = {}
         self._speed = np.full(2 * robot.n, SIGN_SPEED)
         self._speed = self._followable()
+        self._stood_in = np.array(model.dof_frictionloss), np.array(model.dof_damping)
+        self._take_stand_ins_away()
 
     def __enter__(self) -> Self:
         return self
@@ -68,9 +71,27 @@ class Attachment:
 
     def detach(self) -> None:
         """Take the laws away from the model."""
+        self.model.dof_frictionloss[:], self.model.dof_damping[:] = self._stood_in
         _attached.pop(self.model._address, None)
         if not _attached:
             engine().set_mjcb_passive(_before.pop() if _before else None)
+
+    def _take_stand_ins_away(self) -> None:
+        """Take the friction from the model that stands for laws which act from now on."""
+        model, robot = self.model, self.robot
+        laws = [one for one in self.instances if one.effect.friction]
+        if robot.elastic or not laws:
+            return
+        mj = engine()
+        for i in {k for law in laws for k in law.joint_indices(robot)}:
+            numeric = mj.mj_name2id(model, mj.mjtObj.mjOBJ_NUMERIC, f"{MARK}{robot.joint_names[i]}")
+            if numeric < 0:
+                continue
+            begin = int(model.numeric_adr[numeric])
+            dry, viscous = (float(v) for v in model.numeric_data[begin : begin + 2])
+            dof = int(self._theta[1][i])
+            model.dof_frictionloss[dof] = max(0.0, float(model.dof_frictionloss[dof]) - dry)
+            model.dof_damping[dof] = max(0.0, float(model.dof_damping[dof]) - viscous)
 
     def act(self, data: Any) -> None:
         """Add the laws' forces to the passive forces of a state."""
@@ -140,6 +161,8 @@ def attach(
     that acts by a law, and a RobotError if the model lacks a joint of the arm.
     """
     arm = robot if isinstance(robot, Robot) else load_robot(robot, chain)
+    if (again := _attached.get(model._address)) is not None:
+        again.detach()
     left = Elements(arm, stated_arm(arm, catalogue), float(model.opt.timestep)).left_by(model)
     structural = [e for e in left if isinstance(e.effect, StructuralEffect)]
     if structural:

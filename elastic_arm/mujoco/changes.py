@@ -109,4 +109,4 @@ def six(body: Inertia) -> tuple[float, ...]:
 
 def text_of(*values: float) -> str:
     """Return numbers as files hold them: ten digits, none needless."""
-    return " ".join(f"{value:.10g}" for value in values)
+    return " ".join(f"{value + 0.0:.10g}" for value in values)  # + 0.0: no "-0"

@@ -11,7 +11,7 @@ six of them in place of it an arm moves elsewhere by a third of what hysteresis 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -53,11 +53,14 @@ def delayed(delay: float, timestep: float) -> dict[str, str]:
 
 
 def servo(controller: JointController | None) -> JointController | None:
-    """Return a controller that is what a <position> actuator is: kp (r - theta) - kd dtheta, late and limited."""
-    if controller is None:
+    """Return what a <position> actuator is of a controller, kp (r - theta) - kd dtheta, late and limited.
+
+    None where it does not follow angles. A dead band, an integral and feed-forward are left out.
+    """
+    if controller is None or controller.mode != "position" or not controller.kp:
         return None
-    alike = JointController(kp=controller.kp, kd=controller.kd, delay=controller.delay, torque=controller.torque)
-    return controller if controller.kp and replace(controller, between="held") == alike else None
+    numbers = {name: getattr(controller, name) for name in ("kp", "kd", "delay", "torque")}
+    return JointController(between=controller.between, **numbers)
 
 
 class Elements:

@@ -15,12 +15,13 @@ from elastic_arm.effects import Catalogue, EffectInstance, SensorEffect, robot_e
 from elastic_arm.effects.effect_set import EffectSet
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.errors import EffectError
-from elastic_arm.robot import Robot
+from elastic_arm.robot import JointController, Robot
 from elastic_arm.simulation.assembly import law_rows
 from elastic_arm.simulation.simulator import SIGN_SPEED
 
 SWING, SPEED = 0.5, 2.0  # rad or m, rad/s: rates and accelerations as those of an excitation
 SAMPLES = 200
+Motion = tuple[Array, Array, Array]  # angles, rates and accelerations (N, n), rad and s
 
 
 @dataclass(frozen=True)
@@ -47,7 +48,7 @@ def left_effects(
     robot: Robot, left: Iterable[tuple[EffectInstance, str]], catalogue: Catalogue | None = None
 ) -> Iterator[Left]:
     """Yield effects that a file of an arm does not hold, each with its reason."""
-    state = _Swing(robot)
+    state = Swing(robot)
     for instance, reason in left:
         units = {p.name: p.unit_at(instance.joint, robot.units) for p in instance.effect.parameters}
         stated = robot_effects(robot, catalogue) if instance.effect.scales_friction else ()
@@ -62,7 +63,7 @@ def left_numbers(
     robot: Robot, reason: str, *, armatures: Sequence[float] = (), elasticity: bool = False
 ) -> Iterator[Left]:
     """Yield numbers that a file does not hold."""
-    state = _Swing(robot)
+    state = Swing(robot)
     for i, joint in enumerate(robot.joints):
         gear, unit = joint.transmission, joint.unit
         if len(armatures) and armatures[i]:
@@ -77,42 +78,39 @@ def left_numbers(
             numbers = {"stiffness": gear.bearing.stiffness, "damping": gear.bearing.damping}
             yield Left("bearing", joint.name, numbers, reason, {"stiffness": "Nm/rad", "damping": "Nm s/rad"})
         if joint.controller is not None:
-            gains = {name: getattr(joint.controller, name) for name in ("mode", "kp", "kd", "ki")}
-            yield Left("controller", joint.name, gains, reason)
+            names = ("mode", "kp", "kd", "ki", "delay", "torque", "dead_band")
+            gains = {name: getattr(joint.controller, name) for name in names}
+            ordinary = JointController()
+            told = {k: v for k, v in gains.items() if k in ("mode", "kp", "kd") or v != getattr(ordinary, k)}
+            yield Left("controller", joint.name, told, reason)
 
 
 def left_coupling(robot: Robot, reason: str) -> Iterator[Left]:
     """Yield the coupling of links and spinning rotors, which mod3 has of an elastic arm and mod2 has not."""
-    state = _Swing(robot)
+    state = Swing(robot)
     three, two = (build_model(robot, name, engine="numpy").inverse_dynamics(*state.motion) for name in ("mod3", "mod2"))
     yield Left("inertia_coupling", None, {}, reason, {}, state.cost(three - two))
 
 
-class _Swing:
-    """An arm whose joints swing, and the torques that it takes."""
+class Swing:
+    """An arm that moves, and the torques that it takes: by a motion that is given, else each joint swings."""
 
-    def __init__(self, robot: Robot) -> None:
-        self.robot, n = robot, robot.n
-        phases = SPEED * np.linspace(0.0, 2 * np.pi / SPEED, SAMPLES)[:, None] + np.arange(n)
-        limits = [joint.limits for joint in robot.joints]
-        low, high = ([getattr(one, end) for one in limits] for end in ("position_min", "position_max"))
-        spans = [None if a is None or b is None else (a, b) for a, b in zip(low, high, strict=True)]
-        size = np.array([SWING if span is None else min(SWING, 0.5 * (span[1] - span[0])) for span in spans])
-        middle = np.array([0.0 if span is None else 0.5 * (span[0] + span[1]) for span in spans])
-        q, dq = middle + size * np.sin(phases), size * SPEED * np.cos(phases)
-        self.ddq = -size * SPEED**2 * np.sin(phases)
+    def __init__(self, robot: Robot, motion: Motion | None = None) -> None:
+        self.robot = robot
+        q, dq, self.ddq = _swinging(robot) if motion is None else motion
+        self.samples = len(q)
         sides = 2 if robot.elastic else 1
         self.motion = tuple(np.tile(values, sides) for values in (q, dq, self.ddq))
         rows = build_model(robot, engine="numpy").inverse_dynamics(*self.motion)
-        self.tau_m = rows.reshape(SAMPLES, sides, n).sum(axis=1)
+        self.tau_m = rows.reshape(self.samples, sides, robot.n).sum(axis=1)
         if robot.elastic:
             # The drives are wound by what the links need.
             K = np.array([joint.transmission.stiffness for joint in robot.joints if joint.transmission])
-            self.motion[0][:, n:] += rows[:, :n] / K
+            self.motion[0][:, robot.n :] += rows[:, : robot.n] / K
 
     def only(self, i: int, torque: Array) -> Array:
         """Return torques (N, n) that are zero but for one joint's (N,)."""
-        found = np.zeros((SAMPLES, self.robot.n))
+        found = np.zeros((self.samples, self.robot.n))
         found[:, i] = torque
         return found
 
@@ -134,7 +132,19 @@ class _Swing:
 
     def cost(self, rows: Array) -> dict[str, float]:
         """Return root mean squares by joint, both sides of a joint together, of those that feel any."""
-        torque = rows.reshape(SAMPLES, -1, self.robot.n).sum(axis=1)
+        torque = rows.reshape(self.samples, -1, self.robot.n).sum(axis=1)
         sizes = np.sqrt(np.mean(torque**2, axis=0))
         named = zip(self.robot.joint_names, sizes.tolist(), strict=True)
         return {name: float(f"{size:.4g}") for name, size in named if size > 1e-9 * max(1.0, sizes.max())}
+
+
+def _swinging(robot: Robot) -> Motion:
+    """Return a swing of every joint by half a radian, or what its range allows."""
+    phases = SPEED * np.linspace(0.0, 2 * np.pi / SPEED, SAMPLES)[:, None] + np.arange(robot.n)
+    limits = [joint.limits for joint in robot.joints]
+    low, high = ([getattr(one, end) for one in limits] for end in ("position_min", "position_max"))
+    spans = [None if a is None or b is None else (a, b) for a, b in zip(low, high, strict=True)]
+    size = np.array([SWING if span is None else min(SWING, 0.5 * (span[1] - span[0])) for span in spans])
+    middle = np.array([0.0 if span is None else 0.5 * (span[0] + span[1]) for span in spans])
+    q, dq = middle + size * np.sin(phases), size * SPEED * np.cos(phases)
+    return q, dq, -size * SPEED**2 * np.sin(phases)

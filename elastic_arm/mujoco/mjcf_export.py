@@ -1,6 +1,6 @@
 """A user's own MJCF with the numbers of a corrected arm in it: everything else stays as they wrote it."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -22,8 +22,9 @@ from elastic_arm.mujoco.changes import (
     text_of,
 )
 from elastic_arm.mujoco.elements import RIGID, delayed, sharp
-from elastic_arm.mujoco.left_out import Left, left_effects, left_numbers
+from elastic_arm.mujoco.left_out import Left, Motion, left_effects, left_numbers
 from elastic_arm.mujoco.mjcf_file import ShapedMjcf
+from elastic_arm.mujoco.stand_ins import MARK, StandIn, explained, stood_in
 from elastic_arm.mujoco.stated_arm import StatedArm, stated_arm
 from elastic_arm.robot import Inertia, JointController, Robot
 from elastic_arm.robot.kinematics import moved
@@ -54,6 +55,7 @@ class Exported:
     left: tuple[Left, ...]  # what the file does not hold of the arm
     notes: tuple[str, ...] = ()  # what else is to be known of the file
     units: JointUnits = _ALL_TURN  # at the arm's joints
+    stand_ins: tuple[str, ...] = ()  # which numbers stand for laws that the file has none for, a sentence each
 
 
 def require_same_joints(robot: Robot, base: Robot, path: Path) -> None:
@@ -76,16 +78,23 @@ def export_mjcf(
     at: str | None = None,
     deviations: Deviations | None = None,
     catalogue: Catalogue | None = None,
+    motion: Motion | None = None,
 ) -> Exported:
     """Write an MJCF with the numbers of an arm: inertials, armature, damping, friction loss, gravity, sensor delays.
 
     The corrected arm, with its effects, has the joints and frames of the user's file `base`, from which it was read by
-    `chain` and `at`; `deviations` of estimates go into the table. Raises a RobotError if the arm is another one, its
-    numbers are of no physical body, or the file's elements cannot be found.
+    `chain` and `at`; `deviations` of estimates go into the table. Friction laws that no number states have friction
+    loss and damping in their place, nearest over `motion`, the recording's, or over a swing. Raises a RobotError if the
+    arm is another one, its numbers are of no physical body, or the file's elements cannot be found.
     """
     arm = open_mjcf(base, chain, at)
     require_same_joints(robot, arm.robot, base)
     before, after = (stated_arm(one, catalogue, base=arm.robot.base_placement) for one in (arm.robot, robot))
+    stated = [instance.to_dict() for instance, _ in before.left]
+    # What the base states by other numbers, such as gravcomp, stays as it is.
+    lacking = [(one, _NEW if one.effect.id in RIGID else reason) for one, reason in after.left]
+    lacking = [(one, reason) for one, reason in lacking if one.to_dict() not in stated]
+    after, stand_ins = stood_in(after, robot, lacking, motion)
     with located(f"{base}: "):
         file = ShapedMjcf(base)
         unrolled = _carriers(file, arm) is None
@@ -93,15 +102,16 @@ def export_mjcf(
             file = ShapedMjcf(base, saved(base))
         document = _Document(arm, file, before, after)
         changes = [*document.change(deviations), *document.controllers(robot)]
+        document.mark(stand_ins)
         files = document.file.write(out)
         _check(out, chain, at, after)
         written = read_mjcf(out, chain, at)
-    stated = [instance.to_dict() for instance, _ in before.left]
-    # What the base states by other numbers, such as gravcomp, stays as it is.
-    lacking = [(one, _NEW if one.effect.id in RIGID else reason) for one, reason in after.left]
-    lacking = [(one, reason) for one, reason in lacking if one.to_dict() not in stated]
+    lacking = explained(lacking, stand_ins)
     left = [*left_effects(robot, (*lacking, *document.left), catalogue), *_controllers(robot, written)]
-    return Exported(tuple(files), tuple(changes), tuple(left), (UNROLLED,) if unrolled else (), robot.units)
+    notes = (UNROLLED,) if unrolled else ()
+    return Exported(
+        tuple(files), tuple(changes), tuple(left), notes, robot.units, tuple(one.words(robot) for one in stand_ins)
+    )
 
 
 def _controllers(robot: Robot, base: Robot) -> Iterator[Left]:
@@ -184,6 +194,16 @@ class _Document:
                 changes += self._sharp(element, change.element)
         return changes
 
+    def mark(self, stand_ins: Sequence[StandIn]) -> None:
+        """Note which numbers stand for laws, in the place of earlier notes."""
+        for element in list(self.file.elements("numeric")):
+            if (element.get("name") or "").startswith(MARK):
+                self.file.remove(element)
+        if stand_ins:
+            custom = self.file.insert_first(self.file.root, "custom")
+            for one in stand_ins:
+                self.file.set(self.file.insert_first(custom, "numeric"), **one.numeric)
+
     def controllers(self, robot: Robot) -> Iterator[Change]:
         """Change gains, delays and limits of <position> elements; other actuators stay as they are."""
         for old, new in zip(self.arm.robot.joints, robot.joints, strict=True):
@@ -195,10 +215,16 @@ class _Document:
             squared = float(self.arm.model.actuator_gear[drive, 0]) ** 2
             values = {"kp": (before.kp, after.kp, squared), "kv": (before.kd, after.kd, squared)}
             values["delay"] = (before.delay, after.delay, 1.0)
+            ratio = any(e.get("dampratio") for e in self.file.elements("position"))
             for number, unit in (("kp", "Nm/rad"), ("kv", "Nm s/rad"), ("delay", "s")):
                 own, wanted, gear = values[number]
-                if not np.isclose(own, wanted, rtol=READ_BACK, atol=0.0):
+                same = np.isclose(own, wanted, rtol=READ_BACK, atol=0.0)
+                # MuJoCo makes kv of a dampratio, kp and masses, which change.
+                if not same or (ratio and number == "kv"):
                     self.file.set(elements[0], **{number: text_of(wanted / gear)})
+                    if ratio:
+                        self.file.set(elements[0], dampratio=None)
+                if not same:
                     yield Change(old.name, number, old.unit(unit), (own / gear,), (wanted / gear,))
             if after.torque is not None and after.torque != before.torque:
                 most = after.torque / abs(float(self.arm.model.actuator_gear[drive, 0]))
@@ -206,7 +232,9 @@ class _Document:
                 old_limit = () if before.torque is None else (before.torque / after.torque * most,)
                 yield Change(old.name, "forcerange", old.unit("Nm"), old_limit, (most,))
             if after.delay and after.delay != before.delay:
-                self.file.set(elements[0], **delayed(after.delay, float(self.arm.model.opt.timestep)))
+                between = {} if elements[0].get("interp") else {"interp": "linear"}
+                late = delayed(after.delay, float(self.arm.model.opt.timestep))
+                self.file.set(elements[0], **late, **between)
 
     def _sharp(self, element: Any, name: str) -> list[Change]:
         """Let new friction loss turn over with the velocity: by MuJoCo's default it does some 10 ms earlier."""
@@ -267,7 +295,7 @@ class _Document:
             raise RobotError(
                 "its compiler takes all inertia from geoms (inertiafromgeom)", 'Set inertiafromgeom="auto"'
             )
-        own = _own_inertia(model, body)
+        own = own_inertia(model, body)
         new = body_after(own, self.before.links[i], self.after.links[i], name)
         element = self._elements[i]
         inertials = self.file.children(element, "inertial")
@@ -285,7 +313,7 @@ class _Document:
         self.file.set(option, gravity=text_of(*self.after.gravity))
 
 
-def _own_inertia(model: Any, body: int) -> Inertia:
+def own_inertia(model: Any, body: int) -> Inertia:
     """Return a body's inertia in its own frame."""
     rotation = np.empty(9)
     engine().mju_quat2Mat(rotation, model.body_iquat[body])

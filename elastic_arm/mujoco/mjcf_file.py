@@ -54,6 +54,11 @@ class ShapedMjcf:
         self._touch(parent)
         return element
 
+    def remove(self, element: Any) -> None:
+        """Take an element away."""
+        self._touch(element)
+        element.getparent().remove(element)
+
     @property
     def root(self) -> Any:
         """The main file's first element."""

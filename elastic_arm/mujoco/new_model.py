@@ -14,14 +14,18 @@ import numpy as np
 
 from elastic_arm.arrays import Array
 from elastic_arm.effects import Catalogue, EffectInstance
+from elastic_arm.errors import RobotError
 from elastic_arm.mujoco.changes import six, text_of
+from elastic_arm.mujoco.closed_loop import with_controllers
 from elastic_arm.mujoco.elements import DEFLECTION, Elements, delayed, servo, sharp
 from elastic_arm.mujoco.left_out import left_coupling, left_effects, left_numbers
 from elastic_arm.mujoco.mjcf_export import Exported
-from elastic_arm.mujoco.stated_arm import StatedArm, stated_arm
+from elastic_arm.mujoco.stand_ins import StandIn, explained, stood_in
+from elastic_arm.mujoco.stated_arm import Lacking, StatedArm, stated_arm
 from elastic_arm.output_files import write_result
 from elastic_arm.robot import Inertia, Robot
 from elastic_arm.robot.kinematics import link_radius
+from elastic_arm.robot.mjcf import MjcfArm, open_mjcf
 from elastic_arm.robot.urdf_export import bodies_with_components, words_of
 
 TIMESTEP = 1e-3
@@ -31,22 +35,31 @@ def export_new_mjcf(
     robot: Robot, base: None, out: Path, *, catalogue: Catalogue | None = None, timestep: float = TIMESTEP
 ) -> Exported:
     """Write an arm with its effects as a new MJCF for a time step, s; an OutputError if it cannot be written."""
-    text, effects = to_mjcf(robot, catalogue=catalogue, timestep=timestep)
-    others = [replace(one, controller=None) if servo(one.controller) else one for one in robot.joints]
+    text, effects, stand_ins = _written(robot, catalogue, timestep)
+    others = [replace(one, controller=None) if servo(one.controller) == one.controller else one for one in robot.joints]
     numbers = left_numbers(robot.with_(joints=tuple(others)), "the new file has no such number")
     left = [*left_effects(robot, effects, catalogue), *numbers]
     if robot.elastic:
         left += left_coupling(robot, "the new file is mod2, whose rotors spin on the ground")
     write_result(out, text)
-    return Exported((out,), (), tuple(left), units=robot.units)
+    told = tuple(one.words(robot) for one in stand_ins)
+    return Exported((out,), (), tuple(left), units=robot.units, stand_ins=told)
 
 
 def to_mjcf(
     robot: Robot, *, catalogue: Catalogue | None = None, timestep: float = TIMESTEP
 ) -> tuple[str, tuple[tuple[EffectInstance, str], ...]]:
     """Return an arm with its effects as MJCF text, and those that it does not state, each with the reason."""
+    text, left, _ = _written(robot, catalogue, timestep)
+    return text, left
+
+
+def _written(
+    robot: Robot, catalogue: Catalogue | None, timestep: float
+) -> tuple[str, tuple[Lacking, ...], tuple[StandIn, ...]]:
     arm = stated_arm(robot, catalogue)
     elements = Elements(robot, arm, timestep)
+    arm, stand_ins = stood_in(arm, robot, elements.left)
     root = ET.Element("mujoco", model=robot.name)
     root.append(
         ET.Comment(" elastic: a motor joint and a spring joint a drive " if robot.elastic else " rigid joints ")
@@ -75,8 +88,26 @@ def to_mjcf(
         parent, place = body, np.eye(4)
     _drives(root, arm, robot, timestep)
     _elements(root, elements)
+    if stand_ins:
+        custom = ET.SubElement(root, "custom")
+        for one in stand_ins:
+            ET.SubElement(custom, "numeric", one.numeric)
     ET.indent(root)
-    return ET.tostring(root, encoding="unicode") + "\n", tuple(elements.left)
+    left = tuple(explained(elements.left, stand_ins))
+    return ET.tostring(root, encoding="unicode") + "\n", left, stand_ins
+
+
+def playable(robot: Robot, file: Path, catalogue: Catalogue | None = None) -> MjcfArm:
+    """Write an arm with its controllers as a new MJCF, and open it as MuJoCo plays it.
+
+    What its controllers have and no actuator is in the set-points: a dead band, an integral. Raises a RobotError where
+    a controller is none that follows angles.
+    """
+    drives = [joint.controller for joint in robot.joints]
+    if not all(servo(drive) and drive and drive.feedforward == "none" for drive in drives):
+        raise RobotError("some joint has no controller of angles", "State `controller:` in the arm file")
+    write_result(file, to_mjcf(robot, catalogue=catalogue)[0])
+    return with_controllers(open_mjcf(file), robot)
 
 
 def _bodies(robot: Robot, arm: StatedArm) -> list[Inertia]:
@@ -120,7 +151,7 @@ def _drives(root: ET.Element, arm: StatedArm, robot: Robot, timestep: float) -> 
             limits = [one for one in (torque, drive.torque) if one is not None]
             limit = {"forcerange": text_of(-min(limits), min(limits))} if limits else {}
             gains = {"kp": text_of(drive.kp), "kv": text_of(drive.kd)}
-            late = delayed(drive.delay, timestep) if drive.delay else {}
+            late = {**delayed(drive.delay, timestep), "interp": "linear"} if drive.delay else {}
             ET.SubElement(actuators, "position", {"name": motor, "joint": joint.name, **gains, **limit, **late})
         ET.SubElement(sensors, "jointpos", name=f"{joint.name}_theta", joint=joint.name)
         # Of the motor, not of the joint: what friction and cogging take from it is not recorded.

@@ -4,7 +4,8 @@ import numpy as np
 
 from elastic_arm.arrays import Array
 from elastic_arm.errors import SimulationError
-from elastic_arm.mujoco.replaying import has_servos, lead, servo_motion, without
+from elastic_arm.mujoco.closed_loop import StartState, has_servos, lead, servo_motion
+from elastic_arm.mujoco.replaying import without
 from elastic_arm.recording import Recording, Side
 from elastic_arm.robot import Robot, to_urdf
 from elastic_arm.robot.mjcf import MjcfArm, engine
@@ -77,7 +78,7 @@ def record_commands(
         raise SimulationError("the model has no servos", "Give each joint one position actuator.")
     step, recorded = float(arm.model.opt.timestep), recorded or rate
     every, kept = (max(1, round(1.0 / (one * step))) for one in (rate, recorded))
-    angles = servo_motion(arm, commands[0], np.repeat(commands, every, axis=0))
+    angles = servo_motion(arm, StartState.at_rest(commands[0]), np.repeat(commands, every, axis=0))
     if not np.isfinite(angles).all():
         raise SimulationError("the motion left the finite numbers", "Take slower commands or a smaller timestep.")
     q = np.vstack([commands[:1], angles])[:-1:kept]

@@ -18,11 +18,11 @@ from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.estimation.observation import observe
 from elastic_arm.formatting import JointUnits
+from elastic_arm.mujoco.closed_loop import held, lead, play
 from elastic_arm.recording import Recording
 from elastic_arm.recording.made_torque import with_made_torque
-from elastic_arm.robot import JointController
 from elastic_arm.robot.mjcf import MjcfArm, engine
-from elastic_arm.robot.mjcf.drives import drives_of, torque_delays
+from elastic_arm.robot.mjcf.drives import torque_delays
 
 WINDOW = 0.2  # s
 
@@ -106,7 +106,8 @@ def replay(recording: Recording, arm: MjcfArm, *, window: float = WINDOW, name: 
     errors = _errors(used, runs, needed, observation.rate)
     course = _course(used, runs, needed, steps)
     windows = sum(int(np.isfinite(run[0][:, 0]).sum()) // steps for run in runs)
-    closed = _closed_loop(arm, chosen)
+    played = play(arm, chosen)
+    closed = None if played is None else np.sqrt(np.mean(played.errors**2, axis=0))
     return Replay(
         name or arm.robot.name,
         arm.robot.joint_names,
@@ -159,7 +160,7 @@ def _open_loop(arm: MjcfArm, piece: Motion, steps: int, period: float) -> tuple[
     mean = (1.0 - between) * torque[:-1] + between * torque[1:]
     found = np.full((2, *q.shape), np.nan)
     positions, dofs = arm.positions, arm.dofs
-    held = _held(arm)
+    hold = held(arm)
     with without(model, "ACTUATION", timestep=period / substeps):
         for start in range(0, len(q) - steps, steps):
             mj.mj_resetData(model, data)
@@ -169,7 +170,7 @@ def _open_loop(arm: MjcfArm, piece: Motion, steps: int, period: float) -> tuple[
                 data.qfrc_applied[dofs] = mean[k]
                 for _ in range(substeps):
                     mj.mj_step(model, data)
-                    held(data)
+                    hold(data)
                 found[0, k + 1] = data.qpos[positions]
                 found[1, k + 1] = data.qvel[dofs] + behind * data.qacc[dofs]
     return found[0], found[1]
@@ -187,24 +188,6 @@ def without(model: Any, *parts: str, timestep: float | None = None) -> Iterator[
         yield
     finally:
         option.timestep, option.disableflags = own
-
-
-def lead(model: Any, step: float) -> float:
-    """Return by how much MuJoCo's angles are ahead of its velocities, s: half a time step, as it steps these first."""
-    return 0.0 if model.opt.integrator == engine().mjtIntegrator.mjINT_RK4 else 0.5 * step
-
-
-def _held(arm: MjcfArm) -> Any:
-    """Return what puts joints outside the chain back after a step."""
-    model = arm.model
-    other_q = np.setdiff1d(np.arange(model.nq), arm.positions)
-    other_v = np.setdiff1d(np.arange(model.nv), arm.dofs)
-
-    def hold(data: Any) -> None:
-        if len(other_v):
-            data.qpos[other_q], data.qvel[other_v] = arm.qpos[other_q], 0.0
-
-    return hold
 
 
 def _inverse(arm: MjcfArm, piece: Motion) -> Array:
@@ -274,56 +257,3 @@ def _course(
     piece, run, own = max(zip(pieces, runs, needed, strict=True), key=lambda each: len(each[0]))
     kept = slice(0, 20000)  # samples of a course that are kept for figures
     return ReplayedCourse(piece.t[kept], _present(piece.q)[kept], run[0][kept], _present(piece.tau_m)[kept], own[kept])
-
-
-def _closed_loop(arm: MjcfArm, recording: Recording) -> Array | None:
-    """Return the rms position error (n,) under the recorded reference; None without reference or servo."""
-    reference, step = recording.reference, float(arm.model.opt.timestep)
-    side = recording.link if recording.link is not None else recording.motor
-    if reference is None or reference.position is None or not has_servos(arm) or side is None or side.position is None:
-        return None
-    t_reference, t = (np.asarray(s.stamp_ns - reference.stamp_ns[0], dtype=float) * 1e-9 for s in (reference, side))
-    start = np.searchsorted(t, max(0.0, t[0]))
-    count = int((min(t[-1], t_reference[-1]) - t[start]) / step)
-    times = t[start] + step * np.arange(1, count + 1)
-    held = [joint.controller is not None and joint.controller.between == "held" for joint in arm.robot.joints]
-    # A stamp that is rounded to a nanosecond still counts at its step.
-    last = np.clip(np.searchsorted(t_reference, times - step + 1e-6, side="right") - 1, 0, None)
-    between = _interpolated(times - step, t_reference, reference.position)
-    found = servo_motion(arm, side.position[start], np.where(held, reference.position[last], between))
-    return np.asarray(np.sqrt(np.mean((found - _interpolated(times, t, side.position)) ** 2, axis=0)))
-
-
-def has_servos(arm: MjcfArm) -> bool:
-    """Whether every joint has one actuator, which follows angles."""
-    drives = [drives_of(arm.model, joint) for joint in arm.chain.joints]
-    return all(len(own) == 1 and arm.model.actuator_biasprm[own[0], 1] < 0.0 for own in drives)
-
-
-def servo_motion(arm: MjcfArm, start: Array, commands: Array) -> Array:
-    """Return the angles (K, n) after each time step of the model, from rest at `start`, under commands (K, n)."""
-    mj, model = engine(), arm.model
-    actuators = [drives_of(model, joint)[0] for joint in arm.chain.joints]
-    # From MuJoCo 4 on an actuator may have several inputs, the set-point of the angle first.
-    given = np.asarray(getattr(model, "actuator_ctrladr", np.arange(model.nu)))[actuators]
-    drives = [joint.controller or JointController() for joint in arm.robot.joints]
-    # What a <position> actuator has not is in the set-point that it is given: a dead band, an integral.
-    dead_band = np.array([drive.dead_band for drive in drives])
-    integrating = np.array([drive.ki / drive.kp if drive.mode == "position" and drive.kp else 0.0 for drive in drives])
-    integral, step = np.zeros(len(drives)), float(model.opt.timestep)
-    data, held = mj.MjData(model), _held(arm)
-    data.qpos[:] = arm.qpos
-    data.qpos[arm.positions] = start
-    found = np.empty_like(commands)
-    for k, command in enumerate(commands):
-        error = command - data.qpos[arm.positions]
-        data.ctrl[given] = command - np.clip(error, -dead_band, dead_band) + integrating * integral
-        integral += step * error
-        mj.mj_step(model, data)
-        held(data)
-        found[k] = data.qpos[arm.positions]
-    return found
-
-
-def _interpolated(at: Array, t: Array, values: Array) -> Array:
-    return np.stack([np.interp(at, t, column) for column in values.T], axis=1)

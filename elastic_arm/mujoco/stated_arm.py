@@ -21,6 +21,7 @@ from elastic_arm.robot import Inertia, Joint, Robot
 from elastic_arm.robot.kinematics import lumped
 
 MOTOR_TORQUE = "motor_torque"
+Lacking = tuple[EffectInstance, str]  # what a file does not state, and why
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,7 @@ class StatedArm:
     links: tuple[Inertia, ...]  # inertia of each link, in its frame
     joints: tuple[StatedJoint, ...]  # numbers of each joint
     gravity: Array  # (3,) m/s^2
-    left: tuple[tuple[EffectInstance, str], ...] = ()  # effects that no number states, each with the reason
+    left: tuple[Lacking, ...] = ()  # effects that no number states, each with the reason
     delays: tuple[EffectInstance, ...] = ()  # the effects that the joints' delays come from
 
     def with_joint(self, i: int, **numbers: float) -> StatedArm:

@@ -24,9 +24,10 @@ from elastic_arm.mujoco.changes import (
     six,
     text_of,
 )
-from elastic_arm.mujoco.left_out import Left, left_effects, left_numbers
+from elastic_arm.mujoco.left_out import Left, Motion, left_effects, left_numbers
 from elastic_arm.mujoco.mjcf_export import Exported, require_same_joints
 from elastic_arm.mujoco.shape import ShapedXml, append_last
+from elastic_arm.mujoco.stand_ins import explained, stood_in
 from elastic_arm.mujoco.stated_arm import StatedArm, stated_arm
 from elastic_arm.output_files import write_result
 from elastic_arm.robot import Inertia, Robot, parse_urdf, to_urdf
@@ -50,6 +51,7 @@ def export_urdf(
     chain: Chain | None = None,
     deviations: Deviations | None = None,
     catalogue: Catalogue | None = None,
+    motion: Motion | None = None,
 ) -> Exported:
     """Write a URDF with the numbers of an arm: inertials, damping and friction of joints.
 
@@ -71,7 +73,8 @@ def export_urdf(
         numbers = robot if base is not None else arm.with_(effects=robot.effects)
         after = stated_arm(numbers, catalogue, base=arm.base_placement)
         before = stated_arm(arm, catalogue)
-        left = list(after.left) + [(one, _NO_NUMBER) for one in after.delays]
+        after, stand_ins = stood_in(after, numbers, after.left, motion)
+        left = explained(after.left, stand_ins) + [(one, _NO_NUMBER) for one in after.delays]
         changes = [*_joints(root, arm, before, after, deviations, left), *_links(root, arm, before, after)]
         if not numbers.elastic:
             springs = [one for one in robot_effects(numbers, catalogue) if one.effect.id == "joint_spring"]
@@ -82,7 +85,8 @@ def export_urdf(
     write_result(out, document.text())
     as_placed = numbers.with_(base_placement=arm.base_placement)
     listed = [*left_effects(as_placed, left, catalogue), *_numbers_left(robot, stated_arm(robot, catalogue), before)]
-    return Exported((out,), tuple(changes), tuple(listed), units=robot.units)
+    told = tuple(one.words(robot) for one in stand_ins)
+    return Exported((out,), tuple(changes), tuple(listed), units=robot.units, stand_ins=told)
 
 
 def _mounting(before: Array, after: Array) -> EffectInstance:

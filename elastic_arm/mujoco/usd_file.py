@@ -53,7 +53,7 @@ def export_usd(robot: Robot, base: None, out: Path, *, catalogue: Catalogue | No
 def _drive(joint: Joint) -> JointController | None:
     """Return a joint's controller where it is what a drive of UsdPhysics is: a servo that is not late."""
     own = servo(joint.controller)
-    return None if own is None or own.delay else own
+    return None if own is None or own.delay or own != joint.controller else own
 
 
 def _stage(robot: Robot, stated: StatedArm) -> str:

@@ -106,6 +106,8 @@ def _verdict(found: Diagnosis) -> list[Block]:
         ]  # fmt: skip
         header = ["cause", "where", "shows on", "size", "share of the gap", "probability"]
         blocks.append(Table(header, rows))
+    if found.closed_loop:
+        blocks.append(_closed_loop(found))
     blocks += [Text(f"Between recordings {change_text(change)}.", "warn") for change in found.changes]
     if found.prediction is not None and found.prediction.before and found.causes:
         blocks.append(Text(prediction_sentence(found, found.prediction)))
@@ -120,6 +122,17 @@ def _verdict(found: Diagnosis) -> list[Block]:
         header = ["instead of", "it may be", "probability", "told apart by"]
         blocks.append(Table(header, others, "This recording does not separate these for certain"))
     return blocks
+
+
+def _closed_loop(found: Diagnosis) -> Table:
+    """Return the errors of a commanded arm under the recorded commands."""
+    rows: list[list[object]] = []
+    for joint, one in found.closed_loop.items():
+        refused = "" if one.refused is None else f"{1e3 * one.refused:.4g}"
+        unit = f"m{one.unit}"
+        rows.append([joint, f"{1e3 * one.described:.4g}", f"{1e3 * one.corrected:.4g}", refused, unit])
+    header = ["joint", "description", "as written", "as found, refused", "unit"]
+    return Table(header, rows, "Errors of angles in MuJoCo under the commands of the recordings that judge, rms")
 
 
 def _where(found: Diagnosis) -> list[Block]:

@@ -12,6 +12,7 @@ from elastic_arm.robot.description import (
     Transmission,
     require_robot,
 )
+from elastic_arm.robot.exchange import with_joints_of
 from elastic_arm.robot.loading import load_robot
 from elastic_arm.robot.saving import robot_to_dict, save_robot
 from elastic_arm.robot.urdf import parse_urdf
@@ -35,4 +36,5 @@ __all__ = [
     "save_robot",
     "to_urdf",
     "varied",
+    "with_joints_of",
 ]

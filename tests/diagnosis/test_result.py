@@ -31,12 +31,14 @@ from elastic_arm.diagnosis.words import (
     instance_text,
     percent,
     probability_text,
+    scale_sentence,
     summary,
     trust_text,
 )
 from elastic_arm.effects import EFFECTS, parse
 from elastic_arm.errors import DiagnosisError, MissingExtraError, OutputError
 from elastic_arm.formatting import JointUnits, rounded
+from elastic_arm.results import ClosedLoopError
 from elastic_arm.robot import load_robot
 
 ROBOT = load_robot(None)
@@ -302,3 +304,49 @@ def test_given_effects_are_told_with_the_units_at_their_joint() -> None:
     assert instance_text(friction, rail) == "torque 13.9 N, side motor"
     load = parse("payload:mass=5,position=0/0/0.1", ROBOT)
     assert instance_text(load, ROBOT.units) == "mass 5 kg, position (0, 0, 0.1) m"
+
+
+def test_a_joint_that_moves_worse_is_said_first_and_not_explained(tmp_path: Path) -> None:
+    """What is refused is the first sentence, the verdict is unknown, and both errors are in the file that is read."""
+    errors = {
+        "joint_1": ClosedLoopError(0.03, 0.003, "rad"),
+        "joint_2": ClosedLoopError(0.0308, 0.0308, "rad", 0.1015),
+        "joint_3": ClosedLoopError(0.002, 0.002, "rad", float("inf")),
+    }
+    scale = Imperfection("torque_scale", "joint_1", "1", 1.12, 0.04, 0.2, True, neutral=1.0)
+    commanded = replace(diagnosis(cause()), made=("joint_1",), imperfections=(scale,))
+    found = commanded.with_closed_loop(errors, ("joint_2", "joint_3"))
+    first, second, *_ = summary(found)
+    assert found.verdict == "unknown" and first.startswith("unknown: With all that was found the arm errs more")
+    assert "joint_2 by 102 mrad instead of 30.8 mrad" in first
+    assert "joint_3 in no simulator" in first
+    assert "The correction of joint_2 and joint_3 is not written" in first
+    assert second.startswith("Joint 2 loses 6 Nm of dry friction, which the model lacks")
+    written = found.to_dict()
+    assert written["closed_loop"]["joint_1"] == {"described": 0.03, "corrected": 0.003, "unit": "rad"}
+    assert written["closed_loop"]["joint_3"]["refused"] is None
+    assert written["torque_scale"] == {"joint_1": {"value": 1.12, "std": 0.04}}
+    read = Diagnosis.load(found.save(tmp_path / "diagnosis.json"))
+    assert (read.closed_loop, read.taken_back) == (found.closed_loop, found.taken_back)
+    assert read.torque_scale == found.torque_scale and read.made == found.made
+
+
+def test_a_scale_that_is_off_is_said_with_its_value() -> None:
+    """A scale beyond two of its deviations has its value in the sentence, one within them has not."""
+    scales = [
+        Imperfection("torque_scale", joint, "1", value, 0.04, 0.2, True, neutral=1.0)
+        for joint, value in (("joint_1", 1.15), ("joint_2", 1.02))
+    ]
+    found = replace(diagnosis(), made=("joint_1", "joint_2"), imperfections=tuple(scales))
+    words = scale_sentence(found)
+    assert "1.15 ± 0.04 times the described one at joint_1" in words
+    assert "times the described one at joint_2" not in words
+
+
+def test_errors_that_no_joint_has_are_no_reason() -> None:
+    """Where no joint moves worse the verdict stays, and the worst joint's errors are the last sentence."""
+    errors = {"joint_1": ClosedLoopError(0.03, 0.003, "rad"), "joint_2": ClosedLoopError(0.01, 0.001, "rad")}
+    found = diagnosis(cause()).with_closed_loop(errors, ())
+    *_, last = summary(found)
+    assert found.verdict == "explained"
+    assert last == "Under the recorded commands the description errs by 30 mrad at joint_1, what is written by 3 mrad."

@@ -1,6 +1,7 @@
 """Corrected files: a user's own MJCF or URDF with numbers changed, and nothing else."""
 
 import difflib
+import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -14,17 +15,20 @@ from typer.testing import CliRunner
 import elastic_arm.robot
 from elastic_arm.dynamics import build_model
 from elastic_arm.errors import RobotError
-from elastic_arm.robot import Inertia, JointController, Robot, load_robot, to_urdf
+from elastic_arm.recording import write_recording
+from elastic_arm.robot import Inertia, JointController, Robot, load_robot, save_robot, to_urdf
 from elastic_arm.robot.kinematics import lumped
 from tests.helpers.mujoco_arms import MODELS, random_motion
-from tests.helpers.servo_arms import EXAMPLE
+from tests.helpers.servo_arms import EXAMPLE, recorded, servo_arm
 from tests.robot.test_mjcf import two_joints
 
 pytest.importorskip("mujoco")
 
 from elastic_arm.cli.mujoco.export import export
-from elastic_arm.mujoco import export_mjcf, export_new_mjcf, export_urdf
-from elastic_arm.mujoco.changes import inertial_change
+from elastic_arm.mujoco import attach, export_mjcf, export_new_mjcf, export_urdf
+from elastic_arm.mujoco.changes import inertial_change, text_of
+from elastic_arm.mujoco.stated_arm import stated_arm
+from elastic_arm.robot.mjcf import open_mjcf
 
 LOAD = {"effect": "payload", "joint": None, "parameters": {"mass": 1.5, "position": [0.02, 0.03, 0.2]}}
 FRICTION = {"effect": "coulomb_friction", "joint": "joint3", "parameters": {"torque": 2.0}}
@@ -93,11 +97,13 @@ def test_a_file_in_another_folder_finds_its_includes(base: Path) -> None:
 
 
 def test_what_no_number_states_is_listed(base: Path) -> None:
-    """Stribeck friction is left to a law, with the reason."""
+    """Stribeck friction is left to a law, with the reason; the friction loss in its place is said, and no more."""
     done = export_mjcf(corrected(base, STRIBECK), base, base.parent / "fixed.xml")
     (left,) = done.left
     assert left.what == "stribeck_friction" and "attach" in left.reason and left.cost["joint2"] > 0.0
-    assert not done.changes
+    assert {change.number for change in done.changes} == {"frictionloss", "solreffriction"}
+    (words,) = done.stand_ins
+    assert words.startswith("stribeck friction")
 
 
 SCENE = """<mujoco>
@@ -350,3 +356,99 @@ def test_a_joint_zero_turns_the_origin_of_a_urdfs_joint(tmp_path: Path, with_bas
     motion, expected = torques_with_zero(robot, 1, 0.05)
     found = build_model(load_robot(tmp_path / "fixed.urdf")).inverse_dynamics(*motion)
     np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6)
+
+
+DEGRESSIVE = {"effect": "degressive_friction", "joint": "joint2", "parameters": {"torque": 1.7, "speed": 0.05}}
+
+
+def test_friction_that_levels_off_is_written_as_the_nearest_numbers(base: Path) -> None:
+    """Of 1.7 Nm that bend at 0.05 rad/s, friction loss and damping together make 1.7 Nm within a tenth from 0.2 on."""
+    out = base.parent / "fixed.xml"
+    robot = corrected(base, DEGRESSIVE)
+    done = export_mjcf(robot, base, out)
+    before, after = (stated_arm(load_robot(path)).joints[1] for path in (base, out))
+    speed = np.linspace(0.2, 1.0, 9)  # rad/s
+    made = after.friction_loss - before.friction_loss + (after.damping - before.damping) * speed
+    np.testing.assert_allclose(made, 1.7, rtol=0.1)
+    (words,) = done.stand_ins
+    assert "1.7 Nm" in words and "friction loss" in words
+
+
+def test_numbers_in_the_place_of_a_law_follow_the_motion(base: Path) -> None:
+    """Far below the speed at which it bends, such friction is damping of torque / speed and no friction loss."""
+    robot = corrected(base, DEGRESSIVE)
+    t = np.linspace(0.0, 2.0 * np.pi, 200)[:, None] + np.zeros(7)
+    slow = 0.01 * np.sin(t), 0.01 * np.cos(t), -0.01 * np.sin(t)
+    export_mjcf(robot, base, base.parent / "fixed.xml", motion=slow)
+    before, after = (stated_arm(load_robot(base.parent / name)).joints[1] for name in ("arm.xml", "fixed.xml"))
+    assert after.damping - before.damping == pytest.approx(1.7 / 0.05, rel=0.05)
+    assert after.friction_loss < 0.02
+
+
+def test_laws_that_act_take_the_numbers_in_their_place_away(base: Path) -> None:
+    """With the law attached the model has the friction that it had; exported anew, no note of the numbers stays."""
+    out, again = base.parent / "fixed.xml", base.parent / "again.xml"
+    robot = corrected(base, DEGRESSIVE)
+    export_mjcf(robot, base, out)
+    own, stood = open_mjcf(base).model, open_mjcf(out).model
+    written = stood.dof_frictionloss.copy()
+    with attach(stood, robot):
+        np.testing.assert_allclose(stood.dof_frictionloss, own.dof_frictionloss, atol=1e-9)
+        np.testing.assert_allclose(stood.dof_damping, own.dof_damping, atol=1e-9)
+    np.testing.assert_array_equal(stood.dof_frictionloss, written)
+    assert "in_place_of" in out.read_text()
+    export_mjcf(load_robot(out), out, again)
+    assert "in_place_of" not in again.read_text()
+
+
+def test_zero_has_no_sign() -> None:
+    """A gain of minus nothing is written as 0."""
+    assert text_of(-0.0, 1.5, -2.0) == "0 1.5 -2"
+
+
+def test_a_gain_leaves_the_limit_and_a_damping_ratio_gives_way(tmp_path: Path) -> None:
+    """With another kp the forcerange stays; kv, which a dampratio made of kp and masses, is written as it was."""
+    text = (EXAMPLE / "arm.xml").read_text().replace('kv="0.6" joint="lift"', 'dampratio="0.8" joint="lift"')
+    (tmp_path / "arm.xml").write_text(text)
+    robot = load_robot(tmp_path / "arm.xml")
+    lift = robot.joints[1].controller
+    assert lift is not None
+    changed = replace(lift, kp=1.2 * lift.kp)
+    heavier = replace(robot.joints[2].link, mass=1.3 * robot.joints[2].link.mass)
+    robot = robot.with_joint("lift", controller=changed).with_joint("elbow", link=heavier)
+    done = export_mjcf(robot, tmp_path / "arm.xml", tmp_path / "new.xml")
+    assert "forcerange" not in {change.number for change in done.changes}
+    found = load_robot(tmp_path / "new.xml").joints[1].controller
+    assert found is not None
+    assert (found.kp, found.kd, found.torque) == (pytest.approx(changed.kp), pytest.approx(lift.kd), lift.torque)
+
+
+def test_a_new_file_has_the_limit_of_a_servo_with_a_dead_band(tmp_path: Path) -> None:
+    """3.72 Nm that robot.yaml states are the new file's forcerange; the dead band is listed with its size."""
+    robot = load_robot(EXAMPLE / "arm.xml")
+    pan = robot.joints[0].controller
+    assert pan is not None
+    robot = robot.with_joint("pan", controller=replace(pan, torque=3.72, dead_band=0.02))
+    save_robot(robot, tmp_path / "robot.yaml")
+    done = export_new_mjcf(load_robot(tmp_path / "robot.yaml"), None, tmp_path / "new.xml")
+    found = load_robot(tmp_path / "new.xml").joints[0].controller
+    assert found is not None and (found.kp, found.torque) == (pytest.approx(pan.kp), 3.72)
+    (left,) = [one for one in done.left if one.what == "controller"]
+    assert left.joint == "pan" and left.numbers["dead_band"] == 0.02
+
+
+def test_an_export_is_played_beside_its_base(tmp_path: Path) -> None:
+    """With --validate the errors of both files under recorded commands are printed: those of the right kp are small."""
+    true = servo_arm({'kp="17.8" kv="0.6" joint="lift"': 'kp="23" kv="0.6" joint="lift"'})
+    write_recording(tmp_path / "bag", recorded(true, 100.0, 14))
+    save_robot(true.robot, tmp_path / "robot.yaml")
+    app = typer.Typer()
+    app.command()(export)
+    base, out = EXAMPLE / "arm.xml", tmp_path / "new.xml"
+    words = [tmp_path / "robot.yaml", "--base", base, "--out", out, "--validate", tmp_path / "bag", "--json"]
+    done = CliRunner().invoke(app, list(map(str, words)))
+    assert done.exit_code == 0, done.output
+    lift = json.loads(done.output)["closed_loop"]["lift"]
+    assert lift["described"] > 5e-3 and lift["corrected"] < 5e-4
+    refused = CliRunner().invoke(app, [*map(str, words[:1]), "--out", str(tmp_path / "o.xml"), *map(str, words[5:7])])
+    assert refused.exit_code == 2 and "Give it as --base" in refused.output

@@ -215,7 +215,7 @@ def test_files_of_an_earlier_diagnosis_do_not_stay(two_causes: Diagnosis, tmp_pa
     """A folder never holds the arm or the motion of another diagnosis than its diagnosis.json."""
     for name in ("robot.yaml", SEPARATING):
         (tmp_path / name).write_text("old")
-    write_diagnosis(two_causes, ROBOT, tmp_path)
+    write_diagnosis(two_causes, repaired_robot(ROBOT, two_causes), tmp_path)
     assert not (tmp_path / SEPARATING).exists()
     assert "coulomb_friction" in (tmp_path / "robot.yaml").read_text()
 

@@ -1,10 +1,12 @@
 """`elastic-arm export`: an arm as the file of another simulator, or in a user's own file."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 import typer
 from rich.markup import escape
 
@@ -16,8 +18,13 @@ from elastic_arm.errors import RobotError
 from elastic_arm.formatting import JointUnits, rounded
 from elastic_arm.mujoco import Exported, export_mjcf, export_new_mjcf, export_urdf, export_usd
 from elastic_arm.mujoco.changes import Change
+from elastic_arm.mujoco.closed_loop import has_servos, latest, with_controllers
+from elastic_arm.mujoco.judgement import Judging, closed_loop
 from elastic_arm.mujoco.left_out import Left
-from elastic_arm.robot.loading import parse_chain
+from elastic_arm.results import ClosedLoopError
+from elastic_arm.robot import Robot
+from elastic_arm.robot.loading import is_mjcf, parse_chain
+from elastic_arm.robot.mjcf import open_mjcf
 
 
 class Format(StrEnum):
@@ -56,6 +63,10 @@ def export(
     chain: options.Chain = None,
     at: options.At = None,
     effects_files: options.EffectsFiles = None,
+    validate: Annotated[
+        list[Path] | None,
+        typer.Option(metavar="BAG", help="Commands to play with --base and the MJCF that is written."),
+    ] = None,
     json: options.Json = False,
     force: Force = False,
 ) -> None:
@@ -94,17 +105,57 @@ def export(
         done = export_urdf(robot, base, file, chain=ends, catalogue=catalogue)
     # What was left out of the arm when it was read is not in the file either.
     done = replace(done, notes=(*robot.notes, *done.notes))
+    errors = _played(base, done, robot, chain, at, validate) if validate else {}
     if json:
         print_json(
             {
                 "files": [str(path) for path in done.files],
                 "changes": [asdict(change) for change in done.changes],
                 "left": [one.to_dict() for one in done.left],
+                "stand_ins": list(done.stand_ins),
                 "notes": list(done.notes),
+                **({"closed_loop": {name: one.to_dict() for name, one in errors.items()}} if errors else {}),
             }
         )
     else:
         print_export(done, new=base is None)
+        print_closed_loop(errors)
+
+
+def _played(
+    base: Path | None, done: Exported, robot: Robot, chain: str | None, at: str | None, bags: Sequence[Path]
+) -> dict[str, ClosedLoopError]:
+    """Return how the user's model and the file that was written move under recorded commands."""
+    if base is None or not is_mjcf(base):
+        raise RobotError("--validate plays an MJCF of yours", "Give it as --base.")
+    ends = None if chain is None else parse_chain(chain)
+    before, after = open_mjcf(base, ends, at), with_controllers(open_mjcf(done.files[0], ends, at), robot)
+    judging = [Judging(options.read_by_clock(bag, None, robot, options.ClockChoice.auto)) for bag in bags]
+    late = max((latest(one) for one in (before, after) if has_servos(one)), default=0.0)
+    played = [closed_loop(one, judging, late) for one in (before, after)]
+    if played[0] is None or played[1] is None:
+        raise RobotError("the bags hold no commands, or the model has no servos", "Leave out --validate.")
+    pairs = zip(robot.joint_names, played[0].errors.tolist(), played[1].errors.tolist(), strict=True)
+    return {name: ClosedLoopError(first, last, robot.units.at(name, "rad")) for name, first, last in pairs}
+
+
+def print_closed_loop(errors: Mapping[str, ClosedLoopError]) -> None:
+    """Print by how much each joint errs under the recorded commands, as described and corrected."""
+    if not errors:
+        return
+    units = {one.unit for one in errors.values()}
+    unit = "mrad" if units == {"rad"} else "mrad or mm"
+    table = new_table(f"closed loop, {unit}", *errors, right=tuple(errors))
+    rows: dict[str, list[float | None]] = {
+        "description": [one.described for one in errors.values()],
+        "as written": [one.corrected for one in errors.values()],
+        "as found": [one.refused for one in errors.values()],
+    }
+    for name, values in rows.items():
+        if any(value is not None for value in values):
+            table.add_row(name, *("–" if v is None or not np.isfinite(v) else f"{1e3 * v:.4g}" for v in values))
+    out.print(table)
+    out.print("[dim]errors of angles under the recorded commands, root mean squares over the recordings that judge[/]")
 
 
 def print_export(done: Exported, *, new: bool = False) -> None:
@@ -117,6 +168,8 @@ def print_export(done: Exported, *, new: bool = False) -> None:
         out.print(table)
     elif not new:
         out.print("no number of the description changes")
+    for words in done.stand_ins:
+        out.print(f"[bold yellow]in its place:[/] {escape(words)}", soft_wrap=True)
     for one in done.left:
         out.print(f"[yellow]not in the file:[/] {escape(left_text(one, done.units))}", soft_wrap=True)
     for note in done.notes:

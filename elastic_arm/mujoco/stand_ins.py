@@ -1,0 +1,104 @@
+"""Dry and viscous friction in the place of a friction law that a file has no number for.
+
+    min over c, d of  sum over t of (F(t) - c sign(w(t)) - d w(t))²,    friction loss + c >= 0, d >= 0
+
+F is the torque of the laws over a motion: of the recording where one is known, else the swing of
+:mod:`elastic_arm.mujoco.left_out`. Damping is never taken away, as friction would fall beyond the motion's speeds.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import lsq_linear
+
+from elastic_arm.arrays import Array
+from elastic_arm.effects import EffectInstance
+from elastic_arm.mujoco.changes import text_of
+from elastic_arm.mujoco.left_out import Motion, Swing
+from elastic_arm.mujoco.stated_arm import Lacking, StatedArm, number
+from elastic_arm.robot import Robot
+
+# Name of the <numeric> that holds a joint's: attach takes them away where the laws themselves act.
+MARK = "in_place_of_friction_laws:"
+# A share of a law that numbers stand for, below which they stand for nothing: rounding.
+NOTHING = 1e-6
+
+
+@dataclass(frozen=True)
+class StandIn:
+    """Numbers of a joint that stand for laws."""
+
+    joint: str
+    laws: tuple[EffectInstance, ...]
+    friction_loss: float  # Nm added
+    damping: float  # Nm s/rad added
+    left: float  # root mean square of what neither states, Nm
+    whole: float  # root mean square of the laws, Nm
+    recorded: bool  # whether the motion is that of the recording
+
+    @property
+    def numeric(self) -> dict[str, str]:
+        """Attributes of the <numeric> that holds the numbers of the file that stand for laws."""
+        return {"name": f"{MARK}{self.joint}", "data": text_of(self.friction_loss, self.damping)}
+
+    def words(self, robot: Robot) -> str:
+        """Return in a sentence what stands for what."""
+        units = robot.units
+        torque, rate = units.at(self.joint, "Nm"), units.at(self.joint, "Nm s/rad")
+        laws = " and ".join(_named(law, torque) for law in self.laws)
+        added = f"{self.friction_loss:+.3g} {torque} of friction loss and {self.damping:+.3g} {rate} of damping"
+        over = "the motion of the recording" if self.recorded else "a swing at 1 rad/s"
+        missing = f"{self.left:.2g} of {self.whole:.2g} {torque} rms are missing"
+        return f"{laws} of {self.joint} is no number of the file: {added} stand for it over {over}; {missing}"
+
+
+def stood_in(
+    arm: StatedArm, robot: Robot, lacking: Sequence[Lacking], motion: Motion | None = None
+) -> tuple[StatedArm, tuple[StandIn, ...]]:
+    """Return a rigid arm's numbers with what stands for friction laws among those that it lacks."""
+    if robot.elastic:
+        return arm, ()
+    found = tuple(_stand_ins(arm, robot, [law for law, _ in lacking if law.effect.friction], motion))
+    for one in found:
+        i = robot.joint_names.index(one.joint)
+        arm = arm.with_joint(i, friction_loss=one.friction_loss, damping=one.damping)
+    return arm, found
+
+
+def explained(lacking: Sequence[Lacking], found: Sequence[StandIn]) -> list[Lacking]:
+    """Return what an arm lacks, with the reason changed where numbers stand for it."""
+    places: Mapping[int, StandIn] = {id(law): one for one in found for law in one.laws}
+    reasons = []
+    for law, reason in lacking:
+        stands = places.get(id(law))
+        words = f"friction loss and damping stand for it; {reason}" if stands else reason
+        reasons.append((law, words))
+    return reasons
+
+
+def _stand_ins(
+    arm: StatedArm, robot: Robot, laws: Sequence[EffectInstance], motion: Motion | None
+) -> Iterator[StandIn]:
+    swing = Swing(robot, motion)
+    for i, name in enumerate(robot.joint_names):
+        own = tuple(law for law in laws if i in law.joint_indices(robot))
+        if not own:
+            continue
+        here = [replace(law, joint=name) for law in own]
+        torque = swing.of_effects(here)[:, i]
+        whole = float(np.sqrt(np.mean(torque**2)))
+        speed: Array = swing.motion[1][:, i]
+        stated = arm.joints[i]
+        columns = np.stack([np.sign(speed), speed], axis=1)
+        least = np.array([-max(0.0, stated.friction_loss), 0.0])
+        fit = lsq_linear(columns, torque, bounds=(least - NOTHING, np.inf))
+        dry, viscous = (float(v) for v in np.maximum(fit.x, least))
+        left = float(np.sqrt(np.mean((torque - columns @ (dry, viscous)) ** 2)))
+        if whole - left > NOTHING * whole:
+            yield StandIn(name, own, dry, viscous, left, whole, motion is not None)
+
+
+def _named(law: EffectInstance, unit: str) -> str:
+    name = law.effect.id.replace("_", " ")
+    return f"{name} ({number(law, 'torque'):.3g} {unit})" if "torque" in law.parameters else name

@@ -1,0 +1,159 @@
+"""What of a servo arm's correction is written: that with which it moves as recorded, and what was refined for it."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from elastic_arm.cli.mujoco.corrected import Correction
+from elastic_arm.effects import Catalogue
+from elastic_arm.mujoco.judgement import Choice, Judging, chosen, closed_loop
+from elastic_arm.mujoco.refinement import Refinable, refine, robot_at
+from elastic_arm.robot import Robot, with_joints_of
+from elastic_arm.robot.mjcf import MjcfArm
+from tests.helpers.servo_arms import EXAMPLE, recorded, servo_arm
+
+PAN, LIFT, ELBOW = (f'kp="17.8" kv="0.6" joint="{name}"' for name in ("pan", "lift", "elbow"))
+DRY = 'name="elbow" axis="0 1 0" armature="0.028" damping="0.05" frictionloss="0.05"'
+ROUGH = {DRY: DRY.replace('loss="0.05"', 'loss="0.12"')}
+WRONG = {PAN: PAN.replace("17.8", "39.2")}
+
+
+@pytest.fixture(scope="module")
+def judging() -> list[Judging]:
+    """A recording of an arm with a rough elbow."""
+    return [Judging(recorded(servo_arm(ROUGH), 100.0, 14, seed=1))]
+
+
+def choice(changes: Mapping[str, str], judging: list[Judging]) -> Choice:
+    """Return what is chosen of a correction that changes the file so."""
+    corrected = servo_arm(changes).robot
+
+    def build(back: frozenset[str]) -> MjcfArm:
+        kept = {old: new for old, new in changes.items() if not any(f'"{name}"' in old for name in back)}
+        return servo_arm(kept)
+
+    found = chosen(servo_arm(), build, corrected.joint_names, judging)
+    assert found is not None
+    return found
+
+
+def test_a_true_correction_is_written_whole(judging: list[Judging]) -> None:
+    """With the elbow's friction all joints move nearer, and nothing is taken back."""
+    found = choice(ROUGH, judging)
+    assert (found.taken_back, found.worse, found.better) == ((), (), True)
+    elbow = found.errors["elbow"]
+    assert elbow.corrected < 0.1 * elbow.described and elbow.refused is None
+
+
+def test_a_joint_that_moves_worse_keeps_the_description(judging: list[Judging]) -> None:
+    """A kp of the pan that is twice too large is taken back and said; the elbow's friction, which is right, stays.
+
+    The lift moves worse with it, too, and needs nothing taken back when the pan's is.
+    """
+    found = choice({**ROUGH, **WRONG}, judging)
+    assert found.taken_back == ("pan",)
+    assert "pan" in found.worse and "elbow" not in found.worse
+    pan, elbow = found.errors["pan"], found.errors["elbow"]
+    assert pan.refused is not None and pan.refused > 2.0 * pan.described
+    assert elbow.corrected < 0.1 * elbow.described
+
+
+def test_the_description_is_not_worse_than_itself(judging: list[Judging]) -> None:
+    """Nothing that changes is nothing worse and nothing better."""
+    found = choice({}, judging)
+    assert (found.taken_back, found.worse, found.better) == ((), (), False)
+
+
+def test_pauses_part_a_recording() -> None:
+    """What comes after a pause starts anew from what is recorded there: a true model errs by no more."""
+    true = servo_arm()
+    run = recorded(true, 100.0, 17, seconds=12.0)
+    assert run.link is not None and run.reference is not None
+
+    def without(stamps: np.ndarray) -> np.ndarray:
+        t = (stamps - run.start_ns) * 1e-9
+        return np.flatnonzero((t < 4.0) | (t > 7.0))
+
+    cut = replace(run, link=run.link.at(without(run.link.stamp_ns)), reference=run.reference)
+    assert len(list(Judging(cut).stretches())) == 2
+    found = closed_loop(true, [Judging(cut)])
+    assert found is not None and found.errors.max() < 3e-4
+
+
+def test_numbers_are_refined_on_the_recording() -> None:
+    """Friction and gains that are found 10 to 20 % wrong come to the true ones, to 2 %, within their deviations."""
+    true = servo_arm(ROUGH)
+    robot = true.robot
+    numbers = (
+        Refinable("coulomb_friction", "elbow", 0.02, -0.12),
+        Refinable("scale", "lift", 0.1, -0.9),
+        Refinable("viscous_friction", "pan", 0.02, -0.05),
+        Refinable("mass", "elbow", 0.1, -0.9),
+    )
+    off = np.array([0.015, 0.1, -0.01, -0.08])
+    wrong = robot_at(robot, numbers, off)
+    start = _model(wrong)
+    by = refine(start, wrong, numbers, [Judging(recorded(true, 100.0, 17))])
+    np.testing.assert_allclose(by[[0, 2]], -off[[0, 2]], atol=2e-3)
+    assert (1.0 + by[1]) * (1.0 + off[1]) == pytest.approx(1.0, abs=0.02)
+    assert (1.0 + by[3]) * (1.0 + off[3]) == pytest.approx(1.0, abs=0.02)
+
+
+def test_a_true_arm_is_not_refined_away() -> None:
+    """Numbers that are right stay within a fifth of their deviations."""
+    true = servo_arm()
+    numbers = (Refinable("coulomb_friction", "elbow", 0.02, -0.05), Refinable("scale", "lift", 0.1, -0.9))
+    by = refine(true, true.robot, numbers, [Judging(recorded(true, 50.0, 12))])
+    assert np.all(np.abs(by) < 0.2 * np.array([one.std for one in numbers]))
+
+
+def _model(robot: Robot) -> MjcfArm:
+    """Return the example's model with the numbers of an arm, by way of the file that is written."""
+    from tempfile import TemporaryDirectory
+
+    correction = Correction(EXAMPLE / "arm.xml", None, None, Catalogue.default())
+    with TemporaryDirectory() as folder:
+        assert not isinstance(correction.write(robot, Path(folder)), str)
+        file = correction.path(Path(folder))
+        assert file is not None
+        return correction.open(file)
+
+
+@pytest.mark.parametrize(("caused", "right"), [(False, True), (False, False), (True, False)])
+def test_what_is_written_never_moves_worse(tmp_path: Path, judging: list[Judging], caused: bool, right: bool) -> None:
+    """Without a cause, too, the file holds what moves nearer; where all that was found moves worse there is no file."""
+    described = servo_arm().robot
+    every = {form: form.replace("17.8", "60") for form in (PAN, LIFT, ELBOW)}
+    found = servo_arm(ROUGH if right else every).robot
+    correction = Correction(EXAMPLE / "arm.xml", None, None, Catalogue.default())
+    written = correction.judged(
+        described,
+        lambda back: with_joints_of(found, described, back),
+        described.joint_names,
+        judging,
+        tmp_path,
+        caused=caused,
+    )
+    file = tmp_path / "arm_corrected.xml"
+    assert (file.exists(), written.robot is not None) == (right, right)
+    assert written.choice is not None
+    for one in written.choice.errors.values():
+        assert one.corrected <= one.described + 1e-4
+
+
+def test_a_correction_of_an_arm_file_is_judged_by_a_new_model(judging: list[Judging]) -> None:
+    """Where the arm came from no MJCF, MuJoCo plays one that is made of it."""
+    described, found = servo_arm().robot, servo_arm(ROUGH).robot
+    correction = Correction(None, None, None, Catalogue.default())
+    written = correction.judged(
+        described,
+        lambda back: with_joints_of(found, described, back),
+        described.joint_names,
+        judging,
+        Path("unused"),
+        caused=True,
+    )
+    assert written.choice is not None and written.choice.better and not written.choice.worse
