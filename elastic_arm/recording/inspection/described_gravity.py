@@ -46,6 +46,7 @@ SIZE = (0.6, 1.5)  # of the described gravity: masses are off as well
 LEFT = 0.3  # of the squares that the described direction leaves
 OVERHEAD = 0.75 * np.pi  # rad: nearer to upside down, which all signs together are, too, than to any side
 RANK = 1e-9  # of the largest singular value; numerical
+CREEP = 0.05  # rad/s, root mean square over joints and samples, below which single joints are not judged
 SIDES = {"tau_J": "link", "tau_m": "motor"}
 # Another arrangement is named where it is e^10 times as likely, shared among those that are tried; others beside it
 # that are at most a hundred times less likely, as in the contract.
@@ -245,7 +246,9 @@ def _told(motion: SideMotion, side: str, fit: GravityFit, robot: Robot) -> Itera
         Y = model.regressor(q, dq, ddq)
         return np.asarray(Y[:, :n] + (Y[:, n:] if robot.elastic and side == "motor" else 0.0))
 
-    arm, several = _Arm(regressor, model.Psi, _spread(model)), len(motion.measured) > 1
+    arm = _Arm(regressor, model.Psi, _spread(model))
+    # Of joints that creep friction is of either sign, by the encoders' steps, and its error outweighs what is compared.
+    several = len(motion.measured) > 1 and float(np.sqrt(np.mean(motion.dq**2))) > CREEP
     confused = _size(fit, side) or (_arranged(few, side, robot, arm) if several else [])
     yield confused
     yield [] if confused else _judged(fit, side, robot) or (_sized(few, side, robot, arm) if several else [])
