@@ -11,7 +11,7 @@ from elastic_arm.errors import RecordingError
 from elastic_arm.recording.foreign.channels import ChannelMap
 from elastic_arm.recording.inspection.commands import followed
 from elastic_arm.recording.inspection.described_gravity import Motions, contradicted, misread_channels, side_motions
-from elastic_arm.recording.inspection.magnitudes import beyond_limits
+from elastic_arm.recording.inspection.magnitudes import beyond_limits, of_no_arm
 from elastic_arm.recording.inspection.outliers import cleared, without_zeros
 from elastic_arm.recording.inspection.plausibility import implausible
 from elastic_arm.recording.inspection.report import REPAIR, Finding, Report, moment, note, wrong_rate
@@ -25,6 +25,7 @@ from elastic_arm.recording.storage.bag import open_bag
 from elastic_arm.recording.timebase.clocks import RATE_CHANGE
 from elastic_arm.recording.topics import JOINT_STATES, JOINT_TORQUES, MOTOR_STATES, REFERENCE
 from elastic_arm.robot import Robot
+from elastic_arm.robot.plausible import doubtful
 
 CHECKED = 1_200_000  # messages of a part of a long bag: ten minutes of two topics at 1 kHz
 _THROUGHOUT = ("short", "no_motion", "one_side")  # what nothing is wrong with in a part
@@ -58,6 +59,8 @@ def check_bag(
             parts.append(_checked(content, channels, robot, motions))
             report_share(f"checking {path}", content.share)
         _check_content(content, report)
+        for words in [] if robot is None else doubtful(robot):
+            report.add("warning", "description", words)
     except RecordingError as error:
         report.add("error", "undecodable", str(error))
     report.findings += [*_together(parts), *(contradicted(motions, robot) if robot is not None else [])]
@@ -131,6 +134,7 @@ def misread(recordings: Sequence[Recording], robot: Robot, *, explained: bool = 
 
 def _seen(whole: Recording, recording: Recording, robot: Robot | None) -> list[Finding]:
     found = [*channel_findings(whole), *frozen(recording), *implausible(whole), *disagreeing(whole), *followed(whole)]
+    found += of_no_arm(whole)
     return found if robot is None else [*found, *beyond_limits(whole, robot)]
 
 
