@@ -160,3 +160,14 @@ def test_commands_that_are_the_positions_are_no_commands(shift: int, words: str)
     for side in (None, motor):
         (found,) = said(Recording(NAMES, link, side, reference=made))
         assert found.code == "copied_command" and words in found.message
+
+
+def test_per_cent_of_a_range_is_no_angle() -> None:
+    """Steps of one kind of encoder that differ from joint to joint show their ranges."""
+    for run in episodes("percent_units", "le_percent"):
+        (found,) = said(run)
+        assert found.code == "percent" and "shoulder_pan 220, shoulder_lift 200, elbow_flex 190" in found.message
+    tick, way = 360.0 / 4096, np.sin(np.outer(TIMES, [1.0, 1.3]))
+    for ranges, expected in (((150.0, 270.0), ["percent"]), ((200.0, 200.0), []), ((200.0, 100.0), [])):
+        percent = np.round(way * 20.0 / tick) * tick * 200.0 / np.array(ranges)
+        assert codes(Recording(NAMES, Side(TIME_NS, np.deg2rad(percent)))) == expected

@@ -21,6 +21,7 @@ from elastic_arm.recording.foreign.channels import (
 )
 from elastic_arm.recording.foreign.draft import Draft, Guess
 from elastic_arm.recording.foreign.tables import TIME_NAME, Contents, JointTable, TimeArray, find_tables
+from elastic_arm.recording.inspection.percent import ranges_by_steps
 
 # Above this correlation one array counts as the derivative of another.
 ALIKE = 0.9
@@ -233,6 +234,11 @@ class _Reader:
             scales = {} if stated[1] == 1.0 else {"factor": [stated[1]] * n}
         else:
             unit, why = {"position": _angle_unit, "velocity": self._speed_unit, "effort": _torque_unit}[channel](table)
+            ranges = ranges_by_steps(table.values) if channel == "position" else None
+            if ranges is not None:
+                factors = ", ".join(f"{size / 200.0:.3g}" for size in ranges)
+                unit, why = "deg", "per cent of each joint's range, by the encoders' steps, which differ"
+                missing = {"factor": f"range / 200 of the calibration file; by steps of 12 bits [{factors}]"}
             if _counts(table) and channel in COUNTED:
                 unit, what = COUNTED[channel]
                 largest = f"{np.abs(table.values).max():.0f}"

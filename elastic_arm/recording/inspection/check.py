@@ -13,6 +13,7 @@ from elastic_arm.recording.inspection.commands import followed
 from elastic_arm.recording.inspection.described_gravity import Motions, contradicted, misread_channels, side_motions
 from elastic_arm.recording.inspection.magnitudes import beyond_limits, of_no_arm
 from elastic_arm.recording.inspection.outliers import cleared, without_zeros
+from elastic_arm.recording.inspection.percent import in_percent
 from elastic_arm.recording.inspection.plausibility import implausible
 from elastic_arm.recording.inspection.report import REPAIR, Finding, Report, moment, note, wrong_rate
 from elastic_arm.recording.inspection.stuck_channels import channel_findings, frozen
@@ -134,7 +135,7 @@ def misread(recordings: Sequence[Recording], robot: Robot, *, explained: bool = 
 
 def _seen(whole: Recording, recording: Recording, robot: Robot | None) -> list[Finding]:
     found = [*channel_findings(whole), *frozen(recording), *implausible(whole), *disagreeing(whole), *followed(whole)]
-    found += of_no_arm(whole)
+    found += [*of_no_arm(whole), *in_percent(recording)]
     return found if robot is None else [*found, *beyond_limits(whole, robot)]
 
 
