@@ -6,6 +6,7 @@ They tell a unit that was mistaken: degrees for radians, millimetres for metres.
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_arm.recording.inspection.plausibility import is_motion
 from elastic_arm.recording.inspection.report import FEWEST, Finding, about
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import Array, joints_with, listed, span_of
@@ -35,6 +36,10 @@ def of_no_arm(recording: Recording) -> list[Finding]:
     findings, joints = list[Finding](), recording.joints
     for name, side in recording.measured().items():
         if len(side) < FEWEST:
+            continue
+        times = (side.stamp_ns - side.stamp_ns[0]) * 1e-9
+        # What goes to and fro from sample to sample is no motion in any unit.
+        if side.position is not None and not is_motion(times, np.nan_to_num(side.position)):
             continue
         speeds, what = side.velocity, f"{name} velocity"
         if speeds is None and side.position is not None:

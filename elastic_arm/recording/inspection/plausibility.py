@@ -106,7 +106,7 @@ def _compared(side: Side) -> _Compared:
         doubt = np.sqrt(rest @ rest / len(rest) * width / power) if power > 0.0 else np.inf
         # What the steps of an encoder make of an advance is no motion that the velocity misses.
         steps = np.abs(np.diff(q[:, j]))
-        tick = float(steps[steps > 0.0].min(initial=0.0 if not steps.any() else np.inf))
+        tick = float(steps[steps > 0.0].min()) if np.count_nonzero(steps) > FEWEST // 4 else 0.0
         rounding = float(np.sum((tick / (t[width:] - t[:-width])) ** 2)) / 6.0
         unlike = max(float(rest @ rest) - rounding, 0.0)
         fits[:, j] = *fit, 1.0 - unlike / (advance[:, j] @ advance[:, j]), doubt
@@ -140,7 +140,11 @@ def _velocities(name: str, motion: _Compared, joints: Sequence[str]) -> list[Fin
     strange = moving & ~follows & ~motion.slow
     scaled = moving & follows & (np.abs(motion.gain - 1.0) > _GAIN)
     gains = motion.gain[moving]
-    alike = scaled.any() and scaled[moving].all() and (np.abs(gains / np.median(gains) - 1.0) < _GAIN).all()
+    alike = (
+        scaled.any()
+        and scaled[moving].all()
+        and bool((np.abs(gains - np.median(gains)) < _GAIN * np.abs(np.median(gains))).all())
+    )
     # A servo's own filter falls short by so much; a unit is off by more, and times make all joints alike.
     far = scaled & (
         (motion.gain > 1.0 + _FILTERED) | (motion.gain < 1.0 - _FILTERED) | (bool(alike) and len(gains) > 1)
