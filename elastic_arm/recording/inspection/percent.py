@@ -1,7 +1,7 @@
 """Positions in per cent of each joint's calibrated range, as LeRobot writes them by default, taken for degrees.
 
 Encoders of one kind have one step. In per cent of ranges that differ, steps do, too: from -100 to 100 the step of an
-encoder of 12 bits, 360/4096 degrees, is 200 / range times as large, and tells the range.
+encoder of 12 bits, 360/4096 degrees, is 200 / range times as large, and shows the range.
 """
 
 from collections.abc import Iterator
