@@ -124,8 +124,23 @@ def parse_yaml(text: str) -> Any:
     return yaml.load(text, Loader=_Loader)
 
 
+_MERGE = "tag:yaml.org,2002:merge"  # "<<", which may come several times
+
+
 class _Loader(_SAFE_LOADER):
-    """The safe loader, which refuses scalars that are not of their kind as it does all else."""
+    """The safe loader, which refuses scalars that are not of their kind, and fields that are given twice."""
+
+    def construct_mapping(self, node: Any, deep: bool = False) -> Any:
+        """Return a mapping; a key that comes again with another value would take the first one's place in silence."""
+        given: dict[tuple[str, str], yaml.Node] = {}
+        for key, value in node.value if isinstance(node, yaml.MappingNode) else ():
+            if not isinstance(key, yaml.ScalarNode) or key.tag == _MERGE:
+                continue
+            first = given.setdefault((key.tag, key.value), value)
+            if first is not value and (first.tag, first.value) != (value.tag, value.value):
+                problem = f"{key.value[:40]!r} is given twice, with different values: keep one"
+                raise yaml.MarkedYAMLError(problem=problem, problem_mark=key.start_mark)
+        return super().construct_mapping(node, deep)
 
 
 def _scalar(kind: str) -> Callable[[Any, yaml.ScalarNode], Any]:

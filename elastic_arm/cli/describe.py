@@ -16,6 +16,7 @@ from elastic_arm.identification.base_parameters import BaseParameters
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.output_files import write_result
 from elastic_arm.robot import Robot, robot_to_dict, to_urdf
+from elastic_arm.robot.plausible import doubtful
 
 GAINS = {"kp": "Nm/rad", "kd": "Nm s/rad", "ki": "Nm/(rad s)"}
 _QUICK = 12  # joints whose base parameters are found before anybody wonders
@@ -102,6 +103,8 @@ def _print_robot(robot: Robot) -> None:
         out.print(escape(line), soft_wrap=True)
     for note in robot.notes:
         out.print(f"[cyan]note:[/] {escape(note)}", soft_wrap=True)
+    for doubt in doubtful(robot):
+        out.print(f"[yellow]warning:[/] {escape(doubt)}", soft_wrap=True)
 
 
 def _stated(robot: Robot) -> list[str]:
@@ -132,6 +135,7 @@ def _content(robot: Robot, model: str, parameters: int, base: BaseParameters) ->
         "elastic": robot.elastic,
         "mass_kg": float(robot.mass),
         "notes": list(robot.notes),
+        "doubts": doubtful(robot),
         "model": model,
         "parameters": parameters,
         "base_parameters": [{"name": name, "unit": unit} for name, unit in zip(base.names, base.units, strict=True)],

@@ -72,6 +72,7 @@ def excite(
     find_criterion(criterion)
     shape = Shape(harmonics, period, ramp, periods or 1)
     robot = options.load_arm(robot_file, chain, at)
+    options.refuse_doubtful(robot)
     told = build_model(robot, model)
     base = base_of(told)
     limits = MotionLimits.of(

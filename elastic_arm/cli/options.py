@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from elastic_arm.errors import EffectError, ElasticArmError, RecordingError
+from elastic_arm.errors import EffectError, ElasticArmError, RecordingError, RobotError
 from elastic_arm.robot import Robot, load_robot
+from elastic_arm.robot.plausible import doubtful
 
 if TYPE_CHECKING:
     from elastic_arm.effects import Catalogue
@@ -126,6 +127,13 @@ def load_arm(
     except EffectError as error:
         raise EffectError(f"{path}: {error.problem}", error.remedy) from None
     return robot
+
+
+def refuse_doubtful(robot: Robot) -> None:
+    """Raise a RobotError for numbers that no arm has: no motion is to be made of them."""
+    if doubts := doubtful(robot):
+        more = f" (and {len(doubts) - 1} more: `elastic-arm describe` lists them)" if len(doubts) > 1 else ""
+        raise RobotError(f"{doubts[0]}{more}", "Correct the description, or state limits in an overlay.")
 
 
 def channel_map(path: Path | None) -> ChannelMap | None:

@@ -70,11 +70,20 @@ def types_of(topic: Topic) -> Typesdict:
     return types
 
 
+# What makes ROS messages, or tables, of messages in other languages.
+_AS_JSON = "Export them as JSON Lines and import these: mcap cat --json FILE > a.jsonl; elastic-arm bag import a.jsonl."
+_FOREIGN = dict.fromkeys(("protobuf", "jsonschema", "flatbuffer", "omgidl"), _AS_JSON)
+_FOREIGN["ros1msg"] = "Convert the bag to ROS 2 first: rosbags-convert --src FILE --dst BAG (pip install rosbags)."
+
+
 @lru_cache(maxsize=64)
 def parse_definition(type_name: str, encoding: str, text: str) -> Typesdict:
     """Return the fields of a type and of all that it is made of; those known where there is no text."""
     if not text:
         return typestore().fielddefs
+    if encoding in _FOREIGN:
+        problem = f"message type {type_name[:60]!r} is written in {encoding!r}, not as ROS 2 does"
+        raise RecordingError(problem, _FOREIGN[encoding])
     reason = ""
     try:
         if not re.fullmatch(_NAME, type_name):

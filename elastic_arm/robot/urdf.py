@@ -18,6 +18,7 @@ from elastic_arm.robot.description import Inertia, Joint, Limits, Robot
 from elastic_arm.robot.kinematics import lumped, moved
 from elastic_arm.robot.parts import located, nearest_tensor, placed, tensor_of
 from elastic_arm.robot.urdf_elements import (
+    agreed,
     attribute,
     child_of,
     motors,
@@ -93,7 +94,7 @@ class _Reading:
 
     def _friction(self, name: str) -> list[dict[str, Any]]:
         """Return damping and friction that <dynamics> states as effects of that size."""
-        element = self._tree.joints[name].find("dynamics")
+        element = agreed(self._tree.joints[name], "dynamics", f"joint {name!r}")
         found: list[dict[str, Any]] = []
         for key, (effect, parameter) in DYNAMICS.items():
             if element is not None and element.get(key):
@@ -162,10 +163,10 @@ class _Reading:
         return str(child_of(element, "child", str(element.get("name"))).get("link"))
 
     def _inertia(self, link: str, placement: Array) -> Inertia:
-        inertial = self._tree.links[link].find("inertial")
+        where = f"link {link!r}"
+        inertial = agreed(self._tree.links[link], "inertial", where)
         if inertial is None:
             return Inertia(0.0)
-        where = f"link {link!r}"
         mass = number(attribute(child_of(inertial, "mass", where), "value", where), f"{where}: mass")
         values = child_of(inertial, "inertia", where)
         keys = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
@@ -186,7 +187,7 @@ class _Reading:
             return moved(Inertia(mass, inertia=tensor), placement @ origin)
 
     def _limits(self, element: ET.Element, name: str) -> Limits:
-        limit = element.find("limit")
+        limit = agreed(element, "limit", f"joint {name!r}")
         # A limit that is infinite is none.
         stated = {} if limit is None else {k: None if _endless(v) else v for k, v in limit.items()}
         given = {k: None if v is None else number(v, f"joint {name!r}: limit {k}") for k, v in stated.items()}
@@ -207,7 +208,7 @@ class _Reading:
         )
 
     def _axis(self, element: ET.Element, name: str) -> Array:
-        axis = element.find("axis")
+        axis = agreed(element, "axis", f"joint {name!r}")
         direction = np.array([1.0, 0.0, 0.0]) if axis is None else vector(axis.get("xyz"), f"joint {name!r}: axis")
         largest = float(np.abs(direction).max())
         if largest < 1e-9:

@@ -10,6 +10,9 @@ from elastic_arm.errors import RobotError
 # An angle this near a right angle is one that was written with few digits (1.5708, 3.1416); taken as it stands, it
 # would make parameters seem identifiable that are not.
 _RIGHT_ANGLE = 1e-5
+# Tags of Drake, ROS 1 and ros2_control that state turns of a motor per turn of its joint.
+_RATIOS = ("gear_ratio", "mechanicalReduction", "mechanical_reduction")
+_DIGITS = 1e-3  # of a number, by which two statements of it may differ: digits that were not written
 _XACRO = "http://www.ros.org/wiki/xacro", "http://ros.org/wiki/xacro", "http://wiki.ros.org/xacro"
 
 
@@ -45,31 +48,84 @@ def motors(tree: ET.Element) -> dict[str, tuple[float | None, float]]:
     """Return rotor inertia (kg m², None where none is stated) and ratio (0 where motors are coupled) by joint.
 
     As Drake's tags in <actuator> state them, or as the reduction of ROS 1 and ros2_control, in <actuator> or <joint>.
+    Whoever states it, a joint has one ratio and one rotor: statements that differ are a RobotError.
     """
-    found: dict[str, tuple[float | None, float]] = {}
+    stated: dict[str, dict[str, list[tuple[str, float]]]] = {}
+    coupled: set[str] = set()
     for transmission in tree.iter("transmission"):
-        joints = [str(joint.get("name")) for joint in transmission.iter("joint")]
-        inertia, ratio = None, 1.0
-        for element in transmission.iter():
-            tag = str(element.tag).rpartition("}")[2].rpartition(":")[2]
-            text = element.get("value") or element.text or ""
-            what = f"transmission {transmission.get('name')!r}: {tag}"
-            if tag == "rotor_inertia":
-                inertia = number(text, what)
-            elif tag in ("gear_ratio", "mechanicalReduction", "mechanical_reduction"):
-                ratio *= number(text, what)
-        if inertia is not None and inertia < 0.0:
-            raise RobotError(
-                f"transmission {transmission.get('name')!r}: rotor_inertia is {inertia:g}", "Give zero or more"
-            )
+        joints = {str(joint.get("name")) for joint in transmission.iter("joint")}
+        found = _statements(transmission)
+        for joint in joints:
+            of_joint = stated.setdefault(joint, {"rotor_inertia": [], "ratio": []})
+            for quantity, statements in found.items():
+                of_joint[quantity] += statements
         # Of a differential each motor moves several joints: none has an inertia of its own.
-        found |= dict.fromkeys(joints, (inertia, ratio) if len(set(joints)) == 1 else (None, 0.0))
+        coupled |= joints if len(joints) > 1 else set()
+    alone = {joint: numbers for joint, numbers in stated.items() if joint not in coupled}
+    inertias = {joint: _one(numbers["rotor_inertia"], joint) for joint, numbers in alone.items()}
+    ratios = {joint: _one(numbers["ratio"], joint) for joint, numbers in alone.items()}
+    unstated = {joint: 1.0 if ratio is None else ratio for joint, ratio in ratios.items()}
+    return {joint: (None, 0.0) if joint in coupled else (inertias[joint], unstated[joint]) for joint in stated}
+
+
+def _statements(transmission: ET.Element) -> dict[str, list[tuple[str, float]]]:
+    """Return what a <transmission> states of a rotor's inertia and of a ratio: tag and number of each."""
+    found: dict[str, list[tuple[str, float]]] = {"rotor_inertia": [], "ratio": []}
+    for element in transmission.iter():
+        tag = str(element.tag).rpartition("}")[2].rpartition(":")[2]
+        quantity = "rotor_inertia" if tag == "rotor_inertia" else "ratio" if tag in _RATIOS else ""
+        if not quantity:
+            continue
+        what = f"transmission {transmission.get('name')!r}: {tag}"
+        value = number(element.get("value") or element.text or "", what)
+        if quantity == "rotor_inertia" and value < 0.0:
+            raise RobotError(f"{what} is {value:g}", "Give zero or more")
+        if quantity == "ratio" and value == 0.0:
+            raise RobotError(f"{what} is 0", "Give the turns of the motor per turn of the joint")
+        found[quantity].append((what, value))
     return found
+
+
+def _one(statements: list[tuple[str, float]], joint: str) -> float | None:
+    """Return the number that all statements of one quantity of a joint agree on; None where there is none."""
+    if not statements:
+        return None
+    first, value = statements[0]
+    for other, also in statements[1:]:
+        # A sign is which way a motor turns, and no part of what it weighs.
+        if abs(abs(also) - abs(value)) > _DIGITS * max(abs(also), abs(value)):
+            raise RobotError(
+                f"joint {joint!r} has two numbers for one: {first} is {value:g}, {other} is {also:g}",
+                "State it once, or the same number everywhere",
+            )
+    return value
+
+
+def agreed(element: ET.Element, tag: str, where: str) -> ET.Element | None:
+    """Return the child of an element, None where there is none; children that state different numbers are an error."""
+    children = element.findall(tag)
+    if any(_content(child) != _content(children[0]) for child in children[1:]):
+        raise RobotError(f"{where} has {len(children)} different <{tag}>", "Keep the one that is right")
+    return children[0] if children else None
+
+
+def _content(element: ET.Element) -> tuple[object, ...]:
+    """Return what an element states: equal numbers are one, however they are written."""
+    stated = sorted((key, _words(text)) for key, text in element.attrib.items())
+    return element.tag, _words(element.text or ""), stated, [_content(child) for child in element]
+
+
+def _words(text: str) -> tuple[str, ...]:
+    words = text.split()
+    try:
+        return tuple(repr(float(word)) for word in words)
+    except ValueError:
+        return tuple(words)
 
 
 def child_of(element: ET.Element, tag: str, where: str) -> ET.Element:
     """Return the child of an element that must be there."""
-    child = element.find(tag)
+    child = agreed(element, tag, where)
     if child is None:
         raise RobotError(
             f"{where} has no <{tag}>", f"Give it one, as the URDF specification demands of <{element.tag}>"

@@ -48,7 +48,7 @@ def test_messages_with_fewer_numbers_than_joints_are_looked_into(tmp_path: Path)
 
 def test_gaps_rates_and_drift_are_found(tmp_path: Path, rng: np.random.Generator) -> None:
     """Lost samples, a change of rate, and clocks that drift apart are each warned of."""
-    holed = np.delete(stamps(2000), slice(500, 540))
+    holed, skipping = (np.delete(stamps(2000), slice(500, 500 + count)) for count in (140, 10))
     mixed = np.concatenate([stamps(1000), stamps(1000, 2_000_000, int(stamps(1001)[-1]))])
     slow = stamps(5000) + (np.arange(5000) * 200).astype(np.int64)  # 200 us a second
     for name, link, motor, code in (
@@ -59,8 +59,11 @@ def test_gaps_rates_and_drift_are_found(tmp_path: Path, rng: np.random.Generator
         bag = write_recording(tmp_path / name, Recording(JOINTS, side(rng, link), side(rng, motor)))
         assert codes(bag) == {code}, name
     gap = next(f for f in check_bag(tmp_path / "holed").findings if f.code == "gaps")
-    assert "about 40 samples lost" in gap.message
+    assert "about 140 samples lost" in gap.message
     assert gap.time == pytest.approx(0.499)
+    bag = write_recording(tmp_path / "skipping", Recording(JOINTS, side(rng, skipping), side(rng, skipping)))
+    few = next(f for f in check_bag(bag).findings if f.code == "gaps")
+    assert few.severity == "note" and "about 10 samples lost" in few.message
 
 
 @pytest.mark.parametrize("period_ns", [1_000_000_000_000, 1000])

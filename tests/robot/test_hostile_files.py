@@ -162,3 +162,13 @@ def test_anchors_of_a_sane_file_are_read(tmp_path: Path) -> None:
     file.write_text(yaml.safe_dump(content))
     assert "*id001" in file.read_text()
     assert load_robot(file).joints[1].link.mass == load_robot().joints[0].link.mass
+
+
+@pytest.mark.parametrize("reader", READERS)
+def test_a_field_that_is_given_twice_is_refused(tmp_path: Path, reader: str) -> None:
+    """YAML would take the last one in silence; the same value again is no contradiction."""
+    file = tmp_path / "a.yaml"
+    file.write_text("name: a\nname: a\nx: {ratio: 80, unit: rad, ratio: 100}\n")
+    assert "line 3: 'ratio' is given twice" in quickly(lambda: READERS[reader](file))
+    file.write_text("name: a\nname: a\n")
+    assert "twice" not in quickly(lambda: READERS[reader](file))

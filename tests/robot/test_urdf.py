@@ -490,6 +490,55 @@ def test_drakes_rotor_is_the_armature() -> None:
         parse_urdf(MOTOR.format(DRAKE.replace("6e-5", "-1")))
 
 
+BOTH = DRAKE.replace("</actuator>", "<mechanicalReduction>{}</mechanicalReduction></actuator>")
+
+
+def test_a_ratio_that_two_tags_state_is_one_number() -> None:
+    """Drake's tag and ROS's, in one transmission or in two, are one reduction: 0.6 kg m², not 6000."""
+    apart = DRAKE + ROS_1.replace(">50<", ">100<")
+    of_joint = DRAKE.replace("<joint", "<mechanical_reduction>100</mechanical_reduction><joint")
+    for stated in (BOTH.format(100), BOTH.format("1e2"), BOTH.format(-100), apart, of_joint, DRAKE + DRAKE):
+        assert parse_urdf(MOTOR.format(stated)).joints[0].armature == pytest.approx(0.6)
+    data = KUKA.parents[1] / "public_reports_2" / "drake_and_reduction" / "drake_both.urdf"
+    assert [joint.armature for joint in load_robot(data).joints] == pytest.approx([3.2] * 6)
+
+
+@pytest.mark.parametrize(
+    ("stated", "words"),
+    [
+        (BOTH.format(80), "'j' has two numbers for one: .*gear_ratio is 100, .*mechanicalReduction is 80"),
+        (BOTH.format(1), "gear_ratio is 100, .*mechanicalReduction is 1"),
+        (DRAKE + ROS_2, "gear_ratio is 100, .*mechanical_reduction is 50"),
+        (DRAKE + DRAKE.replace("6e-5", "7e-5"), "rotor_inertia is 6e-05, .*rotor_inertia is 7e-05"),
+        (DRAKE.replace('"100"', '"0"'), "gear_ratio is 0"),
+    ],
+)
+def test_statements_that_contradict_each_other_are_refused(stated: str, words: str) -> None:
+    """None of two ratios or rotors is taken in silence."""
+    with pytest.raises(RobotError, match=words):
+        parse_urdf(MOTOR.format(stated))
+
+
+@pytest.mark.parametrize(
+    ("element", "other"),
+    [
+        (
+            '<limit lower="-1" upper="1" effort="5" velocity="2"/>',
+            '<limit upper="2" lower="-1" effort="5" velocity="2"/>',
+        ),
+        ('<mass value="1"/>', '<mass value="2"/>'),
+        ('<axis xyz="0 1 0"/>', '<axis xyz="0 0 1"/>'),
+    ],
+)
+def test_an_element_that_comes_twice_states_one_thing(element: str, other: str) -> None:
+    """Limits, axes and masses that are stated again are the same, or they are refused."""
+    urdf = MOTOR.format("")
+    again = element.replace('="1"', '="1.0"').replace("xyz=", " xyz=")
+    assert parse_urdf(urdf.replace(element, element + again)).joints[0].limits.torque == 5.0
+    with pytest.raises(RobotError, match=f"2 different <{element[1:].split()[0]}>"):
+        parse_urdf(urdf.replace(element, element + other))
+
+
 @pytest.mark.parametrize("transmission", [ROS_1, ROS_2])
 def test_a_reduction_without_a_rotor_is_named(transmission: str) -> None:
     """ros_control's and ros2_control's reductions are no number of the model by themselves, and the notes say so."""

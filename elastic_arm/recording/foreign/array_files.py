@@ -3,6 +3,7 @@
 import codecs
 import csv
 import itertools
+import json
 import os
 import re
 import stat
@@ -20,11 +21,21 @@ import numpy as np
 from elastic_arm.errors import MissingExtraError, RecordingError
 from elastic_arm.recording import limits
 from elastic_arm.recording.foreign.compiled_readers import load_compiled
-from elastic_arm.recording.storage.bag import ARRAY_FILES
+from elastic_arm.recording.foreign.text_layouts import arrays_of, records
+from elastic_arm.recording.storage.bag import ARRAY_FILES, RECORD_FILES
 
 TABLES = (".csv", ".txt", ".dat")
 LEARNERS = (".parquet", ".h5", ".hdf5")
-KINDS = ARRAY_FILES
+KINDS = (*ARRAY_FILES, *RECORD_FILES)
+_PICKLED = (
+    "is a pickled object, and reading one may run any program",
+    "Save it where it was made, or where you trust it: pandas.read_pickle('{0}').to_parquet('table.parquet').",
+)
+_ELSEWHERE = dict.fromkeys((".pkl", ".pickle", ".p", ".joblib"), _PICKLED)
+_ELSEWHERE[".feather"] = (
+    "is a Feather file",
+    "Save it as Parquet: pandas.read_feather('{0}').to_parquet('t.parquet').",
+)
 FILE_INDEX = "file_index"  # array that numbers the files of a folder whose files hold the same arrays
 # What numpy, csv and the libraries of the formats raise for a file that is not what its name promises.
 _UNREADABLE: tuple[type[Exception], ...] = (OSError, ValueError, TypeError, LookupError, EOFError, MemoryError)
@@ -59,7 +70,7 @@ def load_arrays(path: Path, decimal: str | None = ".") -> Arrays:
         return found
     try:
         root = path / "data" if (path / "meta" / "info.json").is_file() else path  # a dataset of LeRobot's
-        files = [file for file in sorted(path.iterdir()) if file.suffix.lower() in set(KINDS) - set(LEARNERS)]
+        files = [file for file in sorted(path.iterdir()) if file.suffix.lower() in set(ARRAY_FILES) - set(LEARNERS)]
         below = [file for depth in ("*", "*/*", "*/*/*") for file in root.glob(depth)]
         learned = sorted((f for f in below if f.suffix.lower() in LEARNERS and f.is_file()), key=_number)
     except OSError as error:
@@ -118,6 +129,8 @@ def _side_by_side(path: Path, parts: Mapping[Path, Arrays]) -> Arrays:
 def _load(paths: Sequence[Path], decimal: str | None) -> list[Arrays]:
     """Read one file, or several of formats that compiled libraries read."""
     path, kind = paths[0], paths[0].suffix.lower()
+    if kind in _ELSEWHERE:
+        raise RecordingError(f"{path} {_ELSEWHERE[kind][0]}", _ELSEWHERE[kind][1].format(path))
     if kind not in KINDS:
         raise RecordingError(f"{path} is none of {', '.join(KINDS)}", "Convert it to one of them.")
     try:
@@ -127,6 +140,8 @@ def _load(paths: Sequence[Path], decimal: str | None) -> list[Arrays]:
         _refuse_large(path, sum(file.stat().st_size for file in paths))
         if kind in TABLES:
             return [_table(path, decimal)]
+        if kind in RECORD_FILES:
+            return [_json(path)]
         if kind == ".npz":
             return [_npz(path)]
         if kind == ".npy":
@@ -211,8 +226,10 @@ def _table(path: Path, decimal: str | None) -> Arrays:
             arrays[names[k]] = np.loadtxt(plain, delimiter=delimiter, usecols=k, dtype=np.int64, ndmin=1)
     except ValueError:
         arrays = _by_cells(path, names, rows, delimiter, "." if comma is None else ",")
-    arrays.decimal = "." if comma is None else ","
     arrays.units = {name: unit for name, unit in zip(names, units, strict=False) if stated and unit}
+    if arrays.faults:
+        arrays = _laid_out(path, arrays)
+    arrays.decimal = "." if comma is None else ","
     if nameless and not arrays.faults:
         arrays[_WHOLE_TABLE] = np.column_stack(list(arrays.values()))
     return arrays
@@ -249,6 +266,47 @@ def _by_cells(
             arrays[name] = np.array(column)
             wrong = next(i for i, cell in enumerate(column) if not (cell.lower() in _BLANK or _is_number(cell)))
             arrays.faults[name] = f"line {parted[wrong][0]}: {column[wrong][:60]!r} is no number"
+    return arrays
+
+
+def _laid_out(path: Path, table: Arrays) -> Arrays:
+    """Return a table whose texts are lists, names of a long table or dates as arrays; any other as it is."""
+    try:
+        found, units = arrays_of({name: values.tolist() for name, values in table.items()})
+    except RecordingError as error:
+        raise RecordingError(f"{path}: {error.problem}", error.remedy) from None
+    arrays = Arrays(found)
+    arrays.units = {name: unit for name, unit in table.units.items() if name in found} | units
+    texts = {name for name, values in found.items() if values.dtype.kind == "U"}
+    faults = {name: table.faults.get(name, f"{values[0]!r} is no number") for name, values in found.items()}
+    arrays.faults = {name: fault for name, fault in faults.items() if name in texts}
+    return arrays
+
+
+def _json(path: Path) -> Arrays:
+    """Read a list of records, an object of lists, or a record a line."""
+    text = _text(path)
+    try:
+        content = json.loads(text)
+    except RecursionError:
+        raise ValueError("it is nested too deeply") from None
+    except json.JSONDecodeError as error:
+        lines = [line for line in text.splitlines() if line.strip()]
+        if len(lines) < 2:
+            raise ValueError(f"it is no JSON: {error}") from None
+        content = []
+        for n, line in enumerate(lines, start=1):
+            try:
+                content.append(json.loads(line))
+            except (json.JSONDecodeError, RecursionError) as fault:
+                if n == len(lines) and n > 2:  # a recorder that was killed
+                    break
+                raise ValueError(f"record {n} is no JSON: {fault}") from None
+    found, units = arrays_of(records(content, str(path)))
+    arrays = Arrays(found)
+    arrays.units = units
+    texts = {name: values for name, values in found.items() if values.dtype.kind == "U"}
+    arrays.faults = {name: f"{str(values[0])[:60]!r} is no number" for name, values in texts.items()}
     return arrays
 
 

@@ -38,7 +38,9 @@ def load_compiled(paths: Sequence[Path], most: int) -> list[dict[str, np.ndarray
     lists of equally many numbers, such as LeRobot's `observation.state`, is one array. Pictures and texts are left out.
     """
     kinds = sorted({path.suffix.lower() for path in paths})
-    require_libraries(f"{' and '.join(kinds)} files need", *dict.fromkeys(LIBRARIES[kind] for kind in kinds))
+    needed = [LIBRARIES[kind] for kind in kinds]
+    needed += ["h5py"] if any(path.suffix.lower() == ".mat" and h5_head(path) for path in paths) else []
+    require_libraries(f"{' and '.join(kinds)} files need", *dict.fromkeys(needed))
     seconds = START_SECONDS + sum(path.stat().st_size for path in paths) // BYTES_A_SECOND
     # As here, and without the folder that the user stands in, which may hold modules of any name.
     command = [sys.executable, "-P", "-m", MODULE, str(most), str(seconds), *(str(path.absolute()) for path in paths)]
@@ -65,13 +67,15 @@ def load_compiled(paths: Sequence[Path], most: int) -> list[dict[str, np.ndarray
     return found
 
 
-def _matlab(path: str, _: int) -> Iterator[tuple[str, np.ndarray]]:
+def _matlab(path: str, most: int) -> Iterator[tuple[str, np.ndarray]]:
     import scipy.io
 
     try:
         content = scipy.io.loadmat(path)
     except NotImplementedError:
-        raise RecordingError(" is a MATLAB 7.3 file", "Save it with -v7.") from None
+        # Version 7.3 is HDF5; cells and texts lie under #refs#.
+        yield from ((name, values) for name, values in _hdf5(path, most) if not name.startswith("#"))
+        return
     for name in content:
         yield from _fields(name, content[name])
 
@@ -138,18 +142,27 @@ def _hdf5(path: str, most: int) -> Iterator[tuple[str, np.ndarray]]:
         file.visititems_links(lambda name, link: links.append((name, link)))
         for name, link in links:
             item = file[name] if isinstance(link, h5py.HardLink) else None
-            if isinstance(item, h5py.Dataset) and item.dtype.kind in "biuf" and item.ndim in (1, 2):
+            if not isinstance(item, h5py.Dataset) or item.attrs.get("MATLAB_class", b"") == b"char":
+                continue
+            if item.dtype.kind in "biuf" and _width(item.shape) in (1, 2):
                 if item.external or item.is_virtual:
                     problem = f": {name[:60]} lies in other files, which an HDF5 file may name at will"
                     raise RecordingError(problem, "Copy it into the file itself, for example with h5repack.")
                 found.append((name, item))
         _refuse_large(sum(item.size * item.dtype.itemsize for _, item in found), most)
         for name, item in found:
-            yield name.replace("/", "."), item[()]
+            # MATLAB gives every array two axes and more.
+            values = item[()]
+            yield name.replace("/", "."), values.squeeze() if values.ndim > 2 or 1 in values.shape[1:] else values
     for name, link in links:  # what is not followed is a text, as what is no numbers
         if not isinstance(link, h5py.HardLink):
             where = f"{link.path} of {link.filename}" if isinstance(link, h5py.ExternalLink) else link.path
             yield name.replace("/", "."), np.array([f"a link to {where}, which is not followed"])
+
+
+def _width(shape: tuple[int, ...]) -> int:
+    """Return how many axes an array has, but for those of length one; one at least."""
+    return max(sum(length > 1 for length in shape), 1) if len(shape) > 2 else len(shape)
 
 
 def _refuse_large(size: int, most: int) -> None:
@@ -157,9 +170,16 @@ def _refuse_large(size: int, most: int) -> None:
         raise RecordingError(f" unpacks to {size} bytes, {most} are the limit", "Cut it into parts.")
 
 
+def h5_head(path: Path) -> bool:
+    """Return whether a MATLAB file is of version 7.3, which is HDF5."""
+    with path.open("rb") as file:
+        return file.read(10) == b"MATLAB 7.3"
+
+
 def _main(most: int, seconds: int, paths: Sequence[str]) -> int:
     """Read files within the bounds and write an .npz file to standard output."""
-    for library in {LIBRARIES[Path(path).suffix.lower()] for path in paths}:
+    seventh = any(Path(path).suffix.lower() == ".mat" and h5_head(Path(path)) for path in paths)
+    for library in {LIBRARIES[Path(path).suffix.lower()] for path in paths} | ({"h5py"} if seventh else set()):
         importlib.import_module(library)
     own = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0]) * resource.getpagesize()
     # 3 of the arrays in the process, packed ones included

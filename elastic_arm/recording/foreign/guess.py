@@ -20,7 +20,8 @@ from elastic_arm.recording.foreign.channels import (
     known_unit,
 )
 from elastic_arm.recording.foreign.draft import Draft, Guess
-from elastic_arm.recording.foreign.tables import Contents, JointTable, TimeArray, find_tables
+from elastic_arm.recording.foreign.tables import TIME_NAME, Contents, JointTable, TimeArray, find_tables
+from elastic_arm.recording.inspection.percent import ranges_by_steps
 
 # Above this correlation one array counts as the derivative of another.
 ALIKE = 0.9
@@ -32,6 +33,8 @@ CLOSE = 0.15
 LARGEST_ANGLE = 4 * np.pi
 # Travels in metres, and speeds in metres a second, stay below this.
 LARGEST_TRAVEL = 20.0
+# Unit and words of a channel in counts of a register, by which its number has to be multiplied.
+COUNTED = {"position": ("turns", "turns (1/4096 of an encoder of 12 bits)"), "effort": ("Nm", "Nm")}
 CONSTANT = "column"  # begin of a reason
 DEAD = "constant while its joint moves: no sensor there, and left out"
 # What a motor has, whether its joint turns or slides.
@@ -44,19 +47,24 @@ _ANGLES = {"rad": 1.0, "deg": np.pi / 180, "turns": 2 * np.pi}
 _ANGLE_WORDS = r"deg|rad|turn|rev"
 _SPEEDS = {"rad/s": 1.0, "deg/s": np.pi / 180, "turns/s": 2 * np.pi, "rpm": 2 * np.pi / 60}
 _WORDS = {
-    "other": r"temp|volt|cmpt|error|status|mode(?!l?led)|noise|friction|grav|model|predict|simul|ff(?=_|\d|$)|init",
+    "other": r"temp|volt|cmpt|error|status|mode(?!l?led)|noise|friction|grav|model|predict|simul|init"
+    r"|(?<!e)ff(?=_|\d|$)",
     "acceleration": r"acc|ddq|qdd|d2",
     "velocity": r"vel|drehzahl|dq|qd|omega|speed|rpm|dtheta",
-    "effort": r"torq|strom|tau|force|eff|cur|load|moment|(?<![a-z])i(?=_|\d|$)",
+    "effort": r"torq|strom|tau|force|eff(?!ect)|cur(?!v|rent_?(?:pos|ang|vel|q|state|joint))|load|moment|pwm|duty"
+    r"|(?<![a-z])i(?=_|\d|$)",
     "position": r"pos|winkel|ang|theta|(?<![a-z])q(?=_|\d|$)|joint_state|(?<![a-z])state$",
 }
 # What the arm was told; without a further word its positions, as a dataset's `action`.
-_COMMAND = r"target|soll|desired|des(?=_|\d|$)|ref(?!l)|cmd|command(ed)?|set_?point|(?<![a-z])action(?![a-z])"
+_COMMAND = (
+    r"target|goal|demand|soll|desired|des(?=_|\d|$)|ref(?!l)|cmd|command(ed)?|set_?point|(?<![a-z])action(?![a-z])"
+)
 # Read in this order: a sensor of a motor's torque is rarer than a torque sensor.
 _SIDE_WORDS: dict[SideName, str] = {
     "command": _COMMAND,
     "link": r"link|(?<![a-z])se(?=_|\d|$)|second|output|load|sensor|torq\w*s(m|ens)|tau_?j|arm_side",
-    "motor": r"mot|strom|rotor|theta|drive|actuat|cur(?!v)|tau_?m|(?<![a-z])i(?=_|\d|$)",
+    "motor": r"mot|strom|rotor|theta|drive|actuat|cur(?!v|rent_?(?:pos|ang|vel|q|state|joint))"
+    r"|tau_?m|(?<![a-z])i(?=_|\d|$)",
 }
 # Of several arrays for one channel the one with more of these in its name is taken.
 _MEASURED = r"act(?=_|ual)|meas|rec|sens|raw|abs"
@@ -199,11 +207,22 @@ class _Reader:
             return self._guess(table, "velocity", [])
         if self.sources(table, self.speeds):
             return table, "the derivative of a velocity: derived, no measurement"
+        if (told := self._commanded(table)) is not None:
+            return self._guess(table, "position", [f"goes with {told.name}, and is called by no quantity"], "command")
         return self._guess(table, "effort", ["neither an angle nor a velocity by its name or its derivatives"])
 
-    def _guess(self, table: JointTable, channel: ChannelName, reasons: list[str]) -> Guess:
+    def _commanded(self, table: JointTable) -> JointTable | None:
+        """Return the position that a table without a name of its own goes with, as commands do: number for number."""
+        for position in self.positions:
+            apart = np.abs(table.values - position.values).mean(axis=0)
+            spread = position.values.std(axis=0)
+            if np.all(apart < 0.3 * spread + 1e-12) and spread.any():
+                return position
+        return None
+
+    def _guess(self, table: JointTable, channel: ChannelName, reasons: list[str], of: SideName | None = None) -> Guess:
         """Return a table as a channel, with side and unit."""
-        side, word = _side_by_name(table.name)
+        side, word = (of, "") if of is not None else _side_by_name(table.name)
         n, missing, scales = table.values.shape[1], {}, {}
         stated = known_unit(table.stated)
         unit: str
@@ -215,6 +234,16 @@ class _Reader:
             scales = {} if stated[1] == 1.0 else {"factor": [stated[1]] * n}
         else:
             unit, why = {"position": _angle_unit, "velocity": self._speed_unit, "effort": _torque_unit}[channel](table)
+            ranges = ranges_by_steps(table.values) if channel == "position" else None
+            if ranges is not None:
+                factors = ", ".join(f"{size / 200.0:.3g}" for size in ranges)
+                unit, why = "deg", "per cent of each joint's range, by the encoders' steps, which differ"
+                missing = {"factor": f"range / 200 of the calibration file; by steps of 12 bits [{factors}]"}
+            if _counts(table) and channel in COUNTED:
+                unit, what = COUNTED[channel]
+                largest = f"{np.abs(table.values).max():.0f}"
+                why = f"whole numbers up to {largest}: counts of a register, not {unit}"
+                missing = {"factor": f"{what} of one count"}
         if channel == "effort":
             side = side or "motor"
             if not word:
@@ -225,6 +254,8 @@ class _Reader:
             reasons = [*reasons, f"{side} side by {word!r} in its name"]
         elif channel != "effort":
             reasons = [*reasons, "link side, as nothing in its name points to the motor"]
+        if not table.pattern and n > 1:
+            reasons = [*reasons, "in the order of the arm's joints, which no name shows: check it"]
         if table.flat:
             reasons = [*reasons, f"numbers one after the other, {n} a sample"]
         if still := [str(k) for k in np.flatnonzero(np.ptp(table.values, axis=0) == 0)]:
@@ -288,6 +319,8 @@ def _rank(guess: Guess) -> tuple[int, bool]:
 def _quantity(table: JointTable) -> tuple[Any, str]:
     """Return what the name of a table means, or else the unit that it states; and the name where it shows that."""
     stem = re.sub(_COMMAND, "", table.stem, flags=re.I)
+    if TIME_NAME.search(table.name):
+        return "other", table.name
     for quantity, pattern in _WORDS.items():
         if re.search(pattern, stem, re.I) is not None:
             return quantity, table.name
@@ -313,11 +346,20 @@ def _angle_unit(table: JointTable) -> tuple[str, str]:
     unit = "rad" if largest < LARGEST_ANGLE else "deg"
     # Neither numbers nor a robot's limits tell degrees of a joint from a rotor's radians.
     instead = "" if unit == "rad" else ", or rad of a rotor: then under motor, with ratio"
+    # Where columns end at 100 it is the end of a calibrated range.
+    full = 99.5 < largest <= 100.0
+    instead += ", or per cent of each joint's range, as LeRobot's default is: then factor, its degrees / 100" * full
     return unit, f"largest angle {largest:.3g}: {unit}{instead}"
 
 
+def _counts(table: JointTable) -> bool:
+    """Return whether numbers are those of a register: whole ones beyond what an arm has in units of its quantity."""
+    whole = bool((table.values == np.round(table.values)).all())
+    return whole and float(np.abs(table.values).max()) > 20.0 and len(np.unique(table.values)) > 20
+
+
 def _torque_unit(table: JointTable) -> tuple[str, str]:
-    current = re.search(r"cur(?!v)|strom|amp|(?<![a-z])i(?=_|\d|$)", table.name, re.I)
+    current = re.search(r"cur(?!v)|strom|(?<!st)amp(?!l)|(?<![a-z])i(?=_|\d|$)", table.name, re.I)
     if current is not None and "torq" not in table.name.lower():
         return "A", "a current by its name"
     largest = float(np.abs(table.values).max())

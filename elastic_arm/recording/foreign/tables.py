@@ -9,12 +9,13 @@ from types import MappingProxyType
 import numpy as np
 
 from elastic_arm.recording.foreign.channels import stated_unit
+from elastic_arm.recording.inspection.report import check_stamped
 from elastic_arm.recording.sides import Array, short_names
 
 _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 # Sample rates of arms, Hz: the unit of the times is the one with which the rate is among them.
 _RATES = (15.0, 12_000.0)
-_TIME_NAME = re.compile(r"(^|[._ ])(t|time|times|stamp|stamps|timestamp|timestamps|sec|secs|seconds)($|[._ \[(])", re.I)
+TIME_NAME = re.compile(r"(^|[._ ])(t|time|times|stamp|stamps|timestamp|timestamps|sec|secs|seconds)($|[._ \[(])", re.I)
 _RUN_NAME = re.compile(r"(episode|file|run|trial|traj(ectory)?)(_?(index|id|number|nr))?$", re.I)
 _NONE: Mapping[str, str] = MappingProxyType({})
 _COUNTED = re.compile(r"^(.*?)(\d+)(\D*)$")
@@ -152,8 +153,13 @@ def _sample_count(arrays: Mapping[str, np.ndarray]) -> int:
 def _find_times(arrays: Mapping[str, np.ndarray], count: int, units: Mapping[str, str]) -> TimeArray | None:
     """Return the array that grows from sample to sample with a rate that arms have; one called time before others."""
     found = []
+    called = [key for key, values in arrays.items() if values.shape == (count,) and TIME_NAME.search(key)]
+    for key in called:
+        if np.isfinite(arrays[key]).all() and np.abs(arrays[key]).max(initial=0.0) < 9e9:
+            check_stamped(np.round(1e9 * arrays[key].astype(np.float64)).astype(np.int64), key)
     for key, values in arrays.items():
-        if values.shape != (count,) or count < 2:
+        # Where one is called time no other that happens to grow is.
+        if values.shape != (count,) or count < 2 or (called and key not in called):
             continue
         steps = np.diff(values.astype(np.float64))
         if np.all(steps >= 0) and np.mean(steps > 0) > 0.5:
@@ -162,10 +168,10 @@ def _find_times(arrays: Mapping[str, np.ndarray], count: int, units: Mapping[str
             unit = next((u for u, s in _SECONDS.items() if _RATES[0] <= 1 / (step * s) <= _RATES[1]), None)
             stated = stated_unit(key, units.get(key, ""))
             unit = stated if stated in _SECONDS else unit
-            named = bool(_TIME_NAME.search(key)) or key == next(iter(arrays))
+            named = bool(TIME_NAME.search(key)) or key == next(iter(arrays))
             if unit is not None and (named or np.ptp(steps) > 0):
                 seconds = (values - values[0]).astype(np.float64) * _SECONDS[unit]
-                found.append((not _TIME_NAME.search(key), TimeArray(key, unit, seconds)))
+                found.append((not TIME_NAME.search(key), TimeArray(key, unit, seconds)))
     return min(found, key=lambda pair: pair[0])[1] if found else None
 
 

@@ -11,8 +11,9 @@ from elastic_arm.errors import RecordingError
 from elastic_arm.recording.foreign.channels import ChannelMap
 from elastic_arm.recording.inspection.commands import followed
 from elastic_arm.recording.inspection.described_gravity import Motions, contradicted, misread_channels, side_motions
-from elastic_arm.recording.inspection.magnitudes import beyond_limits
+from elastic_arm.recording.inspection.magnitudes import beyond_limits, of_no_arm
 from elastic_arm.recording.inspection.outliers import cleared, without_zeros
+from elastic_arm.recording.inspection.percent import in_percent
 from elastic_arm.recording.inspection.plausibility import implausible
 from elastic_arm.recording.inspection.report import REPAIR, Finding, Report, moment, note, wrong_rate
 from elastic_arm.recording.inspection.stuck_channels import channel_findings, frozen
@@ -25,6 +26,7 @@ from elastic_arm.recording.storage.bag import open_bag
 from elastic_arm.recording.timebase.clocks import RATE_CHANGE
 from elastic_arm.recording.topics import JOINT_STATES, JOINT_TORQUES, MOTOR_STATES, REFERENCE
 from elastic_arm.robot import Robot
+from elastic_arm.robot.plausible import doubtful
 
 CHECKED = 1_200_000  # messages of a part of a long bag: ten minutes of two topics at 1 kHz
 _THROUGHOUT = ("short", "no_motion", "one_side")  # what nothing is wrong with in a part
@@ -33,6 +35,7 @@ _NUMBER = re.compile(r"(?<!\w)\d[\d.e+-]*")  # which findings of two parts may n
 _STATES = (JOINT_STATES, MOTOR_STATES)
 _SIDES = {"link": JOINT_STATES, "motor": MOTOR_STATES, "reference": REFERENCE}
 _GAP = 2.5  # sample intervals: more is a gap, not jitter
+_BRIDGED, _LOST = 0.1, 0.03  # s of a gap, and share of the samples, that nothing which follows misses
 _JITTER = 0.05  # of the sample interval
 _DRIFT = 20e-6  # two good crystals differ by less
 
@@ -57,6 +60,8 @@ def check_bag(
             parts.append(_checked(content, channels, robot, motions))
             report_share(f"checking {path}", content.share)
         _check_content(content, report)
+        for words in [] if robot is None else doubtful(robot):
+            report.add("warning", "description", words)
     except RecordingError as error:
         report.add("error", "undecodable", str(error))
     report.findings += [*_together(parts), *(contradicted(motions, robot) if robot is not None else [])]
@@ -130,6 +135,7 @@ def misread(recordings: Sequence[Recording], robot: Robot, *, explained: bool = 
 
 def _seen(whole: Recording, recording: Recording, robot: Robot | None) -> list[Finding]:
     found = [*channel_findings(whole), *frozen(recording), *implausible(whole), *disagreeing(whole), *followed(whole)]
+    found += [*of_no_arm(whole), *in_percent(recording)]
     return found if robot is None else [*found, *beyond_limits(whole, robot)]
 
 
@@ -204,7 +210,10 @@ def _check_stamps(topic: str, stamp_ns: Stamps, report: Report) -> None:
             f"{topic} has {count} {'gap' if count == 1 else 'gaps'} (about {lost} samples lost), "
             f"the longest of {step[longest] * 1e-9:.4g} s after {moment(stamp_ns, int(longest))}"
         )
-        report.add("warning", "gaps", message, topic=topic, time=float((stamp_ns[longest] - stamp_ns[0]) * 1e-9))
+        # What readers bridge: a few samples now and then.
+        short = step[longest] < _BRIDGED * 1e9 and lost < _LOST * len(stamp_ns)
+        at = float((stamp_ns[longest] - stamp_ns[0]) * 1e-9)
+        report.add("note" if short else "warning", "gaps", message, topic=topic, time=at)
     even = step[step <= _GAP * usual]
     usual = float(np.median(even))
     parts = [float(np.median(part)) for part in np.array_split(even, min(10, len(even) // 5))]

@@ -46,11 +46,13 @@ SIZE = (0.6, 1.5)  # of the described gravity: masses are off as well
 LEFT = 0.3  # of the squares that the described direction leaves
 OVERHEAD = 0.75 * np.pi  # rad: nearer to upside down, which all signs together are, too, than to any side
 RANK = 1e-9  # of the largest singular value; numerical
+CREEP = 0.05  # rad/s, root mean square over joints and samples, below which single joints are not judged
 SIDES = {"tau_J": "link", "tau_m": "motor"}
 # Another arrangement is named where it is e^10 times as likely, shared among those that are tried; others beside it
 # that are at most a hundred times less likely, as in the contract.
 CERTAIN, BESIDE = 10.0, float(np.log(100.0))
 MASSES = 0.3  # relative: a payload, a tool, another motor; of links as described and of the arm's mean link; convention
+COUPLED = "coupled"
 MISSING = "gravity_missing"
 TAKEN = "it was subtracted before the torque was recorded, or something else carries the arm: record all of it, or \
 describe what does (gravity_compensation)"
@@ -66,6 +68,15 @@ class _Change(NamedTuple):
 
     def __call__(self, values: Array) -> Array:
         return np.asarray(values[..., self.order] * self.sign)
+
+
+class _Mix(NamedTuple):
+    """Columns (n,) as sums of columns: values by a matrix (n, n)."""
+
+    matrix: Array
+
+    def __call__(self, values: Array) -> Array:
+        return np.asarray(values @ self.matrix.T)
 
 
 class SideMotion(NamedTuple):
@@ -245,7 +256,9 @@ def _told(motion: SideMotion, side: str, fit: GravityFit, robot: Robot) -> Itera
         Y = model.regressor(q, dq, ddq)
         return np.asarray(Y[:, :n] + (Y[:, n:] if robot.elastic and side == "motor" else 0.0))
 
-    arm, several = _Arm(regressor, model.Psi, _spread(model)), len(motion.measured) > 1
+    arm = _Arm(regressor, model.Psi, _spread(model))
+    # Of joints that creep friction is of either sign, by the encoders' steps, and its error outweighs what is compared.
+    several = len(motion.measured) > 1 and float(np.sqrt(np.mean(motion.dq**2))) > CREEP
     confused = _size(fit, side) or (_arranged(few, side, robot, arm) if several else [])
     yield confused
     yield [] if confused else _judged(fit, side, robot) or (_sized(few, side, robot, arm) if several else [])
@@ -322,11 +335,14 @@ def _arranged(motion: SideMotion, side: str, robot: Robot, arm: _Arm) -> list[Fi
             Y = arm.regressor(*moved[:3])
             for code, words, torques in ways:
                 # The noise stays with the torques as they were given.
-                likely, _ = _likelihood(moved, torques(motion.torque), arm, np.abs(torques(free)), Y)
+                worth = free if isinstance(torques, _Mix) else np.abs(torques(free))
+                likely, _ = _likelihood(moved, torques(motion.torque), arm, worth, Y)
                 tried.append((likely - given, words, words))
                 changes.append((code, moved, torques))
         code, moved, torques = changes[int(np.argmax([gain for gain, *_ in tried]))]
         remedy = "check names, order and signs of the columns in the map, of angle and torque"
+        if code == COUPLED:
+            remedy = "the line given mends it in the map (docs/channel_maps.md)"
         if not (one := _named(tried, code, side, remedy)):
             break
         found += one
@@ -344,12 +360,33 @@ def _named(tried: list[tuple[float, str, str]], code: str, side: str, remedy: st
     return [warning(code, f"{side} side: {words}{beside}: {likely}", remedy)]
 
 
-_Way = tuple[str, str, _Change]
+_Turn = _Change | _Mix
+_Way = tuple[str, str, _Turn]
 
 
-def _arrangements(joints: Sequence[str], measured: Sequence[int]) -> Iterator[tuple[_Change, list[_Way]]]:
+def _coupled(joints: Sequence[str]) -> Iterator[tuple[_Turn, list[_Way]]]:
+    """Yield angles that are given against the joint before: as their sum or difference, as of a parallelogram.
+
+    Then the torque of the joint before lacks what the other motor bears, or torques are those of the joints.
+    """
+    for j in range(1, len(joints)):
+        for sign, way in ((-1.0, "plus"), (1.0, "less")):
+            angles = np.eye(len(joints))
+            angles[j, j - 1] = sign
+            torques: Array = np.asarray(np.linalg.inv(angles).T, dtype=np.float64)
+            first, name = joints[j - 1], joints[j]
+            line = f"coupling: {{{name}: {{{name}: 1.0, {first}: {sign:g}}}}}"
+            words = f"the angle of {name} is given {way} that of {first}, as a coupled drive's is ({line}, "
+            alone = f"{words}with the angle under motor and the torque under link, which is the joint's own)"
+            both = f"{words}with angle and torque under motor)"
+            same = _Change(np.arange(len(joints)), np.ones(len(joints)))
+            yield _Mix(angles), [(COUPLED, alone, same), (COUPLED, both, _Mix(torques))]
+
+
+def _arrangements(joints: Sequence[str], measured: Sequence[int]) -> Iterator[tuple[_Turn, list[_Way]]]:
     """Yield what may have been confused: how angles (…, n) come right, and how torques do beside it."""
 
+    yield from _coupled(joints)
     every, plain = np.arange(len(joints)), np.ones(len(joints))
     same = _Change(every, plain)
     alone: list[_Way] = []

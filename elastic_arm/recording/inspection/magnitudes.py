@@ -6,10 +6,14 @@ They tell a unit that was mistaken: degrees for radians, millimetres for metres.
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_arm.recording.inspection.plausibility import is_motion
 from elastic_arm.recording.inspection.report import FEWEST, Finding, about
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import Array, joints_with, listed, span_of
 from elastic_arm.robot import Joint, Robot
+
+# rad/s and Nm, root mean square over a recording: of the fastest servos, of the largest arms, of a finger's servo.
+FASTEST_JOINT, STRONGEST, WEAKEST = 30.0, 5e4, 1e-4
 
 
 def hardly_usable(recording: Recording) -> list[str]:
@@ -25,6 +29,40 @@ def hardly_usable(recording: Recording) -> list[str]:
         which = "any joint" if not have.any() else listed(recording.joints, ~have)
         words.append(f"no position of {which}, of link or motor: without it no recording is identified or diagnosed")
     return words
+
+
+def of_no_arm(recording: Recording) -> list[Finding]:
+    """Return which speeds and torques no arm has, whichever it is: their unit is not what it was taken for."""
+    findings, joints = list[Finding](), recording.joints
+    for name, side in recording.measured().items():
+        if len(side) < FEWEST:
+            continue
+        times = (side.stamp_ns - side.stamp_ns[0]) * 1e-9
+        # What goes to and fro from sample to sample is no motion in any unit.
+        if side.position is not None and not is_motion(times, np.nan_to_num(side.position)):
+            continue
+        speeds, what = side.velocity, f"{name} velocity"
+        if speeds is None and side.position is not None:
+            # 0.1 s over which an angle advances beyond its noise
+            step = float(np.median(np.diff(side.stamp_ns))) * 1e-9
+            width = min(max(round(0.1 / max(step, 1e-9)), 1), len(side) - 1)
+            seconds = (side.stamp_ns[width:] - side.stamp_ns[:-width])[:, None] * 1e-9
+            speeds, what = (side.position[width:] - side.position[:-width]) / seconds, f"{name} position"
+        if speeds is not None:
+            speed = np.nan_to_num(np.sqrt(np.mean(speeds**2, axis=0)))
+            fast = speed > FASTEST_JOINT
+            words = f"goes at {span_of(speed[fast])} rad/s (root mean square), no arm at more than {FASTEST_JOINT:g}"
+            remedy = "degrees taken as radians, a rotor without its ratio, or times in another unit?"
+            findings += about(joints, fast, "no_arm", what, words, remedy)
+        if side.effort is not None:
+            size = np.nan_to_num(np.sqrt(np.mean(side.effort**2, axis=0)))
+            for odd, hint in (
+                (size > STRONGEST, "counts of a register, or Nmm taken as Nm?"),
+                ((size < WEAKEST) & (size > 0.0), "kNm taken as Nm, or a share of the full torque?"),
+            ):
+                words = f"is {span_of(size[odd])} Nm (root mean square), any arm's {WEAKEST:g} to {STRONGEST:g}"
+                findings += about(joints, odd, "no_arm", f"{name} effort", words, hint)
+    return findings
 
 
 def beyond_limits(recording: Recording, robot: Robot) -> list[Finding]:

@@ -7,7 +7,7 @@ cubic through four neighbours by many times what the others do, and by more than
 that are given within a turn are unwound. Where a joint jumps as none can, the recording is parted.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 
 from elastic_arm.codegen.parallel import share_out
 from elastic_arm.errors import RecordingError
-from elastic_arm.recording.inspection.report import Finding, moment, note, warning
-from elastic_arm.recording.inspection.stuck_channels import HELD, at_updates, filled_in
+from elastic_arm.recording.inspection.one_clock import by_one_clock
+from elastic_arm.recording.inspection.report import Finding, about, moment, note, warning
+from elastic_arm.recording.inspection.stuck_channels import HELD, at_updates, filled_in, position_at
 from elastic_arm.recording.inspection.two_encoders import with_one_zero
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import Array, Side, joints_with, listed
@@ -39,6 +40,7 @@ _NEIGHBOURS = 5  # on either side
 _SPIKE = 12.0  # standard deviations of the noise, of the distance from the cubic
 _NEARLY_ALL = 98.0  # per cent
 _SPIKE_SHARE = 0.01  # of the samples; more are no outliers but the noise
+_ROUND = 3  # samples to either side of one, within which a joint turns round there
 _STEPS = 4.0  # of the channel's resolution
 _ACCELERATION = 30.0  # rad/s^2, to which an arm changes within a sample
 _CUBIC = np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / 6.0
@@ -76,7 +78,7 @@ def without_outliers(recording: Recording) -> Recording:
 def cleared(recording: Recording) -> tuple[Recording, list[Finding]]:
     """Return the recording as it can be used, and what was done to it; one of which nothing was is the same object."""
     found: list[Finding] = []
-    for step in (without_zeros, _without_far_samples, _in_one_piece, at_updates):
+    for step in (by_one_clock, without_zeros, _without_far_samples, _in_one_piece, at_updates):
         recording = step(recording, found)
     _require_possible(recording)
     return with_one_zero(recording, found), found
@@ -156,6 +158,7 @@ def _in_one_piece(recording: Recording, found: list[Finding]) -> Recording:
         t = np.asarray((side.stamp_ns - side.stamp_ns[0]) * 1e-9)
         columns = [(t, column) for column in np.ascontiguousarray(side.position.T)]
         position, parted = side.position.copy(), np.zeros(len(side), np.bool_)
+        turned: dict[str, float] = {}
         looked_at = share_out(lambda one: _continuous(*one), columns)
         jumping = [row for each in looked_at for row in each.rows.tolist()]
         for j, (joint, each) in enumerate(zip(recording.joints, looked_at, strict=True)):
@@ -165,6 +168,7 @@ def _in_one_piece(recording: Recording, found: list[Finding]) -> Recording:
                 first = f"{len(each.turned)} times, first after {moment(side.stamp_ns, int(each.turned[0]))}"
                 words = f"{what} is given within a turn of {each.turn:.4g} rad, and jumps by it {first}: it was unwound"
                 found.append(note(words, "wrapped"))
+                turned[joint] = each.turn
             if not len(rows):
                 continue
             k = int(np.argmax(np.abs(each.size)))
@@ -184,9 +188,40 @@ def _in_one_piece(recording: Recording, found: list[Finding]) -> Recording:
                 if alone.all():
                     remedy = "speed and all else run on, so its zero was set: it is taken for running on from before"
             found.append(Finding("warning", "jumps", f"{words}: {remedy}", joint=joint, time=float(t[rows[k]])))
+        whole = replace(side, position=position)
         if parted.any() or not np.array_equal(position, side.position, equal_nan=True):
-            kept[name] = replace(side, position=position).at(~parted)
+            kept[name] = whole.at(~parted)
+        if "reference" not in kept:
+            kept |= _commands_unwound(recording, whole, turned, found)
     return replace(recording, **kept) if kept else recording
+
+
+def _commands_unwound(
+    recording: Recording, side: Side, turned: Mapping[str, float], found: list[Finding]
+) -> dict[str, Side]:
+    """Return the reference with commands by the turn that is nearest to where the joints are, if any is by another.
+
+    Of joints whose angle was unwound by a turn, rad, and of those whose command alone is given within a turn.
+    """
+    given, position = recording.reference, side.position
+    if given is None or given.position is None or position is None or len(given) < 2:
+        return {}
+    nearest, other, t = given.position.copy(), np.zeros(recording.n, np.bool_), given.stamp_ns - side.stamp_ns[0]
+    for j in np.flatnonzero(joints_with(given.position) & joints_with(position)).tolist():
+        command = given.position[:, j]
+        within = np.ptp(command) < _RANGE * 2 * np.pi and np.abs(np.diff(command)).max() > np.pi
+        turn = turned.get(recording.joints[j], 2 * np.pi if within else 0.0)
+        if not turn:
+            continue
+        angle = np.interp(t, side.stamp_ns - side.stamp_ns[0], position[:, j])
+        by_turns = command + turn * np.rint((angle - command) / turn)
+        # A step that a joint was told to make is none of the angle's turns: then nothing comes nearer.
+        if np.sum((by_turns - angle) ** 2) < 0.25 * np.sum((command - angle) ** 2):
+            nearest[:, j] = by_turns
+            other[j] = True
+    words = "are given within a turn, as their angle is or by another turn: they were unwound to follow it"
+    found += about(recording.joints, other, "wrapped", "commands", words, severity="note")
+    return {"reference": replace(given, position=nearest)} if other.any() else {}
 
 
 def _runs_on(effort: Array | None, row: int) -> bool:
@@ -277,7 +312,7 @@ def _jumps(t: Array, q: Array) -> tuple[NDArray[np.intp], Array, Array, NDArray[
 def find_outliers(recording: Recording) -> list[Outliers]:
     """Return the outliers of the measured sides of a recording."""
     channels = [
-        (recording.joints, name, side, channel)
+        (recording.joints, name, side, channel, position_at(recording, side) if channel == "effort" else None)
         for name, side in recording.measured().items()
         if len(side) >= _FEWEST
         for channel in side.channels()
@@ -285,7 +320,9 @@ def find_outliers(recording: Recording) -> list[Outliers]:
     return [found for of_channel in share_out(lambda one: list(_of_channel(*one)), channels) for found in of_channel]
 
 
-def _of_channel(joints: Sequence[str], name: str, side: Side, channel: str) -> Iterator[Outliers]:
+def _of_channel(
+    joints: Sequence[str], name: str, side: Side, channel: str, position: Array | None
+) -> Iterator[Outliers]:
     """Yield what is far off the range of nearly all samples, and of the other joints what is off its neighbours."""
     values = side.channels()[channel]
     # What is far from zeros that were filled in is what was measured.
@@ -298,12 +335,13 @@ def _of_channel(joints: Sequence[str], name: str, side: Side, channel: str) -> I
     step = float(np.median(interval))
     usual = interval < 1.5 * step
     regular = usual[:-3] & usual[1:-2] & usual[2:-1] & usual[3:]
+    turning = _turning(position)
     for j, least, most in zip(there, low.tolist(), high.tolist(), strict=True):
         column = np.ascontiguousarray(values[:, j])
         rows = _far(column, least, most, channel)
         why = f"where nearly all others lie between {least:.3g} and {most:.3g}"
         if not len(rows):
-            rows, why = _off_neighbours(column, step, regular, channel)
+            rows, why = _off_neighbours(column, step, regular, channel, turning)
         if len(rows):
             largest = float(column[rows[np.argmax(np.abs(column[rows]))]])
             yield Outliers(name, channel, joints[j], rows, largest, why)
@@ -325,11 +363,12 @@ def _far(column: Array, low: float, high: float, channel: str) -> NDArray[np.int
 
 
 def _off_neighbours(
-    column: Array, step: float, regular: NDArray[np.bool_], channel: str
+    column: Array, step: float, regular: NDArray[np.bool_], channel: str, turning: NDArray[np.intp]
 ) -> tuple[NDArray[np.intp], str]:
     """Return which single samples are far off the cubic through their neighbours, and in words how far.
 
-    Both neighbours of such a sample are off by two thirds of it the other way; one of those of a step by a third.
+    Both neighbours of such a sample are off by two thirds of it the other way; one of those of a step by a third. At
+    samples `turning` it is off by more than the range of the channel, which a torque may cross there and back.
     """
     low, high = np.percentile(column[:: max(len(column) // _LOOKED_AT, 1)], _INNER)
     # Numbers near the largest that there are have been found by the range.
@@ -337,7 +376,10 @@ def _off_neighbours(
         np.clip(column, low - _ABSURD * (high - low), high + _ABSURD * (high - low)), _CUBIC, mode="valid"
     )
     apart = np.abs(off)
-    typical = apart[:: max(len(apart) // _LOOKED_AT, 1)]
+    inside = turning[(turning > 1) & (turning < len(column) - 2)] - 2
+    # What is usual where joints turn round, if that is not most of the time, is compared with what is there.
+    calm = np.delete(apart, inside) if 2 * len(inside) < len(apart) else apart
+    typical = calm[:: max(len(calm) // _LOOKED_AT, 1)]
     tail = float(np.percentile(typical, _NEARLY_ALL))
     # 5.0 times the distance that nearly all samples keep within: noise has no such tail
     limit = max(_SPIKE * float(np.median(typical)) / 0.6745, 5.0 * tail)
@@ -347,14 +389,52 @@ def _off_neighbours(
         "effort": 0.003 * float(high - low),  # 0.003 of the range
     }.get(channel, 0.0)
     rows = 1 + np.flatnonzero((apart > limit)[1:-1] & regular[1:-1])
+    rows = rows[~np.isin(rows, inside) | (apart[rows] > high - low)]
     if not 0 < len(rows) <= _SPIKE_SHARE * len(column):
         return rows[:0], ""
     opposite = np.maximum(off[rows - 1] / off[rows], off[rows + 1] / off[rows])
     # 0.45 of a spike's distance, by which its neighbours are off the other way
     rows = rows[(opposite < -0.45) & (apart[rows] > limit + _STEPS * _resolution(column))]
+    rows = rows[_returns(column, rows + 2, apart[rows]) & ~_late(column, rows + 2, apart[rows])]
+    # What other turns show: a torque may ring as a joint turns round.
+    ringing = 5.0 * float(np.percentile(apart[inside], _NEARLY_ALL)) if len(inside) else 0.0
+    rows = rows[apart[rows] > np.where(np.isin(rows + 2, turning), max(float(high - low), ringing), 0.0)]
     furthest = float(apart[rows].max(initial=0.0))
     kept = f"where {_NEARLY_ALL:.0f} % of all stay within {tail:.2g}"
     return rows + 2, f"off the curve through its neighbours by up to {furthest:.2g}, {kept}"
+
+
+def _returns(column: Array, rows: NDArray[np.intp], apart: Array) -> NDArray[np.bool_]:
+    """Return which samples lie to one side of the lines before them and after them, by 0.7 of `apart` and more.
+
+    What steps, as friction does where a joint turns round, or bends, lies on one of the two or between them; what lasts
+    for some samples has its neighbours on its way.
+    """
+    if not len(rows):
+        return np.zeros(0, np.bool_)
+    before = column[rows] - (2.0 * column[rows - 1] - column[rows - 2])
+    after = column[rows] - (2.0 * column[rows + 1] - column[rows + 2])
+    return np.asarray((before * after > 0.0) & (np.minimum(np.abs(before), np.abs(after)) > 0.7 * apart))
+
+
+def _late(column: Array, rows: NDArray[np.intp], apart: Array) -> NDArray[np.bool_]:
+    """Return which samples were taken a cycle late or early: they hold what the one before or behind them does."""
+    slope = 0.5 * np.abs(column[rows + 1] - column[rows - 1])
+    beside = np.minimum(np.abs(column[rows] - column[rows - 1]), np.abs(column[rows] - column[rows + 1]))
+    return np.asarray((beside < 0.3 * slope) & (apart < 1.5 * slope))
+
+
+def _turning(position: Array | None) -> NDArray[np.intp]:
+    """Return at which samples any joint turns round, or hardly moves: there its friction is of either sign.
+
+    It acts on others, too, through the gears of wrists and through the links.
+    """
+    if position is None:
+        return np.empty(0, np.intp)
+    step = np.pad(np.diff(position[:, joints_with(position)], axis=0), ((1, 0), (0, 0)), mode="edge")
+    around = np.stack([np.roll(step, k, axis=0) for k in range(-_ROUND, _ROUND + 2)])
+    turns = (around.min(axis=0) <= 0.0) & (around.max(axis=0) >= 0.0)
+    return np.flatnonzero(turns.any(axis=1))
 
 
 def _resolution(column: Array) -> float:

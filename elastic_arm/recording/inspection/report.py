@@ -17,6 +17,7 @@ REPAIR = "Make a usable copy with: elastic-arm bag check --repair BAG"
 SLOWEST, FASTEST = 5.0, 50_000.0
 UNIT = "Are the times in another unit? Give theirs (s, ms, us, ns) in the map, and import the recording again."
 ARRIVAL = "Use the times of arrival: `identify` and `diagnose` take --clock arrival, a channel map 'time: arrival'."
+DOUBLE = "Write them as numbers of 64 bits (float64), or seconds since the first sample; or map {rate: Hz} for times."
 Severity = Literal["error", "warning", "note"]
 
 
@@ -126,8 +127,27 @@ def check_times(stamp_ns: Stamps, topic: str) -> None:
 
 def check_stamped(stamp_ns: Stamps, topic: str) -> None:
     """Raise if all stamps are the same: nobody stamped the messages."""
+    if (step := single_precision(stamp_ns)) is not None:
+        problem = (
+            f"{topic}: times are seconds since 1970 in single precision (float32), which steps by {step:g} s there"
+        )
+        raise RecordingError(problem, DOUBLE)
     if len(stamp_ns) > 1 and (stamp_ns == stamp_ns[0]).all():
         raise RecordingError(f"{topic}: all {len(stamp_ns)} header stamps are equal ({stamp_ns[0]} ns)", ARRIVAL)
+
+
+def single_precision(stamp_ns: Stamps) -> float | None:
+    """Return the step, s, of stamps that were rounded to numbers of 32 bits; None of others.
+
+    Seconds since 1970 have steps of 128 s then, those since a computer started of some ms.
+    """
+    different = np.unique(stamp_ns)
+    seconds = different * 1e-9
+    # Times of day and of a run are small; a log whose every sample has a time of its own lost nothing.
+    if len(stamp_ns) < 3 or seconds[-1] < 1e8 or 2 * len(different) > len(stamp_ns):
+        return None
+    rounded = different == np.round(seconds.astype(np.float32).astype(np.float64) * 1e9).astype(np.int64)
+    return float(np.spacing(np.float32(seconds[-1]))) if rounded.all() else None
 
 
 def wrong_rate(rate: float) -> str | None:

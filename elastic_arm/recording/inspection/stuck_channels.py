@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from elastic_arm.recording.inspection.report import FEWEST, Finding, about, warning
+from elastic_arm.recording.inspection.report import FEWEST, Finding, Severity, about, warning
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import Array, Side, joints_with, span_of
 
@@ -20,6 +20,7 @@ _ENOUGH = 50_000  # samples of a channel that show how it is updated; bounds the
 _NOTHING = {"effort": 1e-9}  # Nm within which a torque does not change: no sensor resolves it
 _CLEAR = 4.0  # times the channel's resolution: a change that no rounding makes
 HELD = 0.002  # share of repeated samples; a lost cycle in 500 is ordinary
+_MISSED = 0.05  # share of repeated samples, beyond which it is no slip now and then of a good recorder
 _LEVELS = 3  # next to the extreme, that it is compared with
 # Times the samples at any of these: a sine without noise is at its peak 2.4 times as often as a step below.
 _PILED = 5.0
@@ -61,7 +62,7 @@ def channel_findings(recording: Recording) -> list[Finding]:
     for name, side in recording.measured().items():
         if len(side) < FEWEST:
             continue
-        position = _position(recording, side)
+        position = position_at(recording, side)
         for channel, values in side.channels().items():
             if channel != "acceleration":
                 # 0.05 rad that a joint has moved for certain: beyond play, wind-up and the steps of encoders
@@ -86,10 +87,10 @@ def _of_channel(
                 said["stuck"].append(f"{joint} at {float(column[0]) + 0.0:.3g}")
             continue
         turning = np.ones(len(side), np.bool_) if position is None else _changing(position[:, j])
-        unlike = turning
+        unlike = turning if position is None else _going(position[:, j])
         if channel == "velocity" and position is not None:  # which is zero by right where the encoder takes no step
             steps = np.diff(position[:, j]) != 0.0
-            unlike = turning & np.append(steps, True) & np.append(True, steps)
+            unlike = unlike & np.append(steps, True) & np.append(True, steps)
         zeros = filled_in(column[middle], unlike[middle])
         if zeros > HELD:
             said["zeros"].append(f"{joint} in {100 * zeros:.2g} % of the samples")
@@ -106,7 +107,8 @@ def _of_channel(
     ]
     held = (shares > HELD) & (periods <= 1.0)
     words = f"repeats the value before in {span_of(100 * shares[held])} % of the samples"
-    return found + about(recording.joints, held, "held", what, words, "the joint moves: cycles were missed")
+    severity: Severity = "warning" if shares[held].max(initial=0.0) > _MISSED else "note"
+    return found + about(recording.joints, held, "held", what, words, "the joint moves: cycles were missed", severity)
 
 
 def at_updates(recording: Recording, found: list[Finding]) -> Recording:
@@ -117,15 +119,16 @@ def at_updates(recording: Recording, found: list[Finding]) -> Recording:
         if len(side) < FEWEST or not np.all(np.diff(side.stamp_ns) > 0):
             continue
         middle = slice(max(0, (len(side) - _ENOUGH) // 2), (len(side) + _ENOUGH) // 2)
-        position, stamps, filled = _position(recording, side.at(middle)), side.stamp_ns, dict[str, Any]()
+        position, stamps, filled = position_at(recording, side.at(middle)), side.stamp_ns, dict[str, Any]()
         first, last = 0, len(side)
         for channel, values in side.channels().items():
             periods, column = np.ones(recording.n), values
             for j in np.flatnonzero(np.isfinite(values).all(axis=0)).tolist():
                 part = values[middle, j]
                 turning = np.ones(len(part), np.bool_) if position is None else _changing(position[:, j])
+                going = turning if position is None else _going(position[:, j])
                 share, period = _held(part, turning)
-                if share <= HELD or period <= 1.0 or filled_in(part, turning) > HELD:
+                if share <= HELD or period <= 1.0 or filled_in(part, going) > HELD:
                     continue
                 periods[j], at = period, _updates(values[:, j], period)
                 column = values.copy() if column is values else column
@@ -157,6 +160,8 @@ def _held(column: Array, moving: NDArray[np.bool_]) -> tuple[float, float]:
     A rounded channel repeats by chance as often as it changes by one step; a joint at rest repeats, too.
     """
     step = np.diff(column)
+    # Differences of rounded numbers, as velocities are, have last digits that are no change.
+    step[np.abs(step) < 1e-9 * np.ptp(column)] = 0.0
     changes = np.flatnonzero(step)
     size = np.abs(step[changes])
     if len(changes) < 10:
@@ -176,7 +181,10 @@ def _held(column: Array, moving: NDArray[np.bool_]) -> tuple[float, float]:
 
 
 def filled_in(column: Array, moving: NDArray[np.bool_]) -> float:
-    """Return the share of zeros between values of one sign that are further from zero than from each other."""
+    """Return the share of zeros between values of one sign that are further from zero than from each other.
+
+    Those are counted during which the joint is `moving` (N,) all the while.
+    """
     others = np.flatnonzero(column)
     if len(others) in (0, len(column)):
         return 0.0
@@ -185,7 +193,10 @@ def filled_in(column: Array, moving: NDArray[np.bool_]) -> float:
     apart = np.abs(after - before)
     least = _CLEAR * apart[apart > 0.0].min(initial=np.inf)
     away = np.minimum(np.abs(before), np.abs(after)) > apart + least
-    missing = (np.diff(others) - 1)[away & (before * after > 0.0) & moving[others[:-1] + 1]]
+    # A torque of a joint that comes to rest between is zero by right.
+    rests = np.concatenate([[0], np.cumsum(~moving)])
+    without_rest = rests[others[1:]] == rests[others[:-1] + 1]
+    missing = (np.diff(others) - 1)[away & (before * after > 0.0) & without_rest]
     return float(missing.sum() / len(column))
 
 
@@ -203,7 +214,7 @@ def _travels(recording: Recording) -> dict[tuple[str, str], Array]:
     return found
 
 
-def _position(recording: Recording, side: Side) -> Array | None:
+def position_at(recording: Recording, side: Side) -> Array | None:
     """Return positions (N, n) at the samples of a side: its own, or those of the other one."""
     if side.position is not None:
         return side.position
@@ -220,6 +231,17 @@ def _changing(position: Array) -> NDArray[np.bool_]:
     before, after = padded[: -2 * _AROUND], padded[2 * _AROUND :]
     # A joint that has no positions counts as one that moves.
     return (before != after) & ((before != position) | (after != position))
+
+
+def _going(position: Array) -> NDArray[np.bool_]:
+    """Return where a joint (N,) advances by more than its encoder's steps and noise do to one at rest."""
+    padded = np.pad(position, _AROUND, mode="edge")
+    advance = np.abs(padded[2 * _AROUND :] - padded[: -2 * _AROUND])
+    step = np.abs(np.diff(position))
+    resolution = float(step[step > 0.0].min(initial=np.inf)) if step.any() else 0.0
+    noise = float(np.median(np.abs(np.diff(position, 2)))) / 0.6745 / np.sqrt(6.0) if len(position) > 2 else 0.0
+    # 6.0 standard deviations of the noise, of what a joint at rest seems to advance
+    return np.asarray(advance > 1.5 * resolution + 6.0 * np.sqrt(2.0) * noise)
 
 
 def _piled(torque: Array, moving: NDArray[np.bool_]) -> dict[float, float]:
@@ -262,6 +284,31 @@ def frozen(recording: Recording) -> list[Finding]:
     return [found for what, sides in groups.items() for found in _frozen(what, sides, recording.start_ns)]
 
 
+def _hidden_speeds(t: Array, q: Array, begin: NDArray[np.intp], end: NDArray[np.intp]) -> Array:
+    """Return the speeds (k, n) of joints while samples repeated from `begin` to `end` (k,); 0 where they stood.
+
+    What stood goes on from where it was, slowly at first. What moved on unseen comes again where its speed before and
+    behind would have led it; at the end of a recording it stopped as no joint brakes.
+    """
+    last = len(t) - 1
+    first, behind = np.maximum(begin - 2, 0), np.minimum(end + 1, last)
+    further = np.minimum(behind + 2, last)
+    spans = ((begin, first), (further, behind), (behind, begin))
+    seconds = [np.maximum(t[late] - t[early], 1e-9)[:, None] for late, early in spans]
+    before, after, across = ((q[late] - q[early]) / s for (late, early), s in zip(spans, seconds, strict=True))
+    one_way = (before * across > 0.0) & (after * across > 0.0)
+    usual, size = 0.5 * np.abs(before + after), np.abs(across)
+    # 3.0: between the speeds before and behind, which a joint that goes on has within this factor
+    alike = np.maximum(np.abs(before), np.abs(after)) < 3.0 * np.minimum(np.abs(before), np.abs(after))
+    # A joint that stood goes a sample's way in the one behind: across the stretch that is far slower.
+    went = one_way & alike & (size > 0.5 * usual) & (size < 2.0 * usual)
+    sample = float(np.median(np.diff(t)))
+    # 60.0 rad/s² within a sample, from a speed that was not falling
+    stopped = (end == last)[:, None] & (np.abs(q[begin] - q[np.maximum(begin - 1, 0)]) > 60.0 * sample**2)
+    found: Array = np.where(went, across, np.where(stopped, before, 0.0))
+    return found
+
+
 def _frozen(what: str, sides: list[Side], start_ns: int) -> list[Finding]:
     """Return the stretches in which the channels of sides with equal stamps stay as they are, at speed before them."""
     columns = [c for side in sides for values in side.channels().values() for c in values[:, joints_with(values)].T]
@@ -276,11 +323,9 @@ def _frozen(what: str, sides: list[Side], start_ns: int) -> list[Finding]:
     if not len(begin) or same.all():
         return []
     usual = float(np.median(np.diff(np.flatnonzero(~same), prepend=-1)))
-    before = np.maximum(begin - _AROUND, 0)
-    seconds = np.maximum(t[begin] - t[before], 1e-9)
-    rates = [(q[begin] - q[before]) / seconds[:, None] if v is None else v[begin] for q, v in moving]
-    speed = np.max([np.nan_to_num(np.abs(rate)).max(axis=1) for rate in rates], axis=0)
     lasting = t[end] - t[begin]
+    rates = [_hidden_speeds(t, q, begin, end) if v is None else v[begin] for q, v in moving]
+    speed = np.max([np.nan_to_num(np.abs(rate)).max(axis=1) for rate in rates], axis=0)
     # 3.0 times the usual run of repeats, of channels that hold every value for some samples
     long = (end - begin >= _LONG) & (end - begin > 3.0 * usual)
     # 0.1 s of a run over which a joint would have moved on; one that brakes has stopped by then

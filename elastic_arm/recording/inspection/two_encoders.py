@@ -22,7 +22,7 @@ _TOGETHER = 0.01  # of the squares of the motor's angle, that the link's does no
 
 def with_one_zero(recording: Recording, found: list[Finding]) -> Recording:
     """Take out what motors' encoders differ from links' by throughout, where no drive winds up so far: a zero unset."""
-    zero, ratio = _apart(recording)
+    zero, ratio, _ = _apart(recording)
     # 0.05 rad; encoders are set to zero more closely than that, and no drive is assembled so
     off = (np.abs(zero) > 0.05) & (np.abs(ratio) < _TOGETHER)
     motor = recording.motor
@@ -35,29 +35,38 @@ def with_one_zero(recording: Recording, found: list[Finding]) -> Recording:
 
 
 def disagreeing(recording: Recording) -> list[Finding]:
-    """Return at which joints the two encoders disagree by a ratio."""
-    _, ratio = _apart(recording)
+    """Return at which joints the two encoders disagree by a ratio, or by a time."""
+    _, ratio, lag = _apart(recording)
     off = np.abs(ratio) > 5e-4  # a ratio that is given with four digits is off by less
     times = ", ".join(f"{1.0 + each:.4f}" for each in ratio[off])
     words = f"are {times} times those of the link, besides what torques wind up"
     remedy = "check the gear ratios and signs of the map, and the encoders' resolutions"
-    return about(recording.joints, off, "encoder_ratio", "motor positions", words, remedy)
+    found = about(recording.joints, off, "encoder_ratio", "motor positions", words, remedy)
+    # 0.02 s; filters of encoders and a drive's wind-up lag by less
+    late = np.abs(lag) > 0.02
+    # One clock is late for all joints alike; the wind-up of drives, which goes with the speed through friction, is not.
+    if late.any() and not (np.abs(lag - np.median(lag)) < 0.2 * np.abs(np.median(lag))).all():
+        late = np.zeros_like(late)
+    where = "ahead of" if lag[late].sum() > 0.0 else "behind"
+    apart = f"are {span_of(1e3 * np.abs(lag[late]))} ms {where} those of the link"
+    clocks = "two clocks, or one side by times of arrival? Record both by one clock, or shift the stamps of one"
+    return found + about(recording.joints, late, "sides_apart", "motor positions", apart, clocks)
 
 
-def _apart(recording: Recording) -> tuple[Array, Array]:
-    """Return by how much motors are ahead of links, (n,) rad, and by which part of the angle; zero where uncertain."""
-    found = np.zeros((2, recording.n))
+def _apart(recording: Recording) -> tuple[Array, Array, Array]:
+    """Return by how much motors are ahead of links: (n,) rad, part of the angle, and s; zero where uncertain."""
+    found = np.zeros((3, recording.n))
     link, motor = recording.link, recording.motor
     if link is None or motor is None or link.position is None or motor.position is None:
-        return found[0], found[1]
+        return found[0], found[1], found[2]
     try:
         samples = recording.samples()
     except RecordingError:
         # Sides that have no time in common are for others to refuse.
-        return found[0], found[1]
+        return found[0], found[1], found[2]
     q, theta = samples.q, samples.theta
     if q is None or theta is None or len(samples) < FEWEST or (samples.tau_J is None and samples.tau_m is None):
-        return found[0], found[1]
+        return found[0], found[1], found[2]
     speeds = np.gradient(theta, samples.t, axis=0)
     every = slice(None, None, max(1, len(samples) // 5000))  # 5000 samples that are looked at; bounds the time
     loads = [x for x in (samples.tau_J, samples.tau_m, samples.dtheta) if x is not None]
@@ -75,9 +84,9 @@ def _apart(recording: Recording) -> tuple[Array, Array]:
         doubt = np.sqrt(np.diag(inverse) * float(rest @ rest) / len(rest) * slow)
         # Angles that have nothing to do with each other are not two of one joint.
         together = float(rest @ rest) < _TOGETHER * len(rest) * float(np.var(theta[:, j]))
-        sure = together & (np.abs(fit[:2]) > 5.0 * doubt[:2])  # standard deviations
-        found[:, j] = np.where(sure, fit[:2] / scale[:2], 0.0)
-    return found[0], found[1]
+        sure = together & (np.abs(fit[:3]) > 5.0 * doubt[:3])  # standard deviations
+        found[:, j] = np.where(sure, fit[:3] / scale[:3], 0.0)
+    return found[0], found[1], found[2]
 
 
 def by_motor_encoders(recording: Recording, robot: Robot) -> Recording:

@@ -19,6 +19,7 @@ _OPENERS: dict[str, Callable[[Path], BagFile]] = {".mcap": open_mcap, ".db3": op
 _PACKED = ("", ".zstd", ".zst")
 # Files that `bag import` makes bags of.
 ARRAY_FILES = (".csv", ".txt", ".dat", ".npy", ".npz", ".mat", ".parquet", ".h5", ".hdf5")
+RECORD_FILES = (".json", ".jsonl", ".ndjson")  # which a folder may hold for other reasons
 _IMPORT = "Make a bag of it: elastic-arm bag import {} --guess --robot ARM --out import.yaml"
 WHAT_IS_A_BAG = "Give a rosbag2 folder, an .mcap or a .db3 file."
 
@@ -144,7 +145,7 @@ def _storage(path: Path) -> str:
 def _open_file(path: Path) -> BagFile:
     if not path.is_file():
         raise RecordingError(f"{path} is no file, but a pipe or a device", WHAT_IS_A_BAG)
-    if path.suffix.lower() in ARRAY_FILES:
+    if path.suffix.lower() in (*ARRAY_FILES, *RECORD_FILES):
         raise RecordingError(f"{path} holds arrays, and is no bag", _IMPORT.format(path))
     if path.suffix.lower() == ".bag":
         raise RecordingError(f"{path} is a bag of ROS 1", f"Run: rosbags-convert --src {path} --dst {path.stem}")

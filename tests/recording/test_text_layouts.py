@@ -1,0 +1,235 @@
+"""Tables as others write them: long ones, lists in cells, dates, JSON, MATLAB 7.3; the same numbers from each."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from mcap.writer import Writer
+
+from elastic_arm.errors import RecordingError
+from elastic_arm.recording import read_recording
+from elastic_arm.recording.foreign.array_files import Arrays, load_arrays
+from elastic_arm.recording.foreign.arrays import import_arrays
+from elastic_arm.recording.foreign.guess import guess_mapping
+from elastic_arm.recording.foreign.text_layouts import arrays_of
+from tests.helpers.command_line import refusal, run
+
+REPORTS = Path(__file__).parents[3] / "shared" / "data" / "public_reports_2"
+T = np.arange(60) * 0.01
+Q = np.sin(np.outer(T, [2.0, 3.0]) + np.array([0.3, 1.0]))
+NAMES = ("shoulder", "elbow")
+
+
+def long_by_signal(file: Path) -> None:
+    """Write a row for each signal and time."""
+    rows = [
+        f"{t:.3f},{name}/pos,{q:.9f}" for t, qs in zip(T, Q, strict=True) for name, q in zip(NAMES, qs, strict=True)
+    ]
+    file.write_text("\n".join(["time,signal,value", *rows]))
+
+
+def long_by_joint(file: Path) -> None:
+    """Write a row for each joint and time, with a column a quantity."""
+    rows = [
+        f"{t:.3f};{n};{q:.9f};{2 * q:.9f}" for t, qs in zip(T, Q, strict=True) for n, q in zip(NAMES, qs, strict=True)
+    ]
+    file.write_text("\n".join(["stamp;joint;pos;load", *rows]))
+
+
+def lists_in_cells(file: Path) -> None:
+    """Write arrays as text, whose names come in another order every other row."""
+    rows = []
+    for k, (t, q) in enumerate(zip(T, Q, strict=True)):
+        way = slice(None, None, 1 if k % 2 else -1)
+        rows.append(f'{t:.3f},"{list(NAMES)[way]}","{[round(x, 9) for x in q.tolist()][way]}"')
+    file.write_text("\n".join(["time,name,pos", *rows]))
+
+
+def json_lines(file: Path) -> None:
+    """Write a message a line, with ROS's stamps."""
+    stamps = [{"sec": 1_700_000_000 + int(t), "nanosec": round(1e9 * (t % 1.0))} for t in T]
+    records = zip(stamps, Q.round(9).tolist(), strict=True)
+    lines = [json.dumps({"header": {"stamp": s}, "name": NAMES, "pos": q}) for s, q in records]
+    file.write_text("\n".join(lines))
+
+
+def json_columns(file: Path) -> None:
+    """Write an object of lists."""
+    columns = {f"pos.{name}": q.tolist() for name, q in zip(NAMES, Q.T.round(9), strict=True)}
+    file.write_text(json.dumps({"time": T.tolist(), **columns}))
+
+
+def dates(file: Path) -> None:
+    """Write ISO dates."""
+    rows = [f"2026-11-28T06:00:{t:06.3f}Z,{a:.9f},{b:.9f}" for t, (a, b) in zip(T, Q, strict=True)]
+    file.write_text("\n".join(["time,shoulder_pos,elbow_pos", *rows]))
+
+
+def clock(file: Path) -> None:
+    """Write times of day, over midnight."""
+    day = [(86_399.7 + t) % 86_400.0 for t in T]
+    times = [f"{int(s // 3600):02d}:{int(s // 60 % 60):02d}:{s % 60:06.3f}" for s in day]
+    rows = [f"{t};{a:.9f};{b:.9f}" for t, (a, b) in zip(times, Q, strict=True)]
+    file.write_text("\n".join(["time;shoulder_pos;elbow_pos", *rows]))
+
+
+WRITERS: dict[str, tuple[str, Callable[[Path], None]]] = {
+    "long by signal": (".csv", long_by_signal),
+    "long by joint": (".csv", long_by_joint),
+    "lists in cells": (".csv", lists_in_cells),
+    "JSON Lines": (".jsonl", json_lines),
+    "JSON": (".json", json_columns),
+    "dates": (".csv", dates),
+    "times of day": (".csv", clock),
+}
+
+
+@pytest.mark.parametrize("kind", WRITERS)
+def test_the_same_numbers_come_of_every_layout(tmp_path: Path, kind: str) -> None:
+    """Drafted and imported: times and angles are those that were written."""
+    suffix, write = WRITERS[kind]
+    file = tmp_path / f"log{suffix}"
+    write(file)
+    draft = tmp_path / "map.yaml"
+    draft.write_text(guess_mapping(load_arrays(file, None), NAMES).to_yaml())
+    recording = import_arrays(file, draft)
+    assert recording.link is not None
+    np.testing.assert_allclose(recording.link.position, Q, atol=1e-9)
+    np.testing.assert_allclose((recording.link.stamp_ns - recording.link.stamp_ns[0]) * 1e-9, T, atol=2e-6)
+
+
+def test_the_reports_are_read() -> None:
+    """A long table, lists in cells, and MATLAB 7.3 as .mat and as .h5 hold six axes."""
+    long = load_arrays(REPORTS / "tidy_csv" / "r8_fg.csv")
+    assert long["/joint_states.position[1]"][0] == 0.314448267 and len(long) == 13
+    cells = load_arrays(REPORTS / "array_text_cells" / "log.csv")
+    assert cells["effort.axis_2"][0] == -88.852218 and cells["header.stamp"].dtype == np.int64
+    logged = load_arrays(REPORTS / "mat73_timestamps" / "yarp73.mat")
+    assert logged["robot_logger_device.joints_state.positions.data"].shape == (3000, 6)
+
+
+def test_matlab_7_3_is_read_as_hdf5_is(tmp_path: Path) -> None:
+    """Texts and cells are left out, axes of length one too; another layout than the report's: joints x samples."""
+    file = tmp_path / "a.mat"
+    with h5py.File(file, "w", userblock_size=512) as content:
+        content["log/q"] = Q.T
+        content["log/t"] = T[None]
+        content["log/name"] = np.array([[97], [98]], np.uint16)
+        content["log/name"].attrs["MATLAB_class"] = np.bytes_("char")
+        content["#refs#/a"] = np.zeros((6, 1))
+    data = file.read_bytes()
+    file.write_bytes(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM" + data[128:])
+    found = load_arrays(file)
+    assert set(found) == {"log.q", "log.t"} and found["log.q"].shape == (2, 60)
+
+
+@pytest.mark.parametrize(
+    ("cells", "unit", "first"),
+    [
+        (["2026-11-28 06:00:00.000000001"] * 3, "ns", 1_795_845_600_000_000_001),
+        (["2026-11-28T08:00:00+02:00"] * 3, "ns", 1_795_845_600_000_000_000),
+        (["28.11.2026 06:00:00.25"] * 3, "ns", 1_795_845_600_250_000_000),
+        (["23:59:59,5", "0:00:00,5"], "s", 86_399.5),
+    ],
+)
+def test_dates_of_all_kinds_are_times(cells: list[str], unit: str, first: float) -> None:
+    """With zones, German ones, nanoseconds, and over midnight."""
+    arrays, units = arrays_of({"t": list(cells)})
+    assert units == {"t": unit} and arrays["t"][0] == first and np.all(np.diff(arrays["t"]) >= 0)
+
+
+def test_texts_that_are_none_of_these_stay_texts(tmp_path: Path) -> None:
+    """A column of modes beside numbers is no long table; lists of several lengths are refused."""
+    file = tmp_path / "a.csv"
+    file.write_text("time,mode,q\n" + "\n".join(f"{t},run,{t}" for t in T))
+    found = load_arrays(file)
+    assert found["mode"].dtype.kind == "U" and len(found["q"]) == 60 and "mode" in found.faults
+    file.write_text('time,q\n0,"[1, 2]"\n1,"[1, 2, 3]"\n')
+    with pytest.raises(RecordingError, match="2 to 3 numbers"):
+        load_arrays(file)
+    (tmp_path / "a.json").write_text("{}")
+    with pytest.raises(RecordingError, match="holds no table"):
+        load_arrays(tmp_path / "a.json")
+
+
+@pytest.mark.parametrize(("suffix", "words"), [(".pkl", "read_pickle"), (".feather", "Parquet")])
+def test_what_is_not_read_has_a_way_out(tmp_path: Path, suffix: str, words: str) -> None:
+    """Pickled frames are refused for safety."""
+    file = tmp_path / f"a{suffix}"
+    file.write_bytes(b"\x80\x04.")
+    assert words in refusal(
+        "bag", "import", file, "--guess", "--robot", REPORTS / "guess_eff" / "b.urdf", "--out", tmp_path / "a.yaml"
+    )
+
+
+@pytest.mark.parametrize(("encoding", "words"), [("protobuf", "mcap cat --json"), ("ros1msg", "rosbags-convert")])
+def test_messages_of_others_are_refused_with_the_converter(tmp_path: Path, encoding: str, words: str) -> None:
+    """Foxglove's protobuf, and ROS 1 within MCAP."""
+    with (tmp_path / "a.mcap").open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        schema = writer.register_schema("foxglove.JointStates", encoding, b"\x0a\x04abcd")
+        channel = writer.register_channel("/joint_states", encoding, schema)
+        writer.add_message(channel, 0, b"\x08\x01", 0)
+        writer.finish()
+    with pytest.raises(RecordingError, match=r"foxglove\.JointStates") as caught:
+        read_recording(tmp_path / "a.mcap")
+    assert words in caught.value.remedy
+
+
+def test_times_in_single_precision_are_named() -> None:
+    """Seconds since 1970 as float32 step by 128 s: neither they nor another column are times."""
+    arrays = load_arrays(REPORTS / "float32_stamps" / "log.csv")
+    with pytest.raises(RecordingError, match=r"single precision .* 128 s"):
+        guess_mapping(arrays, [f"axis_{k}" for k in range(1, 7)])
+    stamps = np.float32(1.7e9 + np.arange(60) * 4.0).astype(np.float64)
+    with pytest.raises(RecordingError, match="single precision"):
+        guess_mapping({"stamp": stamps, "q": Q}, NAMES)
+
+
+def guessed(**arrays: np.ndarray) -> dict[tuple[str, str], tuple[str, str]]:
+    """Return the draft's channels: name and unit."""
+    draft = guess_mapping(Arrays({"time": T, **arrays}), NAMES)
+    return {(one.side, one.channel): (one.table.name, one.unit) for one in draft.channels}
+
+
+def test_a_draft_goes_by_names_and_values() -> None:
+    """Efforts that end in ff, stamps that hold amp, goals, counts, and positions that are current ones."""
+    tau = 5.0 * np.cos(Q)
+    assert guessed(q=Q, joint_eff=tau)["motor", "effort"] == ("joint_eff", "Nm")
+    assert guessed(q=Q, tau_coeff=tau, timestamps_raw=tau * 0 + T[:, None]).keys() == {
+        ("link", "position"),
+        ("motor", "effort"),
+    }
+    assert guessed(current_position=Q) == {("link", "position"): ("current_position", "rad")}
+    assert guessed(position=Q, goal_rad=Q + 0.01)["command", "position"] == ("goal_rad", "rad")
+    assert guessed(position=Q, x=Q + 0.01 * np.cos(Q))["command", "position"] == ("x", "rad")
+    for name in ("present_load", "pwm"):
+        draft = guess_mapping(Arrays({"time": T, "q": Q, name: np.round(885.0 * Q)}), NAMES)
+        (counts,) = [one for one in draft.channels if one.channel == "effort"]
+        assert "factor" in counts.missing and "counts of a register" in " ".join(counts.reasons)
+    ticks = guess_mapping(Arrays({"time": T, "position": np.round(2048 + 900.0 * Q)}), NAMES).channels[0]
+    assert ticks.unit == "turns" and "1/4096" in ticks.missing["factor"]
+
+
+def test_an_order_that_is_assumed_is_said() -> None:
+    """Columns by number are taken in the order of the arm; those by the joints' names are not assumed."""
+    numbered = guess_mapping(Arrays({"time": T, "position[0]": Q[:, 0], "position[1]": Q[:, 1]}), NAMES)
+    named = guess_mapping(Arrays({"time": T, "shoulder_pos": Q[:, 0], "elbow_pos": Q[:, 1]}), NAMES)
+    assert "in the order of the arm's joints" in numbered.to_yaml()
+    assert "in the order of the arm's joints" not in named.to_yaml()
+
+
+def test_the_draft_of_the_report_has_its_efforts(tmp_path: Path) -> None:
+    """Columns *_eff are torques."""
+    folder = REPORTS / "guess_eff"
+    out = tmp_path / "map.yaml"
+    assert (
+        run("bag", "import", folder / "log.csv", "--guess", "--robot", folder / "b.urdf", "--out", out).exit_code == 0
+    )
+    recording = import_arrays(folder / "log.csv", out)
+    assert recording.motor is not None and recording.motor.effort is not None
+    assert recording.motor.effort[0, 1] == -88.8522182
