@@ -291,7 +291,7 @@ def _grounds(found: Diagnosis) -> list[Block]:
     fitted = ", ".join(found.identify) or "the first two thirds"
     judged = ", ".join(found.validate) or "the last third"
     if found.context is not None and found.context.held_back:
-        text = f"Causes are chosen with all of {fitted}; sizes are those of the first two thirds, the last third judges."
+        text = f"Causes are chosen with all of {fitted}, their sizes by the first two thirds; the last third judges."
     else:
         text = f"Causes are chosen with all recordings, their sizes are those of {fitted}; the gap is that of {judged}."
     return [
