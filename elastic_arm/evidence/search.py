@@ -178,8 +178,14 @@ class Search:
 
     def _exchanged(self, fit: Fit) -> Iterator[Fit]:
         for t, less in self._left_out(fit):
+            changes = any(u.kind == CHANGE and u.what == t.key for u in fit.optional)
             for u in self.proposals(less, instead=self._instead(fit, t), needed=fit.score - less.score):
-                yield self._with(less.optional, u, less)
+                one = self._with(less.optional, u, less)
+                yield one
+                # What takes the place of a term that changes between recordings may change as well.
+                for more in possible_changes(self.linear, one) if changes else ():
+                    if more.what == u.key:
+                        yield self._with(one.optional, more, one)
 
     def _scanned(self, fit: Fit) -> Iterator[Fit]:
         """Yield fits with one nonlinear number looked for over all its range: it was found beside other terms."""
