@@ -96,8 +96,9 @@ def diagnose(
     recordings, validate = recordings_of(recordings), recordings_of(validate, "validate")
     require_kind(question, Question, "question", DiagnosisError, "Give Question(robot).")
     watch = watch or Watch()
-    watch.say("where the gap lies")
-    answer = Answer.of(prepare(recordings, validate, question), question, watch)
+    prepared = prepare(recordings, validate, question)
+    watch.say(f"checked: {len(prepared.problem.sources)} recordings")
+    answer = Answer.of(prepared, question, watch)
     for _ in range(AGAIN):
         events = answer.events()
         if events == answer.prepared.events or watch.is_over():
@@ -207,7 +208,8 @@ class Answer:
             common = next(t for t in self.best.terms if t.key == term.what)
             columns = self.judging.data.plain(common.feature.by_size) if bends(common) else self._columns(common)
             each = self.best.raw(term).reshape(-1, columns[0].shape[2])
-            each = (each - each.mean(axis=0)) * (self.prepared.problem.held_back or self.which == FITTED)
+            each = each - each[: term.fitted].mean(axis=0)
+            each = each * (self.prepared.problem.held_back or self.which == FITTED)
             parts = zip(columns, self.judging.data.parts, strict=True)
             return [X @ each[part.recording] for X, part in parts]
         if term.kind == "law":

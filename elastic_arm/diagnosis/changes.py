@@ -47,7 +47,7 @@ def sizes_of(explanation: Explanation, problem: Problem, fit: Fit, term: Term) -
     """Return the sizes of what changes by a term of a fit."""
     common = next(t for t in fit.terms if t.key == term.what)
     base, own = fit.slices[common.ident].start, fit.slices[term.ident].start
-    size = term.count // len(problem.observed[0])
+    size = term.count // len(problem.sources)
     parameters, _ = estimated(fit, common, problem.numbers, explanation.linear.values)
     name, first = next(iter(parameters.items()))
     scale, at = 1.0, 0.0

@@ -19,13 +19,13 @@ def change_key(term: Term) -> Key:
 
 
 def change_of(linear: Linearisation, term: Term) -> Term:
-    """Return what a term adds in each fitted recording beside its common size.
+    """Return what a term adds in each recording beside its common size: fitted ones first, then those that judge.
 
-    In recordings that only judge, its size is the mean of those that are fitted.
+    Where a size is not the same in all recordings, it is another one in those that judge, too.
     """
-    data = linear.data
-    count = len(linear.problem.observed[FITTED])
-    numbered = linear.problem.numbered(linear.which)
+    data, problem = linear.data, linear.problem
+    count = len(problem.sources)
+    numbered = problem.numbered(linear.which)
     recording = np.tile(data.of_stretches([numbered[part.recording] for part in data.parts]), data.layout.rows)
     own, own_std = term.columns[:, : term.linear], term.std[: term.linear]
     if bends(term):
@@ -33,7 +33,8 @@ def change_of(linear: Linearisation, term: Term) -> Term:
         own_std, _, _ = linear_prior(term.feature.by_size, linear.problem.largest_at(term.feature.joint))
     columns = np.hstack([np.where((recording == k)[:, None], own, 0.0) for k in range(count)])
     std = np.tile(own_std, count)
-    return Term(change_key(term), CHANGE, columns, std, what=term.key, ident=(*term.ident, CHANGE))
+    fitted = len(problem.observed[FITTED])
+    return Term(change_key(term), CHANGE, columns, std, what=term.key, fitted=fitted, ident=(*term.ident, CHANGE))
 
 
 def bends(term: Term) -> bool:

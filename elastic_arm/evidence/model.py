@@ -108,12 +108,14 @@ class Fit:
         return sum((t.what @ self.beta(t) for t in self.optional if t.kind == "number"), np.zeros(len(self.model.mean)))
 
     def rows(self, term: Term) -> Array:
-        """Return the coefficients (k, p) of a term by the fit's: of one that changes, its mean over recordings."""
+        """Return the coefficients (k, p) of a term by the fit's: of one that changes, its mean over fitted ones."""
         found = np.zeros((term.count, len(self.found.x)))
         found[:, self.slices[term.ident]] = np.eye(term.count)
         for change in (t for t in self.optional if t.kind == "change" and t.what == term.key):
-            own, linear = self.slices[change.ident], term.linear or term.count
-            found[:linear, own] += np.tile(np.eye(linear), change.count // linear) * linear / change.count
+            linear = term.linear or term.count
+            first = self.slices[change.ident].start
+            own = slice(first, first + change.fitted * linear)
+            found[:linear, own] += np.tile(np.eye(linear), change.fitted) / change.fitted
         return found
 
     def raw(self, term: Term) -> Array:

@@ -64,7 +64,7 @@ COMPARED = 100.0  # nats up to which scores at different linearisations compare,
 RELATED = 0.1  # correlation of two terms from which one may stand for both
 MOST = 24  # terms of a set
 FIRST = 4  # effects of an arm that is exactly as described, at the first look
-ELSEWHERE, NEAR = 1, 15.0  # other sets that are linearised for themselves, and nats up to which they may be behind
+ELSEWHERE = 2  # other sets that are linearised for themselves, up to COMPARED nats behind
 
 
 REFERENCE = "docs/diagnosis.md lists the priors"

@@ -20,7 +20,7 @@ from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.model import EXACT, KINDS, Fit, LinearModel, Screen
 from elastic_arm.evidence.nonlinear import components, moved, tangent_term
 from elastic_arm.evidence.pool import effect_terms, law_terms, linear_prior, number_terms
-from elastic_arm.evidence.priors import BUILT, COMPARED, ELSEWHERE, FIRST, MEASURED, MOST, NEAR, STATED, TRUST, WORTH
+from elastic_arm.evidence.priors import BUILT, COMPARED, ELSEWHERE, FIRST, MEASURED, MOST, STATED, TRUST, WORTH
 from elastic_arm.evidence.problem import Problem
 from elastic_arm.evidence.search import ADDED, ALL, SIMPLE, Search, Thetas, words_of
 from elastic_arm.evidence.term import Key, Term
@@ -189,7 +189,7 @@ def _elsewhere(found: Explanation, tried: Set[frozenset[Key]]) -> Fit | None:
     sets = (
         fit
         for keys, fit in found.search.met.items()
-        if fit.score > found.best.score - NEAR
+        if fit.score > found.best.score - COMPARED
         and keys not in tried
         and np.max(np.abs(fit.numbers - found.best.numbers)[moving], initial=0.0) > 1.0
     )

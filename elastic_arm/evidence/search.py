@@ -17,7 +17,7 @@ from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.model import Fit, LinearModel, Screen
 from elastic_arm.evidence.nonlinear import is_open, refined
 from elastic_arm.evidence.pool import sized
-from elastic_arm.evidence.priors import MOST, NEAR, RELATED, SCALES, SHORT, SIZES, TRIED, TRIED_OF_TWO, WORTH
+from elastic_arm.evidence.priors import COMPARED, MOST, RELATED, SCALES, SHORT, SIZES, TRIED, TRIED_OF_TWO, WORTH
 from elastic_arm.evidence.term import Ident, Key, Term
 from elastic_arm.evidence.watch import Watch
 
@@ -155,7 +155,7 @@ class Search:
 
     def _let_go(self, best: Fit) -> None:
         """Drop sets that are next to impossible beside the best: each holds a covariance, or all data of elsewhere."""
-        self.met = {keys: fit for keys, fit in self.met.items() if fit.score > best.score - NEAR or fit is best}
+        self.met = {keys: fit for keys, fit in self.met.items() if fit.score > best.score - COMPARED or fit is best}
 
     def _rescaled(self, fit: Fit) -> Iterator[Fit]:
         """Yield fits with a size on the scale on which it is most probable beside the others."""
@@ -178,8 +178,10 @@ class Search:
 
     def _exchanged(self, fit: Fit) -> Iterator[Fit]:
         for t, less in self._left_out(fit):
-            changes = any(u.kind == CHANGE and u.what == t.key for u in fit.optional)
-            for u in self.proposals(less, instead=self._instead(fit, t), needed=fit.score - less.score):
+            own = [u for u in fit.optional if u.kind == CHANGE and u.what == t.key]
+            changes = bool(own)
+            common = self._keep(self.model.fit(without(fit, *own), fit)) if changes else fit
+            for u in self.proposals(less, instead=self._instead(fit, t), needed=common.score - less.score):
                 one = self._with(less.optional, u, less)
                 yield one
                 # What takes the place of a term that changes between recordings may change as well.

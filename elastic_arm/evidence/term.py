@@ -43,6 +43,7 @@ class Term:
     is_scaled: bool = False  # whether it was chosen among others
     trusted: bool = False  # whether the trust in the description scales its prior: of what the description states
     what: Any = None  # of a law without a form: the law. Of numbers: (K, k) how nu moves with the coefficients.
+    fitted: int = 0  # of a change between recordings: how many are fitted, which come first
     ident: Ident = ()
 
     def __post_init__(self) -> None:

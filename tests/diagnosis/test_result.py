@@ -85,7 +85,7 @@ def test_the_file_is_the_contracts(tmp_path: Path) -> None:
     assert set(data) == {
         "schema", "model", "robot", "recordings", "band_hz", "trust", "verdict", "noise", "gap", "shrink",
         "shrink_interval", "causes", "shrink_by_place", "imperfections", "changes", "unexplained", "known", "events",
-        "notes", "prediction", "next_motion",
+        "notes", "not_confirmed", "prediction", "next_motion",
     }  # fmt: skip
     assert set(data["recordings"]) == {"identify", "validate", "independent_motion", "judged_s"}
     assert data["gap"]["before"]["joint_2"] == {"link": None, "drive": None, "motor": {"rmse": 0.4, "max": 1.2}}
@@ -93,7 +93,7 @@ def test_the_file_is_the_contracts(tmp_path: Path) -> None:
     (one,) = data["causes"]
     assert set(one) == {
         "effect", "joint", "sides", "regime", "parameters", "shrink", "confidence", "from", "to", "held_as",
-        "alternatives",
+        "alternatives", "shrink_without",
     }  # fmt: skip
     assert one["parameters"]["torque"]["std"] == pytest.approx(0.1234568, abs=1e-9) and one["from"] is None
     assert data["imperfections"][0]["prior_std"] == 0.01
