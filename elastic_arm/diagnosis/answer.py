@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_limits
 
 from elastic_arm.arrays import Array
 from elastic_arm.diagnosis.changes import changes_between
-from elastic_arm.diagnosis.confirmation import Confirmation, has_size, held_out, share_without
+from elastic_arm.diagnosis.confirmation import Confirmation, has_size, held_out, share_without, takes_over
 from elastic_arm.diagnosis.context import DiagnosisContext
 from elastic_arm.diagnosis.estimates import ParameterEstimate, averaged, estimated
 from elastic_arm.diagnosis.events import Event, blocks_of, events_of
@@ -313,7 +313,9 @@ class Answer:
                     less = answer._less(term)
                     nats = own - held_out(less.explanation.best)
                     share = answer._share_without(term, less)
-                    found[term.key] = Confirmation(nats, share, has_size(answer.explanation.sized, term))
+                    sized = has_size(answer.explanation.sized, term)
+                    over = takes_over(answer._numbers[1], less._numbers[1])
+                    found[term.key] = Confirmation(nats, share, sized, over)
             doubtful = [t for t in best.optional if t.key in found and not found[t.key].confirms]
             if not doubtful:
                 return replace(answer, confirmations=found)

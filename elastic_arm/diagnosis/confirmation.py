@@ -6,7 +6,8 @@
 with y the rows that are fitted, y' those that judge, and e the power over the sensors' noise, in that noise, that a
 residual keeps on the recordings that judge with sizes of the fitted ones. A cause that gains no likelihood there is
 none: its law fits one recording. The share alone decides nothing: what ordinary numbers can take over, at the price of
-their priors, leaves as small a gap.
+their priors, leaves as small a gap. Nor does the likelihood where numbers beyond their ordinary deviations take over:
+the description is wrong then as well, and the prior has weighed both.
 """
 
 from dataclasses import dataclass
@@ -15,11 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2, norm
 
+from elastic_arm.arrays import Array
 from elastic_arm.diagnosis.gap import Gap
 from elastic_arm.evidence.model import Fit
 from elastic_arm.evidence.term import Term
 
 TWO = 2.0  # deviations within which a size is none (contract)
+ORDINARY = 3.0  # deviations within which a number is ordinary (contract)
 
 
 @dataclass(frozen=True)
@@ -29,11 +32,12 @@ class Confirmation:
     nats: float  # of log-likelihood
     share: float | None  # of the gap at its places; None where no place has a gap
     has_size: bool = True  # whether its size is beyond two deviations of none
+    taken_over: bool = False  # whether numbers beyond their ordinary deviations stand for it where it is taken out
 
     @property
     def confirms(self) -> bool:
-        """Whether it has a size and gains likelihood."""
-        return self.has_size and self.nats > 0.0
+        """Whether it has a size, and gains likelihood unless numbers that are far off stand for it."""
+        return self.has_size and (self.nats > 0.0 or self.taken_over)
 
 
 def has_size(fit: Fit, term: Term) -> bool:
@@ -44,6 +48,11 @@ def has_size(fit: Fit, term: Term) -> bool:
     beta, covariance = fit.beta(term)[own], fit.covariance(term)[own, own]
     distance = float(beta @ np.linalg.solve(covariance, beta))
     return bool(distance > chi2.isf(2.0 * norm.sf(TWO), term.linear))
+
+
+def takes_over(ordinary: Array, without: Array) -> bool:
+    """Whether a number (K,) is beyond its ordinary deviations without a cause, and within them beside it."""
+    return bool(np.any((np.abs(without) > ORDINARY) & (np.abs(ordinary) <= ORDINARY)))
 
 
 def held_out(fit: Fit) -> float:

@@ -90,9 +90,12 @@ class Frontier:
             last //= 2
         return False
 
-    def take(self, fit: Scored) -> None:
-        """Linearise a set about itself; it is the best one if it is better there."""
-        node = self.linearise(fit, self.best)
+    def take(self, fit: Scored, near: Node | None = None) -> None:
+        """Linearise a set about itself; it is the best one if it is better there.
+
+        near: the node at whose linearisation it was met; None for the best one.
+        """
+        node = self.linearise(fit, near or self.best)
         known = self.scores.get(node.fit.keys, node.fit.score)
         self.scores[node.fit.keys] = max(known, node.fit.score)
         if node.fit.score > self.best.fit.score + WORTH:

@@ -72,7 +72,7 @@ def explain(problem: Problem, *, refit: bool, watch: Watch | None = None) -> Exp
     watch.say("ordinary numbers")
     described = Linearisation(problem, np.zeros(len(problem.numbers)), _stated(problem))
     shared = Shared(watch=watch)
-    first = _begun(described, refit, shared)
+    first, others = _begun(described, refit, shared)
     log = list(first.log)
     start = Node(first.path[0], first.linear, found=first)
 
@@ -96,6 +96,11 @@ def explain(problem: Problem, *, refit: bool, watch: Watch | None = None) -> Exp
 
     frontier = Frontier(start, linearise, expand, depths=2, is_over=watch.is_over)
     frontier.follow(first.path)
+    for start_of_another in () if watch.is_over() else others:
+        # What each start leads to is judged where its own numbers lie.
+        found = start_of_another.best
+        if found.keys not in frontier.scores:
+            frontier.take(found, Node(found, start_of_another.linear))
     best = frontier.run()
     tried: set[frozenset[Key]] = set()
     for _ in range(0 if watch.is_over() else ELSEWHERE):
@@ -149,8 +154,8 @@ def _known(node: Node, scores: Mapping[Any, float], log: Sequence[str]) -> Expla
     return replace(found, best=best, log=tuple(log))
 
 
-def _begun(described: Linearisation, refit: bool, shared: Shared) -> Explanation:
-    """Return the most probable of several starts, with the steps of all."""
+def _begun(described: Linearisation, refit: bool, shared: Shared) -> tuple[Explanation, list[Explanation]]:
+    """Return the most probable of several starts, with the steps of all, and the other ones."""
     # Where the description is exact, all that is left is an effect. Where it is off everywhere, there is less to
     # mistake for one where its numbers lie beside what every drive has; but beside a large effect they lie far off.
     usual = linear_model(described, BUILT).fit(_usual_terms(described))
@@ -163,7 +168,8 @@ def _begun(described: Linearisation, refit: bool, shared: Shared) -> Explanation
             # One number that is far off may have found its place among those that are a little.
             starts.append(_explained(built, terms, MEASURED, refit, shared, moves=ADDED, most=FIRST))
     first = max(starts, key=lambda found: found.best.compared_with(starts[0].best).score)
-    return replace(first, log=tuple(line for one in starts for line in one.log))
+    others = [one for one in starts if one is not first]
+    return replace(first, log=tuple(line for one in starts for line in one.log)), others
 
 
 def _usual_terms(linear: Linearisation) -> list[Term]:
