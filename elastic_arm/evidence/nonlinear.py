@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.optimize import minimize
+from scipy.optimize import minimize, minimize_scalar
 
 from elastic_arm.arrays import Array
 from elastic_arm.effects.parameters import Parameter
@@ -23,7 +23,8 @@ from elastic_arm.evidence.term import Term
 STEP = 1e-3  # of derivatives, in the coordinates of the numbers over their ranges; numerical
 STEPS = 6  # of Gauss and Newton
 LONGEST = 0.25  # of a range, of one step
-SCANNED, DECIDED = 25, 3  # values of one number over its range, and those that are fitted; numerical
+# Values of one number over its range, those of them that are fitted, and values between two of them; numerical.
+SCANNED, DECIDED, EVALUATIONS = 25, 5, 8
 TINY = 1e-12  # numerical
 NEVER = -1e30  # score of what is out of bounds; numerical
 PLACES = 120  # values of several numbers that are tried; numerical
@@ -162,6 +163,12 @@ def refined(
     return best, fit
 
 
+def placed_anew(linear: Linearisation, model: LinearModel, term: Term, others: Sequence[Term]) -> Term:
+    """Return the term of a law of second degree in several numbers where these are most probable beside others."""
+    theta, size = _placed(linear, model, term, model.fit(others), term.theta)
+    return tangent_term(linear, term, theta, size)
+
+
 def _placed(
     linear: Linearisation, model: LinearModel, term: Term, near: Fit, relaxed: tuple[float, ...]
 ) -> tuple[tuple[float, ...], float]:
@@ -212,19 +219,29 @@ def _scanned(
     low, high = axis(p)
     prior = {name: getattr(term, name)[:1] for name in ("std", "mean", "low", "high")}
     values = np.linspace(low, high, SCANNED)
-    scanned = []
-    for at in values.tolist():
+
+    def law_at(at: float) -> Term:
         theta = (float(np.exp(at)) if p.logarithmic else at,)
         X = linear.columns(feature, theta)
-        scanned.append(replace(term, columns=X, theta=theta, tangents=(), ident=(*term.ident, theta), **prior))
-    without = model.fit(others, near)
-    gains = Screen(model.grams, scanned).gains(without)
-    tried = []
-    for k in np.argsort(-gains)[:DECIDED].tolist():
-        fit = model.fit([*others, scanned[k]], near)
-        size = float(fit.beta(scanned[k])[0])
-        inside = scanned[k].low[0] <= size <= scanned[k].high[0]
-        tried.append((fit.score if inside else NEVER, scanned[k].theta, size))
+        return replace(term, columns=X, theta=theta, tangents=(), ident=(*term.ident, theta), **prior)
+
+    tried: list[tuple[float, tuple[float, ...], float]] = []
+
+    def cost(one: Term) -> float:
+        fit = model.fit([*others, one], near)
+        size = float(fit.beta(one)[0])
+        inside = one.low[0] <= size <= one.high[0]
+        tried.append((fit.score if inside else NEVER, one.theta, size))
+        return -tried[-1][0]
+
+    scanned = [law_at(at) for at in values.tolist()]
+    gains = Screen(model.grams, scanned).gains(model.fit(others, near))
+    likeliest = np.argsort(-gains)[:DECIDED].tolist()
+    best = min(likeliest, key=lambda k: cost(scanned[k]))
+    bounds = values[max(best - 1, 0)], values[min(best + 1, SCANNED - 1)]
+    minimize_scalar(
+        lambda at: cost(law_at(float(at))), bounds=bounds, method="bounded", options={"maxiter": EVALUATIONS}
+    )
     _, theta, size = max(tried)
     return theta, 1.0 if feature.fixed else size
 

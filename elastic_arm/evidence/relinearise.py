@@ -18,7 +18,7 @@ from elastic_arm.evidence.frontier import Frontier, Node
 from elastic_arm.evidence.grams import Bands, kept
 from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.model import EXACT, KINDS, Fit, LinearModel, Screen
-from elastic_arm.evidence.nonlinear import components, moved, tangent_term
+from elastic_arm.evidence.nonlinear import components, moved, placed_anew, tangent_term
 from elastic_arm.evidence.pool import effect_terms, law_terms, linear_prior, number_terms
 from elastic_arm.evidence.priors import BUILT, COMPARED, ELSEWHERE, FIRST, MEASURED, MOST, STATED, TRUST, WORTH
 from elastic_arm.evidence.problem import Problem
@@ -437,6 +437,10 @@ def _again(fit: Fit, linear: Linearisation) -> list[Term]:
             again = _effect_again(t, fit, linear)
             # Without the friction that it scales there is nothing of it.
             found += [again] if again.feature.friction or not again.feature.effect.scales_friction else []
+    for k, t in enumerate(found):
+        if t.tangents and t.feature.quadratic and t.feature.count == 1 and not t.feature.fixed:
+            model = linear_model(linear, fit.model.name)
+            found[k] = placed_anew(linear, model, t, [*found[:k], *found[k + 1 :]])
     linear.cache["again"] = fit, found
     return found
 
