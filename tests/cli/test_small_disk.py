@@ -13,7 +13,7 @@ from tests.helpers.small_disk import fill, make_read_only, mounted
 COMMANDS = {
     "simulate": ("simulate", "--trajectory", "{motion}", "--rate", "100", "--out", "{disk}/bag"),
     "identify": ("identify", "{bag}", "--out", "{disk}/identified"),
-    "diagnose": ("diagnose", "{bag}", "--out", "{disk}/diagnosis"),
+    "diagnose": ("diagnose", "{bag}", "--out", "{disk}/diagnosis", "--quiet"),
     "history": ("history", "{bag}", "{killed}", "--workers", "1", "--out", "{disk}/history"),
     "describe": ("describe", "--urdf", "{disk}/arm.urdf"),
     "bag check": ("bag", "check", "{killed}", "--repair", "--out", "{disk}/mended"),
