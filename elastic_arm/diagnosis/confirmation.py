@@ -6,8 +6,8 @@
 with y the rows that are fitted, y' those that judge, and e the power over the sensors' noise, in that noise, that a
 residual keeps on the recordings that judge with sizes of the fitted ones. A cause that gains no likelihood there is
 none: its law fits one recording. The share alone decides nothing: what ordinary numbers can take over, at the price of
-their priors, leaves as small a gap. Nor does the likelihood where numbers beyond their ordinary deviations take over:
-the description is wrong then as well, and the prior has weighed both.
+their priors, leaves as small a gap. Where numbers beyond their ordinary deviations take over, they predict as well as
+the cause: it stays unless it loses, as the description is wrong in either case and the prior has weighed both.
 """
 
 from dataclasses import dataclass
@@ -19,6 +19,7 @@ from scipy.stats import chi2, norm
 from elastic_arm.arrays import Array
 from elastic_arm.diagnosis.gap import Gap
 from elastic_arm.evidence.model import Fit
+from elastic_arm.evidence.priors import WORTH
 from elastic_arm.evidence.term import Term
 
 TWO = 2.0  # deviations within which a size is none (contract)
@@ -36,8 +37,8 @@ class Confirmation:
 
     @property
     def confirms(self) -> bool:
-        """Whether it has a size, and gains likelihood unless numbers that are far off stand for it."""
-        return self.has_size and (self.nats > 0.0 or self.taken_over)
+        """Whether it has a size and gains likelihood, or loses none where numbers that are far off stand for it."""
+        return self.has_size and self.nats > (-WORTH if self.taken_over else 0.0)
 
 
 def has_size(fit: Fit, term: Term) -> bool:
