@@ -42,17 +42,15 @@ class Products(NamedTuple):
 
 
 class Bands:
-    """Place and octave of each whitened row, of several data one after the other."""
+    """Place and octave of each whitened row; rows are in the order of the bands."""
 
-    def __init__(self, *each: WhitenedData) -> None:
-        octaves, self.places, found, told = len(OCTAVES) + 1, each[0].layout.rows, [], []
-        for data in each:
-            own = np.searchsorted(OCTAVES, data.frequencies, side="right")
-            shares = np.array([left.mean(axis=0) for left in data.shares()])
-            for place in range(self.places):
-                found.append(place * octaves + own)
-                told.append(data.of_stretches(shares[:, place]))
-        self._count(np.concatenate(found), np.concatenate(told))
+    def __init__(self, data: WhitenedData) -> None:
+        self.places = data.layout.rows
+        own = np.searchsorted(OCTAVES, data.frequencies, side="right")
+        shares = np.array([left.mean(axis=0) for left in data.shares()])
+        of_rows = [place * (len(OCTAVES) + 1) + own for place in range(self.places)]
+        told = [data.of_stretches(shares[:, place]) for place in range(self.places)]
+        self._count(np.concatenate(of_rows), np.concatenate(told))
 
     def among(self, rows: NDArray[np.bool_]) -> Bands:
         """Return the bands of some of the rows (rows,)."""
@@ -65,8 +63,6 @@ class Bands:
         octaves = len(OCTAVES) + 1
         self.of_rows, self._told = of_rows, told
         self.counts = np.bincount(self.of_rows, minlength=self.places * octaves)
-        is_sorted = bool(np.all(np.diff(self.of_rows) >= 0))
-        self._order = None if is_sorted else np.argsort(self.of_rows, kind="stable")
         ends = np.concatenate([[0], np.cumsum(self.counts)])
         self.used = np.flatnonzero(self.counts)
         self.slices = [slice(int(ends[b]), int(ends[b + 1])) for b in self.used]
@@ -75,9 +71,9 @@ class Bands:
         self.place, self.octave = np.divmod(self.used, octaves)
 
     def side_by_side(self, each: Sequence[Array]) -> Array:
-        """Return columns (rows, k) of several, rows in the order of the bands; each column in memory as a whole."""
+        """Return columns (rows, k) of several side by side; each column stands in memory as a whole."""
         found = each[0].T if len(each) == 1 else np.concatenate([one.T for one in each])
-        return (np.ascontiguousarray(found) if self._order is None else found.take(self._order, axis=1)).T
+        return np.ascontiguousarray(found).T
 
     def products(self, A: Array, B: Array) -> Array:
         """Return (bands, a, b) of columns whose rows are in the order of the bands."""

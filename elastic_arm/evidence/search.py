@@ -4,7 +4,7 @@ Add, drop, exchange, two for one, one for two, a size on another scale. What a f
 the present fit proposes; the score of the whole set decides. All sets met are kept: probabilities are sums over them.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
 from typing import NamedTuple
@@ -146,12 +146,6 @@ class Search:
         if known is None or fit.score > known.score:
             self.met[fit.keys] = fit
         return fit
-
-    def take(self, fits: Iterable[Fit], best: Fit) -> None:
-        """Take sets that were met elsewhere."""
-        for fit in fits:
-            self._keep(fit)
-        self._let_go(best)
 
     def _let_go(self, best: Fit) -> None:
         """Drop sets that are next to impossible beside the best: each holds a covariance, or all data of elsewhere."""
