@@ -7,7 +7,9 @@ from setuptools import find_packages, setup
 
 NAME = "elastic_arm"
 VERSION = next(
-    line.split('"')[1] for line in Path(NAME, "version.py").read_text().splitlines() if line.startswith("__version__")
+    line.split('"')[1]
+    for line in Path(NAME, "version.py").read_text().splitlines()
+    if line.startswith("__version__")
 )
 NODES = ("simulator", "trajectory_generator", "identifier", "gap_monitor", "recorder", "replayer")
 
@@ -55,7 +57,10 @@ setup(
     maintainer_email="maintainers@users.noreply.h-seed-cf1e5b97.example",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
     package_data={
-        NAME: [f"**/*.{kind}" for kind in ("yaml", "html", "xml", "j2", "css", "js", "msg", "c", "h", "typed")]
+        NAME: [
+            f"**/*.{kind}"
+            for kind in ("yaml", "html", "xml", "j2", "css", "js", "msg", "c", "h", "typed")
+        ]
     },
     python_requires=">=3.11",
     install_requires=list(LIBRARIES),

@@ -63,11 +63,17 @@ def record(robot: Robot, seconds: float, noise: float, seed: int) -> tuple[Recor
     rng = np.random.default_rng(seed)
     true = varied(robot, rng)
     shape = Shape(period=min(10.0, seconds), periods=math.ceil(seconds / 10.0))
-    motion = random_trajectories(build_model(robot), MotionLimits.of(robot), 1, rng=rng, shape=shape)[0]
+    motion = random_trajectories(
+        build_model(robot), MotionLimits.of(robot), 1, rng=rng, shape=shape
+    )[0]
     encoder = Encoder(noise=noise, velocity_noise=VELOCITY_NOISE * noise)
     sensors = Sensors(link_encoder=encoder, motor_encoder=encoder)
     recorded = simulate(
-        true, motion, SimulationSettings(nominal=robot, sensors=sensors, substeps=4), duration=seconds, rng=rng
+        true,
+        motion,
+        SimulationSettings(nominal=robot, sensors=sensors, substeps=4),
+        duration=seconds,
+        rng=rng,
     )
     return recorded, true
 
@@ -83,7 +89,9 @@ def outcome(seconds: float, noise: float, seed: int) -> Outcome | None:
         return None
     compared = compare(result, true)
     well = np.array([estimate.verdict == "well" for estimate in result.estimates])
-    return Outcome(tuple(e.name for e in result.estimates), np.array([each.z for each in compared]), well)
+    return Outcome(
+        tuple(e.name for e in result.estimates), np.array([each.z for each in compared]), well
+    )
 
 
 def share(hits: np.ndarray) -> float:
@@ -96,7 +104,10 @@ def report(seconds: float, noise: float, outcomes: Sequence[Outcome]) -> None:
     z = np.array([each.z for each in outcomes])
     well = np.array([each.well for each in outcomes])
     held = np.abs(z) < INTERVAL
-    of_well = [share(held[well[:, k], k]) if well[:, k].sum() >= FEWEST else math.nan for k in range(z.shape[1])]
+    of_well = [
+        share(held[well[:, k], k]) if well[:, k].sum() >= FEWEST else math.nan
+        for k in range(z.shape[1])
+    ]
     least = float(np.nanmin(of_well)) if np.isfinite(of_well).any() else math.nan
     print(
         f"  {seconds:4.0f} s, {noise:6.0e} rad: all {share(held):.3f}; called well {share(held[well]):.3f} "
@@ -111,7 +122,8 @@ def report(seconds: float, noise: float, outcomes: Sequence[Outcome]) -> None:
             mark = "too few" if chance < CHANCE else "within chance"
             mean, spread = z[well[:, k], k].mean(), z[well[:, k], k].std()
             print(
-                f"      {name}: {of_well[k]:.3f} of {count} ({mark}); mean {mean:+.2f}, spread {spread:.2f}", flush=True
+                f"      {name}: {of_well[k]:.3f} of {count} ({mark}); mean {mean:+.2f}, spread {spread:.2f}",
+                flush=True,
             )
 
 
@@ -120,12 +132,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--recordings", type=int, default=200)
     parser.add_argument("--seconds", type=float, nargs="*", default=list(SECONDS))
-    parser.add_argument("--noise", type=float, nargs="*", default=list(NOISES), help="of the encoders, rad")
+    parser.add_argument(
+        "--noise", type=float, nargs="*", default=list(NOISES), help="of the encoders, rad"
+    )
     parser.add_argument("--workers", type=int, default=1, help="processes")
     parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument("--save", help="npz file for errors and verdicts, to look into")
     arguments = parser.parse_args()
-    print(f"{arguments.recordings} recordings each; shares of 95 % intervals that hold the truth (wanted {WANTED})")
+    print(
+        f"{arguments.recordings} recordings each; shares of 95 % intervals that hold the truth (wanted {WANTED})"
+    )
     seeds = range(arguments.first_seed, arguments.first_seed + arguments.recordings)
     started, kept = time.perf_counter(), {}
     with ProcessPoolExecutor(arguments.workers) as pool:

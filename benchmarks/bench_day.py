@@ -45,7 +45,11 @@ class Work:
         count = max(1, round(seconds * (1.0 - standing) / moving))
         self.cycle = seconds / count
         found = random_trajectories(
-            build_model(robot, "mod3"), MotionLimits.of(robot), min(count, 8), rng=np.random.default_rng(3), shape=shape
+            build_model(robot, "mod3"),
+            MotionLimits.of(robot),
+            min(count, 8),
+            rng=np.random.default_rng(3),
+            shape=shape,
         )
         self.motions = [found[k % len(found)] for k in range(count)]
 
@@ -56,7 +60,9 @@ class Work:
         which = np.minimum(t // self.cycle, len(self.motions) - 1).astype(int)
         for k in np.unique(which):
             own = which == k
-            for all_of, one in zip(parts, self.motions[k].evaluate(t[own] - k * self.cycle), strict=True):
+            for all_of, one in zip(
+                parts, self.motions[k].evaluate(t[own] - k * self.cycle), strict=True
+            ):
                 all_of[own] = one
             parts[0][own] += home - self.motions[k].q0
         return parts[0], parts[1], parts[2]
@@ -64,8 +70,12 @@ class Work:
 
 def recorded(folder: Path, robot: Robot, work: Work, seconds: float) -> Path:
     """Write the recording of some work, and of the first of it a second one: the earlier recording of a history."""
-    settings = SimulationSettings(effects=[parse(f"{LAW}:torque={TRUE}", robot)], sensors=Sensors.real())
-    block = simulate(robot, work, settings, duration=min(seconds, BLOCK), rng=np.random.default_rng(0))
+    settings = SimulationSettings(
+        effects=[parse(f"{LAW}:torque={TRUE}", robot)], sensors=Sensors.real()
+    )
+    block = simulate(
+        robot, work, settings, duration=min(seconds, BLOCK), rng=np.random.default_rng(0)
+    )
     save_robot(robot, folder / "arm.yaml")
     write_recording(folder / "before", block)
     sink = McapSink(folder / "run" / "run_0.mcap", "lz4")
@@ -81,7 +91,11 @@ def recorded(folder: Path, robot: Robot, work: Work, seconds: float) -> Path:
 
 def moved(recording: Recording, by_ns: int) -> Recording:
     """Return a recording at later times."""
-    sides = {name: replace(side, stamp_ns=side.stamp_ns + by_ns) for name, side in recording.sides().items() if side}
+    sides = {
+        name: replace(side, stamp_ns=side.stamp_ns + by_ns)
+        for name, side in recording.sides().items()
+        if side
+    }
     return replace(recording, **sides)
 
 
@@ -96,7 +110,9 @@ def measured(command: str, bag: Path, out: Path) -> tuple[float, float, str]:
     }
     arm = ["--robot", str(bag.parent / "arm.yaml")]
     words = ["-c", START, *command.split(), str(bag), *arm, *options[command]]
-    with subprocess.Popen([sys.executable, *words], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
+    with subprocess.Popen(
+        [sys.executable, *words], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    ) as process:
         _, status, usage = os.wait4(process.pid, 0)
         process.returncode = os.waitstatus_to_exitcode(status)
     seconds = usage.ru_utime + usage.ru_stime
@@ -114,7 +130,11 @@ def found_in(folder: Path) -> str:
         return ""
     result = json.loads(file.read_text(encoding="utf-8"))
     if file.name == RESULTS[2]:
-        sizes = [f"{v['value']:.4f} ± {v['std']:.2g} Nm" for one in result["numbers"] for v in one["values"]]
+        sizes = [
+            f"{v['value']:.4f} ± {v['std']:.2g} Nm"
+            for one in result["numbers"]
+            for v in one["values"]
+        ]
         return f"{result['verdict']} {'; '.join(sizes)}"
     if file.name == RESULTS[0]:
         causes = [f"{c['effect']}:{c['joint']} {c['parameters']}" for c in result["causes"]]
@@ -126,19 +146,33 @@ def found_in(folder: Path) -> str:
 def main() -> None:
     """Entry point."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--motion", type=float, default=20.0, help="s of motion before the standstill")
-    parser.add_argument("--rest", type=float, nargs="*", default=(0.0, 30.0, 60.0, 300.0), help="s of standstill")
-    parser.add_argument("--work", type=float, nargs="*", default=(60.0, 600.0, 3600.0), help="s of work")
-    parser.add_argument("--standing", type=float, nargs="*", default=(0.0, 0.5, 0.95), help="share of the work")
+    parser.add_argument(
+        "--motion", type=float, default=20.0, help="s of motion before the standstill"
+    )
+    parser.add_argument(
+        "--rest", type=float, nargs="*", default=(0.0, 30.0, 60.0, 300.0), help="s of standstill"
+    )
+    parser.add_argument(
+        "--work", type=float, nargs="*", default=(60.0, 600.0, 3600.0), help="s of work"
+    )
+    parser.add_argument(
+        "--standing", type=float, nargs="*", default=(0.0, 0.5, 0.95), help="share of the work"
+    )
     parser.add_argument("--joints", type=int, default=3, help="of the arm")
-    parser.add_argument("--commands", nargs="*", default=("bag check", "identify", "diagnose", "history"))
+    parser.add_argument(
+        "--commands", nargs="*", default=("bag check", "identify", "diagnose", "history")
+    )
     asked = parser.parse_args()
     robot = arm_of(asked.joints)
     motion = Work(robot, asked.motion, asked.motion, 0.0)
-    cases = [(f"{asked.motion:g} s of motion + {rest:g} s of rest", motion, asked.motion + rest) for rest in asked.rest]
+    cases = [
+        (f"{asked.motion:g} s of motion + {rest:g} s of rest", motion, asked.motion + rest)
+        for rest in asked.rest
+    ]
     for seconds in asked.work:
         works = [
-            (f"{seconds:g} s of work, {s:.0%} rest", Work(robot, min(seconds, BLOCK), 30.0, s)) for s in asked.standing
+            (f"{seconds:g} s of work, {s:.0%} rest", Work(robot, min(seconds, BLOCK), 30.0, s))
+            for s in asked.standing
         ]
         cases += [(name, work, seconds) for name, work in works]
     first: dict[str, float] = {}
@@ -148,7 +182,10 @@ def main() -> None:
             for command in asked.commands:
                 elapsed, memory, found = measured(command, bag, out)
                 ratio = elapsed / first.setdefault(command, elapsed)
-                print(f"{name:38} {command:9} {elapsed:7.1f} s {ratio:6.2f} {memory:6.2f} GB  {found}", flush=True)
+                print(
+                    f"{name:38} {command:9} {elapsed:7.1f} s {ratio:6.2f} {memory:6.2f} GB  {found}",
+                    flush=True,
+                )
                 shutil.rmtree(out, ignore_errors=True)
 
 

@@ -68,10 +68,16 @@ def recordings(robot: Robot, seconds: float) -> list[Recording]:
     made = []
     for duration in (seconds, max(0.5 * seconds, SHORTEST)):
         shape = Shape(period=min(10.0, duration), periods=math.ceil(duration / 10.0))
-        motion = random_trajectories(build_model(robot), MotionLimits.of(robot), 1, rng=rng, shape=shape)[0]
+        motion = random_trajectories(
+            build_model(robot), MotionLimits.of(robot), 1, rng=rng, shape=shape
+        )[0]
         made.append(
             simulate(
-                robot, motion, SimulationSettings(effects=effects, sensors=Sensors.real()), duration=duration, rng=rng
+                robot,
+                motion,
+                SimulationSettings(effects=effects, sensors=Sensors.real()),
+                duration=duration,
+                rng=rng,
             )
         )
     return made
@@ -86,10 +92,14 @@ def ten_causes(nominal: Robot) -> list[Recording]:
     places = [nominal.joint_names[k] for k in (0, nominal.n // 2, -1)]
     effects = [parse(text.format(*places), robot) for text in TEN_CAUSES]
     shape = Shape(period=10.0, periods=2)
-    motions = random_trajectories(build_model(robot), MotionLimits.of(robot), 2, rng=rng, shape=shape)
+    motions = random_trajectories(
+        build_model(robot), MotionLimits.of(robot), 2, rng=rng, shape=shape
+    )
     sensors = Sensors.real()
     return [
-        simulate(robot, m, SimulationSettings(effects=effects, sensors=sensors), duration=20.0, rng=rng)
+        simulate(
+            robot, m, SimulationSettings(effects=effects, sensors=sensors), duration=20.0, rng=rng
+        )
         for m in motions
     ]
 
@@ -101,8 +111,15 @@ class Times:
         self._processor, self._elapsed = time.process_time(), time.perf_counter()
 
     def __str__(self) -> str:
-        processor, elapsed = time.process_time() - self._processor, time.perf_counter() - self._elapsed
-        return f"{processor:7.2f} s" if threads() == 1 else f"{processor:7.2f} s, {elapsed:7.2f} s elapsed"
+        processor, elapsed = (
+            time.process_time() - self._processor,
+            time.perf_counter() - self._elapsed,
+        )
+        return (
+            f"{processor:7.2f} s"
+            if threads() == 1
+            else f"{processor:7.2f} s, {elapsed:7.2f} s elapsed"
+        )
 
 
 def report_ten(n: int) -> None:
@@ -115,7 +132,10 @@ def report_ten(n: int) -> None:
         found = diagnose([fitted], Question(robot, refit=refit, given=given), [judged])
         spent = str(times)
         asked = "--refit --with" if refit else "as described"
-        print(f"  n = {n}, {asked:14s}: {spent}  {found.verdict}, {len(found.causes)} causes", flush=True)
+        print(
+            f"  n = {n}, {asked:14s}: {spent}  {found.verdict}, {len(found.causes)} causes",
+            flush=True,
+        )
 
 
 def report(n: int, seconds: float, without: tuple[str, ...] = ()) -> None:
@@ -140,14 +160,20 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, nargs="*", default=[5.0, 10.0, 20.0, 40.0])
     parser.add_argument("--joints", type=int, nargs="*", default=[2, 3, 6])
-    parser.add_argument("--ten", type=int, nargs="*", default=[3, 6], help="joints of the realistic arms")
-    parser.add_argument("--threads", type=int, default=1, help="among which a diagnosis is shared out")
+    parser.add_argument(
+        "--ten", type=int, nargs="*", default=[3, 6], help="joints of the realistic arms"
+    )
+    parser.add_argument(
+        "--threads", type=int, default=1, help="among which a diagnosis is shared out"
+    )
     arguments = parser.parse_args()
     wanted = {"OMP_NUM_THREADS": str(arguments.threads), **ONE_THREAD}
     if any(os.environ.get(name) != number for name, number in wanted.items()):
         # Libraries read these when they are loaded, so begin again with them.
         os.execve(
-            sys.executable, [sys.executable, "-m", "benchmarks.bench_diagnosis", *sys.argv[1:]], os.environ | wanted
+            sys.executable,
+            [sys.executable, "-m", "benchmarks.bench_diagnosis", *sys.argv[1:]],
+            os.environ | wanted,
         )
     keep_memory()
     print(f"one diagnosis, processor seconds, {threads()} of the cores ({TARGET})")

@@ -39,7 +39,11 @@ def listen(path: Path) -> None:
     with path.open("w", buffering=1) as file:
         for topic in (topics.JOINT_STATES, topics.MOTOR_STATES):
             node.create_subscription(
-                JointState, topic, lambda _: print(time.monotonic(), file=file), graph.qos(topic), raw=True
+                JointState,
+                topic,
+                lambda _: print(time.monotonic(), file=file),
+                graph.qos(topic),
+                raw=True,
             )
         while True:
             executor.spin_once(timeout_sec=0.1)
@@ -48,9 +52,20 @@ def listen(path: Path) -> None:
 def pauses(env: dict[str, str], times: int, folder: Path) -> np.ndarray:
     """Return the longest time without a message after each of so many stops (times,), s."""
     arrivals, continued = folder / "arrivals", []
-    command = [sys.executable, "-m", "elastic_arm.nodes.simulator", "--ros-args", "-p", f"rate:={RATE}"]
-    simulator = subprocess.Popen(command, env=env, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    reader = subprocess.Popen([sys.executable, "-m", __spec__.name, "--listen", str(arrivals)], env=env)
+    command = [
+        sys.executable,
+        "-m",
+        "elastic_arm.nodes.simulator",
+        "--ros-args",
+        "-p",
+        f"rate:={RATE}",
+    ]
+    simulator = subprocess.Popen(
+        command, env=env, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
+    reader = subprocess.Popen(
+        [sys.executable, "-m", __spec__.name, "--listen", str(arrivals)], env=env
+    )
     try:
         while not (arrivals.exists() and arrivals.stat().st_size > 1e5):
             time.sleep(0.1)
@@ -80,8 +95,13 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         own = Path(name) / "own.xml"
         own.write_text(OWN)
-        for kind, setting in (("the suite's profile", {}), ("Fast DDS's own", {PROFILE_VARIABLE: str(own)})):
-            found = pauses({**os.environ, "ROS_DOMAIN_ID": "77", **setting}, options.times, Path(name))
+        for kind, setting in (
+            ("the suite's profile", {}),
+            ("Fast DDS's own", {PROFILE_VARIABLE: str(own)}),
+        ):
+            found = pauses(
+                {**os.environ, "ROS_DOMAIN_ID": "77", **setting}, options.times, Path(name)
+            )
             print(
                 f"{kind:20} longest pause after {len(found)} stops of {HELD} s: median {np.median(found):.2f}, 90 % "
                 f"{np.percentile(found, 90):.2f}, most {found.max():.2f} s",

@@ -50,16 +50,22 @@ def outcome(recordings: int, seed: int) -> Outcome:
         effects = [parse(f"{LAW}:{j}:torque={s}", robot) for j, s in zip(names, size, strict=True)]
         settings = SimulationSettings(nominal=robot, effects=effects, sensors=Sensors.real())
         runs.append(replace(simulate(true, motion, settings, rng=rng), source=f"run_{len(runs)}"))
-    found = diagnose(runs, Question(robot, refit=True, given=known_effects([LAW], robot, Catalogue.default())))
+    found = diagnose(
+        runs, Question(robot, refit=True, given=known_effects([LAW], robot, Catalogue.default()))
+    )
     told = [one for one in courses(found) if one.step is not None]
-    own = [one for one in told if there and one.sized.effect == LAW and one.sized.joint == names[joint]]
+    own = [
+        one for one in told if there and one.sized.effect == LAW and one.sized.joint == names[joint]
+    ]
     right = any(one.step is not None and one.step.after == first - 1 for one in own)
     return Outcome(len(told) - len(own), len(found.events), there, right)
 
 
 def main() -> None:
     """Count false alarms over histories, with a line for each."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--histories", type=int, default=16)
     parser.add_argument("--recordings", type=int, default=4, help="of each")
     parser.add_argument("--first-seed", type=int, default=50000)

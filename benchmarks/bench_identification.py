@@ -97,7 +97,8 @@ class FromArrays:
         self.true = BaseRegression(model, ("q", "theta", "tau_m")).base.T @ model.Psi
         motion = random_motion(model, count, np.random.default_rng(0))
         self.states = [
-            np.hstack([getattr(motion, rate + "q"), getattr(motion, rate + "theta")]) for rate in ("", "d", "dd")
+            np.hstack([getattr(motion, rate + "q"), getattr(motion, rate + "theta")])
+            for rate in ("", "d", "dd")
         ]
         self.y = motion.tau_m
 
@@ -112,7 +113,9 @@ class FromArrays:
     def stored(self) -> np.ndarray:
         """Build Phi and call lstsq."""
         Phi = self.model.regressor(*self.states, columns=self.columns)
-        return np.linalg.lstsq(Phi.reshape(-1, len(self.columns)), self.y.reshape(-1), rcond=None)[0]
+        return np.linalg.lstsq(Phi.reshape(-1, len(self.columns)), self.y.reshape(-1), rcond=None)[
+            0
+        ]
 
     def error(self, Psi: np.ndarray) -> float:
         """Largest relative error."""
@@ -122,7 +125,11 @@ class FromArrays:
 def recording(model: Model, count: int) -> Recording:
     """A recording of periodic motion with noise, `count` samples at 1 kHz."""
     s = record(
-        model, np.random.default_rng(1), periods=max(count // 10_000, 1), encoder_noise=1e-6, velocity_noise=1e-4
+        model,
+        np.random.default_rng(1),
+        periods=max(count // 10_000, 1),
+        encoder_noise=1e-6,
+        velocity_noise=1e-4,
     )
     link, motor = Side(s.stamp_ns, s.q, s.dq, s.tau_J), Side(s.stamp_ns, s.theta, s.dtheta, s.tau_m)
     return Recording(model.robot.joint_names, link=link, motor=motor, source="benchmark")
@@ -148,13 +155,24 @@ def report_arrays(model: Model, count: int) -> None:
     """Print the first job."""
     job = FromArrays(model, count)
     rounds = [(timed(job.fused, 3), best_of_blas(job.stored)) for _ in range(PEER_REPEATS)]
-    ours, theirs = np.median([own for own, _ in rounds], axis=0), np.median([peer for _, peer in rounds], axis=0)
+    ours, theirs = (
+        np.median([own for own, _ in rounds], axis=0),
+        np.median([peer for _, peer in rounds], axis=0),
+    )
     ratio = np.median([[peer[k] / own[k] for k in range(2)] for own, peer in rounds], axis=0)
     errors = job.error(job.fused()), job.error(job.stored())
-    print(f"from arrays, {count} samples, {len(job.columns)} base parameters, {model.dof} rows a sample")
-    print(f"  Phi not stored       {ours[0]:9.4f} s ({ours[1]:.4f})   largest relative error {errors[0]:.1e}")
-    print(f"  build Phi and lstsq  {theirs[0]:9.4f} s ({theirs[1]:.4f})   largest relative error {errors[1]:.1e}")
-    print(f"  threads of BLAS      ours 1, the peer's in each round {[peer[2] for _, peer in rounds]}")
+    print(
+        f"from arrays, {count} samples, {len(job.columns)} base parameters, {model.dof} rows a sample"
+    )
+    print(
+        f"  Phi not stored       {ours[0]:9.4f} s ({ours[1]:.4f})   largest relative error {errors[0]:.1e}"
+    )
+    print(
+        f"  build Phi and lstsq  {theirs[0]:9.4f} s ({theirs[1]:.4f})   largest relative error {errors[1]:.1e}"
+    )
+    print(
+        f"  threads of BLAS      ours 1, the peer's in each round {[peer[2] for _, peer in rounds]}"
+    )
     print(f"  ratio {ratio[0]:.0f} ({ratio[1]:.0f}), error ratio {errors[0] / errors[1]:.2g}")
 
 
@@ -170,7 +188,10 @@ def report_bag(model: Model, count: int, folder: Path) -> None:
     loop = PinocchioLoop(model.robot, bearings=False, columns=len(job.columns))
     few = [a[:LOOP_SAMPLES] for a in job.states]
     parts = {
-        "rosbags, read and deserialise": (timed(lambda: read_by_rosbags(bags["peer"]), 1), count / PEER_SAMPLES),
+        "rosbags, read and deserialise": (
+            timed(lambda: read_by_rosbags(bags["peer"]), 1),
+            count / PEER_SAMPLES,
+        ),
         "Pinocchio regressor, loop": (timed(lambda: loop(*few), 3), count / LOOP_SAMPLES),
         "numpy lstsq": (best_of_blas(job.stored)[:2], count / PEER_SAMPLES),
     }
@@ -178,7 +199,9 @@ def report_bag(model: Model, count: int, folder: Path) -> None:
     print(f"from a bag, {count} samples (two topics)")
     print(f"  ours, bag to parameters with standard deviations {ours[0]:8.2f} s ({ours[1]:.2f})")
     for name, (seconds, scale) in parts.items():
-        print(f"  {name:48s} {seconds[0] * scale:8.2f} s ({seconds[1] * scale:.2f}), scaled up by {scale:.0f}")
+        print(
+            f"  {name:48s} {seconds[0] * scale:8.2f} s ({seconds[1] * scale:.2f}), scaled up by {scale:.0f}"
+        )
         total += np.array(seconds) * scale
     print(f"  ratio {total[0] / ours[0]:.0f} ({total[1] / ours[1]:.0f})")
 
@@ -187,11 +210,15 @@ def report_growth(model: Model) -> None:
     """Print how the cost of the sums grows with N and n."""
     print("growth: microseconds a sample of the sums and the solution, from arrays")
     for count in (10_000, 100_000, 1_000_000):
-        print(f"  n = 3, N = {count:8d}: {1e6 * timed(FromArrays(model, count).fused, 3)[0] / count:8.3f}")
+        print(
+            f"  n = 3, N = {count:8d}: {1e6 * timed(FromArrays(model, count).fused, 3)[0] / count:8.3f}"
+        )
     for n in (3, 6, 7, 12):
         arm = build_model(random_arm(n, np.random.default_rng(n)))
         job = FromArrays(arm, 50_000)
-        print(f"  n = {n}, {len(job.columns):3d} parameters: {1e6 * timed(job.fused, 3)[0] / 50_000:8.3f}")
+        print(
+            f"  n = {n}, {len(job.columns):3d} parameters: {1e6 * timed(job.fused, 3)[0] / 50_000:8.3f}"
+        )
 
 
 LIMITS = """
@@ -236,10 +263,18 @@ def report_limits(model: Model) -> None:
         print(f"limits: not measured ({error})")
         return
     out, number = (ctypes.c_longlong * 16)(1 << 50, 3), ctypes.c_long
-    products = timed(lambda: library.multiplications(number(2 * entries * count // LANES), out), 5)[1]
-    memory = timed(lambda: library.memory(number(read.size), ctypes.c_void_p(read.ctypes.data)), 5)[1]
-    print(f"limits, processor ns a sample: sums {1e9 * sums / count:.1f}, of that {2 * entries} multiplications alone")
-    print(f"  {1e9 * products / count:.1f}; reading its {read.nbytes // count} bytes alone {1e9 * memory / count:.1f}")
+    products = timed(lambda: library.multiplications(number(2 * entries * count // LANES), out), 5)[
+        1
+    ]
+    memory = timed(lambda: library.memory(number(read.size), ctypes.c_void_p(read.ctypes.data)), 5)[
+        1
+    ]
+    print(
+        f"limits, processor ns a sample: sums {1e9 * sums / count:.1f}, of that {2 * entries} multiplications alone"
+    )
+    print(
+        f"  {1e9 * products / count:.1f}; reading its {read.nbytes // count} bytes alone {1e9 * memory / count:.1f}"
+    )
 
 
 def main() -> None:
@@ -247,7 +282,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--samples", type=int, default=1_000_000, help="of the recording on disk")
     parser.add_argument("--array-samples", type=int, nargs="*", default=[200_000, 1_000_000])
-    parser.add_argument("--limits", action="store_true", help="the machine's limits alone (AVX-512 IFMA)")
+    parser.add_argument(
+        "--limits", action="store_true", help="the machine's limits alone (AVX-512 IFMA)"
+    )
     arguments = parser.parse_args()
     model = build_model(load_robot(None), "mod3")
     set_blas_threads(1)

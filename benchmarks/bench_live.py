@@ -118,14 +118,18 @@ def live(folder: Path, seconds: float) -> dict[str, object]:
     """Measure the whole graph."""
     rng = np.random.default_rng(1)
     a, b = (rng.normal(0.0, 0.2, (3, 5)) for _ in range(2))
-    FourierTrajectory(2 * np.pi / 10.0, a, b, np.zeros(3), 10.0, 1.0, JOINTS).save(folder / "trajectory.yaml")
+    FourierTrajectory(2 * np.pi / 10.0, a, b, np.zeros(3), 10.0, 1.0, JOINTS).save(
+        folder / "trajectory.yaml"
+    )
     nodes = {
         "identifier": node("identifier", save_to=folder / "online", save_at_exit="true"),
         "recorder": node("recorder", bag=folder / "bag"),
     }
     time.sleep(5.0)  # the listeners first, so that every sample finds them
     nodes["simulator"] = node("simulator")
-    nodes["trajectory_generator"] = node("trajectory_generator", trajectory=folder / "trajectory.yaml", repeat=0)
+    nodes["trajectory_generator"] = node(
+        "trajectory_generator", trajectory=folder / "trajectory.yaml", repeat=0
+    )
     publisher = Process(__file__, "--publish")
     probes = {
         topic: Process(__file__, "--probe", topic, "--seconds", str(seconds), "--raw")
@@ -133,7 +137,10 @@ def live(folder: Path, seconds: float) -> dict[str, object]:
     }
     time.sleep(5.0)
     began, used = time.monotonic(), {name: process.cpu() for name, process in nodes.items()}
-    told = {topic: json.loads(each.child.communicate(timeout=seconds + 60)[0]) for topic, each in probes.items()}
+    told = {
+        topic: json.loads(each.child.communicate(timeout=seconds + 60)[0])
+        for topic, each in probes.items()
+    }
     elapsed = time.monotonic() - began
     shares = {name: (process.cpu() - used[name]) / elapsed for name, process in nodes.items()}
     publisher.child.kill()
@@ -143,10 +150,18 @@ def live(folder: Path, seconds: float) -> dict[str, object]:
     recording = read_recording(folder / "bag")
     gaps = {"link": recording.link, "motor": recording.motor}
     lost = {
-        name: int(np.sum(np.diff(side.stamp_ns) // 1_000_000 - 1)) for name, side in gaps.items() if side is not None
+        name: int(np.sum(np.diff(side.stamp_ns) // 1_000_000 - 1))
+        for name, side in gaps.items()
+        if side is not None
     }
     online = json.loads((folder / "online" / "identification.json").read_text())
-    return {"probes": told, "shares": shares, "lost": lost, "recorded": len(recording.samples()), "online": online}
+    return {
+        "probes": told,
+        "shares": shares,
+        "lost": lost,
+        "recorded": len(recording.samples()),
+        "online": online,
+    }
 
 
 def main() -> None:
@@ -169,7 +184,9 @@ def main() -> None:
     print(f"load before: {load:.1f} on {os.cpu_count()} cores")
     print(f"{'delay':44} p50 µs  p99 µs")
     print(f"{'bare EventsExecutor subscriber, alone':44}{alone['p50']:7.0f} {alone['p99']:7.0f}")
-    print(f"{'the same messages as bytes, beside the graph':44}{beside['p50']:7.0f} {beside['p99']:7.0f}")
+    print(
+        f"{'the same messages as bytes, beside the graph':44}{beside['p50']:7.0f} {beside['p99']:7.0f}"
+    )
     print(f"{'ratio of the medians':44}{beside['p50'] / alone['p50']:7.2f}")
     print(f"{'samples of the arm, from their stamp':44}{arm['p50']:7.0f} {arm['p99']:7.0f}")
     print(f"samples recorded {whole['recorded']}, lost between them {whole['lost']}")

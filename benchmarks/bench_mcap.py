@@ -39,7 +39,12 @@ def make(count: int, n: int, rng: np.random.Generator) -> Recording:
     phase = rng.uniform(0, 2 * np.pi, n)
     q = np.sin(2 * np.pi * 0.3 * t[:, None] + phase)
     dq = 2 * np.pi * 0.3 * np.cos(2 * np.pi * 0.3 * t[:, None] + phase)
-    side = Side(10**18 + (10**6 * np.arange(count)), q, dq, 100 * q + rng.normal(scale=0.26, size=(count, n)))
+    side = Side(
+        10**18 + (10**6 * np.arange(count)),
+        q,
+        dq,
+        100 * q + rng.normal(scale=0.26, size=(count, n)),
+    )
     return Recording(tuple(f"joint_{i + 1}" for i in range(n)), motor=side)
 
 
@@ -47,11 +52,18 @@ def write_rosbags(folder: Path, recording: Recording) -> None:
     """Write by rosbags, message by message."""
     store, side = message_types.typestore(), recording.motor
     types = store.types
-    assert side is not None and side.position is not None and side.velocity is not None and side.effort is not None
+    assert (
+        side is not None
+        and side.position is not None
+        and side.velocity is not None
+        and side.effort is not None
+    )
     names = list(recording.joints)
     with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         connection = writer.add_connection("/motor_states", JOINT_STATE, typestore=store)
-        for stamp, q, dq, tau in zip(side.stamp_ns.tolist(), side.position, side.velocity, side.effort, strict=True):
+        for stamp, q, dq, tau in zip(
+            side.stamp_ns.tolist(), side.position, side.velocity, side.effort, strict=True
+        ):
             time_ = types["builtin_interfaces/msg/Time"](stamp // 10**9, stamp % 10**9)
             message = types[JOINT_STATE](types["std_msgs/msg/Header"](time_, ""), names, q, dq, tau)
             writer.write(connection, stamp, store.serialize_cdr(message, JOINT_STATE))
@@ -74,7 +86,9 @@ def unpack(folder: Path) -> None:
     content = file.read_bytes()
     for chunk in open_mcap(file).chunks:
         if chunk.compression == "zstd":
-            zstandard.ZstdDecompressor().decompress(content[chunk.begin : chunk.end], max_output_size=chunk.size)
+            zstandard.ZstdDecompressor().decompress(
+                content[chunk.begin : chunk.end], max_output_size=chunk.size
+            )
         elif chunk.compression == "lz4":
             lz4.frame.decompress(content[chunk.begin : chunk.end])
 
@@ -83,7 +97,9 @@ def least(folder: Path, numbers: int) -> None:
     """Unpack all chunks, take their checksums, and fill new memory with as many numbers as the messages hold."""
     file = open_mcap(next(folder.glob("*.mcap")))
     for chunk in file.chunks:
-        zlib.crc32(unpack_chunk(file.buffer[chunk.begin : chunk.end], chunk.compression, chunk.size).data)
+        zlib.crc32(
+            unpack_chunk(file.buffer[chunk.begin : chunk.end], chunk.compression, chunk.size).data
+        )
     np.empty(numbers).fill(0.0)
 
 
@@ -94,7 +110,9 @@ def timed(job: Callable[[], Any]) -> np.ndarray:
     return np.array([time.perf_counter() - begin[0], time.process_time() - begin[1]])
 
 
-def compare(root: Path, count: int, peers: int, repeats: int, n: int, compression: Any) -> dict[str, Any]:
+def compare(
+    root: Path, count: int, peers: int, repeats: int, n: int, compression: Any
+) -> dict[str, Any]:
     """Time everything `repeats` times in turn; rates in messages a second."""
     rng = np.random.default_rng(0)
     recording, small = make(count, n, rng), make(peers, n, rng)
@@ -104,13 +122,18 @@ def compare(root: Path, count: int, peers: int, repeats: int, n: int, compressio
         for folder in ("big", "small", "peer"):
             shutil.rmtree(root / folder, ignore_errors=True)
         write_recording(root / "small", small, compression)
-        times["write"].append(timed(lambda: write_recording(root / "big", recording, compression)) / count)
+        times["write"].append(
+            timed(lambda: write_recording(root / "big", recording, compression)) / count
+        )
         times["peer write"].append(timed(lambda: write_rosbags(root / "peer", small)) / peers)
         times["read"].append(timed(lambda: read_recording(root / "big")) / count)
         times["peer read"].append(timed(lambda: read_rosbags(root / "small")) / peers)
         times["unpack"].append(timed(lambda: unpack(root / "big")) / count)
         times["least"].append(timed(lambda: least(root / "big", count * (3 * n + 1))) / count)
-    wall, cpu = ({name: float(np.median(values, axis=0)[k]) for name, values in times.items()} for k in (0, 1))
+    wall, cpu = (
+        {name: float(np.median(values, axis=0)[k]) for name, values in times.items()}
+        for k in (0, 1)
+    )
     size = next((root / "big").glob("*.mcap")).stat().st_size / count
     return {
         "joints": n,
@@ -146,13 +169,16 @@ def main() -> None:
     rows = []
     with tempfile.TemporaryDirectory() as root:
         for count, n, compression in cases:
-            rows.append(compare(Path(root), count, options.peer_messages, options.repeats, n, compression))
+            rows.append(
+                compare(Path(root), count, options.peer_messages, options.repeats, n, compression)
+            )
             if not options.json:
                 if len(rows) == 1:
                     print("  ".join(rows[0]))
                 print(
                     "  ".join(
-                        f"{v:{len(k)}.4g}" if isinstance(v, float) else f"{v!s:>{len(k)}}" for k, v in rows[-1].items()
+                        f"{v:{len(k)}.4g}" if isinstance(v, float) else f"{v!s:>{len(k)}}"
+                        for k, v in rows[-1].items()
                     )
                 )
     if options.json:

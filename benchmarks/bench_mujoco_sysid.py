@@ -54,7 +54,9 @@ def model_text(n: int, rng: np.random.Generator | None = None) -> str:
             f'{numbers} solreffriction="0.002 1"/>'
         )
         ends.append("</body>")
-    motors = "".join(f'<motor name="m{i + 1}" joint="joint{i + 1}" ctrlrange="-300 300"/>' for i in range(n))
+    motors = "".join(
+        f'<motor name="m{i + 1}" joint="joint{i + 1}" ctrlrange="-300 300"/>' for i in range(n)
+    )
     sensors = "".join(f'<jointpos name="p{i + 1}" joint="joint{i + 1}"/>' for i in range(n))
     sensors += "".join(f'<jointvel name="v{i + 1}" joint="joint{i + 1}"/>' for i in range(n))
     return (
@@ -101,7 +103,11 @@ def theirs(recording: Recording, base: Path, out: Path, iterations: int) -> tupl
     residual = sysid.build_residual_fn(models_sequences=[_sequences(sysid, spec, recording, robot)])
     begin = processor_time()
     best, _ = sysid.optimize(
-        initial_params=params, residual_fn=residual, optimizer="mujoco", max_iters=iterations, verbose=False
+        initial_params=params,
+        residual_fn=residual,
+        optimizer="mujoco",
+        max_iters=iterations,
+        verbose=False,
     )
     seconds = processor_time() - begin
     found = sysid.apply_param_modifiers_spec(best, spec) or spec
@@ -113,7 +119,11 @@ def theirs(recording: Recording, base: Path, out: Path, iterations: int) -> tupl
 def _setter(joint: str, name: str) -> Any:
     def change(spec: Any, parameter: Any) -> None:
         value = getattr(spec.joint(joint), name)
-        setattr(spec.joint(joint), name, [parameter.value[0], 0.0, 0.0] if np.ndim(value) else parameter.value[0])
+        setattr(
+            spec.joint(joint),
+            name,
+            [parameter.value[0], 0.0, 0.0] if np.ndim(value) else parameter.value[0],
+        )
 
     return change
 
@@ -125,11 +135,18 @@ def _body(body: str, name: str) -> Any:
     return change
 
 
-def _sequences(sysid: Any, spec: Any, recording: Recording, robot: Robot, window: float = 0.5) -> Any:
+def _sequences(
+    sysid: Any, spec: Any, recording: Recording, robot: Robot, window: float = 0.5
+) -> Any:
     """Return the recording cut into windows, each from its own recorded start."""
     model = spec.compile()
     data, side = mujoco.MjData(model), recording.motor
-    assert side is not None and side.position is not None and side.velocity is not None and side.effort is not None
+    assert (
+        side is not None
+        and side.position is not None
+        and side.velocity is not None
+        and side.effort is not None
+    )
     t = (side.stamp_ns - side.stamp_ns[0]) * 1e-9
     steps, starts = int(window * RATE), range(0, len(t) - int(window * RATE), int(window * RATE))
     states, controls, sensors = [], [], []
@@ -149,9 +166,14 @@ def figures(arm: MjcfArm, held_out: Recording, true: Robot) -> list[float]:
     errors = replay(held_out, arm, window=0.1).open_loop
     found = []
     for kind in ("armature", "viscous_friction", "coulomb_friction"):
-        apart = [(value(arm.robot, kind, i) - value(true, kind, i)) / value(true, kind, i) for i in range(true.n)]
+        apart = [
+            (value(arm.robot, kind, i) - value(true, kind, i)) / value(true, kind, i)
+            for i in range(true.n)
+        ]
         found.append(100.0 * float(np.sqrt(np.mean(np.square(apart)))))
-    torque, position = (float(np.sqrt(np.mean(values**2))) for values in (errors.torque, errors.position))
+    torque, position = (
+        float(np.sqrt(np.mean(values**2))) for values in (errors.torque, errors.position)
+    )
     return [torque, 1e3 * position, *found]
 
 
@@ -159,7 +181,9 @@ def base_errors(result: Identification, found: Robot, true: Robot) -> list[float
     """Return the rms and the largest error, %, of the base parameters that the recording determines well."""
     well = [e.verdict == "well" for e in result.estimates]
     scale = np.array([e.std / e.relative_std for e in result.estimates])
-    apart = result.T @ (parameters(found, result.parameter_names) - parameters(true, result.parameter_names))
+    apart = result.T @ (
+        parameters(found, result.parameter_names) - parameters(true, result.parameter_names)
+    )
     errors = 100.0 * np.abs(apart / scale)[well]
     return [float(np.sqrt(np.mean(errors**2))), float(errors.max())]
 
@@ -169,7 +193,9 @@ def parameters(robot: Robot, names: Sequence[str]) -> NDArray[np.float64]:
     model = build_model(robot)
     named = {p.name: p.nominal for p in model.bodies.parameters}
     for law in robot.effects:
-        named |= {f"{law['effect']}:{law['joint']}.{name}": v for name, v in law["parameters"].items()}
+        named |= {
+            f"{law['effect']}:{law['joint']}.{name}": v for name, v in law["parameters"].items()
+        }
     return np.array([named.get(name, 0.0) for name in names])
 
 
@@ -178,7 +204,9 @@ def value(robot: Robot, kind: str, i: int) -> float:
     joint = robot.joints[i]
     if kind == "armature":
         return float(joint.armature or 0.0)
-    own = [e["parameters"] for e in robot.effects if e["effect"] == kind and e["joint"] == joint.name]
+    own = [
+        e["parameters"] for e in robot.effects if e["effect"] == kind and e["joint"] == joint.name
+    ]
     return float(next(iter(own[0].values()))) if own else 0.0
 
 
@@ -198,11 +226,14 @@ def main() -> None:
         limits = MotionLimits.of(robot, velocity=2.0, acceleration=8.0)
         motions = liveliest(random_trajectories(build_model(robot), limits, 40, rng=rng), 2)
         fit, judge = (
-            record(open_mjcf(folder / "true.xml"), m, nominal=robot, rate=RATE, rng=rng, **NOISE) for m in motions
+            record(open_mjcf(folder / "true.xml"), m, nominal=robot, rate=RATE, rng=rng, **NOISE)
+            for m in motions
         )
         fit = replace(fit.between(0.0, options.seconds), source="fit")
         print(f"{options.joints} joints, {options.seconds:g} s of {RATE:g} Hz")
-        print(f"{'':14s} time s  torque Nm  motion mrad  armature %  damping %  friction loss %  base %  worst %")
+        print(
+            f"{'':14s} time s  torque Nm  motion mrad  armature %  damping %  friction loss %  base %  worst %"
+        )
         result, arm, first = ours(fit, folder / "plain.xml", folder / "ours.xml")
         rows = {
             "plain file": (open_mjcf(folder / "plain.xml"), 0.0),
@@ -210,15 +241,25 @@ def main() -> None:
             "identify": (arm, ours(fit, folder / "plain.xml", folder / "ours.xml")[2]),
         }
         try:
-            rows["mujoco.sysid"] = theirs(fit, folder / "plain.xml", folder / "theirs.xml", options.iterations)
+            rows["mujoco.sysid"] = theirs(
+                fit, folder / "plain.xml", folder / "theirs.xml", options.iterations
+            )
         except (ImportError, AttributeError) as error:
             print(f"mujoco.sysid is not there ({error}): pip install 'mujoco[sysid]'")
         for label, (arm, seconds) in rows.items():
-            torque, position, *shares = [*figures(arm, judge, true), *base_errors(result, arm.robot, true)]
-            words = "".join(f"{share:{width}.2f}" for share, width in zip(shares, (12, 11, 17, 8, 9), strict=True))
+            torque, position, *shares = [
+                *figures(arm, judge, true),
+                *base_errors(result, arm.robot, true),
+            ]
+            words = "".join(
+                f"{share:{width}.2f}"
+                for share, width in zip(shares, (12, 11, 17, 8, 9), strict=True)
+            )
             print(f"{label:14s} {seconds:6.2f}  {torque:9.4f}  {position:11.4f}{words}")
         well = sum(e.verdict == "well" for e in result.estimates)
-        print(f"{well} of {len(result.estimates)} base parameters are determined well; first call {first:.2f} s")
+        print(
+            f"{well} of {len(result.estimates)} base parameters are determined well; first call {first:.2f} s"
+        )
 
 
 if __name__ == "__main__":

@@ -37,7 +37,9 @@ def interleaved(works: dict[str, Callable[[], object]]) -> dict[str, np.ndarray]
     return {name: np.array(values) for name, values in times.items()}
 
 
-def samples(model: Model, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def samples(
+    model: Model, count: int, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Random states; tilts small."""
     x, dx, ddx = rng.normal(size=(3, count, model.dof))
     x[:, 2 * model.n :] *= 0.01
@@ -67,18 +69,24 @@ class PinocchioLoop:
         self.tree = FullTree(robot, bearings=bearings)
         self.columns = columns
         rng = np.random.default_rng(0)
-        self.projection = np.asfortranarray(rng.normal(size=(10 * (self.tree.model.njoints - 1), columns)))
+        self.projection = np.asfortranarray(
+            rng.normal(size=(10 * (self.tree.model.njoints - 1), columns))
+        )
 
     def __call__(self, x: np.ndarray, dx: np.ndarray, ddx: np.ndarray) -> np.ndarray:
         model, data, G = self.tree.model, self.tree.data, self.tree.G
         Phi = np.empty((len(x), G.shape[1], self.columns))
         q, v, a = x @ G.T, dx @ G.T, ddx @ G.T
         for k in range(len(x)):
-            Phi[k] = G.T @ (pin.computeJointTorqueRegressor(model, data, q[k], v[k], a[k]) @ self.projection)
+            Phi[k] = G.T @ (
+                pin.computeJointTorqueRegressor(model, data, q[k], v[k], a[k]) @ self.projection
+            )
         return Phi
 
 
-def compare(title: str, robot: Robot, bearings: bool, counts: tuple[int, ...], rng: np.random.Generator) -> None:
+def compare(
+    title: str, robot: Robot, bearings: bool, counts: tuple[int, ...], rng: np.random.Generator
+) -> None:
     """Print one arm's table."""
     compiled = build_model(robot, "mod3", bearings=bearings, engine="c")
     fallback = build_model(robot, "mod3", bearings=bearings, engine="numpy")
@@ -86,7 +94,9 @@ def compare(title: str, robot: Robot, bearings: bool, counts: tuple[int, ...], r
     loop = PinocchioLoop(robot, bearings, len(columns))
     kernel = compiled.kernel("regressor", columns)
     nonzero, operations = len(kernel.program.outputs[0].values), len(kernel.program)
-    print(f"\n{title}: dof {compiled.dof}, base columns {len(columns)}, not null {nonzero}, operations {operations}")
+    print(
+        f"\n{title}: dof {compiled.dof}, base columns {len(columns)}, not null {nonzero}, operations {operations}"
+    )
     print(f"{'':20} times the Pinocchio loop's rate {'':17} times the time to fill")
     heads = ("fresh", "reused", "numpy", "reused", "fused", "fresh", "reused")
     print("        N  samples/s", *(f"{head:>9}" for head in heads))
@@ -95,7 +105,11 @@ def compare(title: str, robot: Robot, bearings: bool, counts: tuple[int, ...], r
 
 
 def measure(
-    compiled: Model, fallback: Model, loop: PinocchioLoop, columns: list[int], state: tuple[np.ndarray, ...]
+    compiled: Model,
+    fallback: Model,
+    loop: PinocchioLoop,
+    columns: list[int],
+    state: tuple[np.ndarray, ...],
 ) -> None:
     """Print one line of an arm's table: medians over rounds of the ratios within each round."""
     x, dx, ddx = state
@@ -114,9 +128,17 @@ def measure(
         }
     )
     peer = times["loop"] * count / min(count, LOOP_SAMPLES)
-    faster = [np.median(peer / times[name]) for name in ("ours", "ours, reused", "numpy", "numpy, reused", "fused")]
-    fills = [np.median(times[a] / times[b]) for a, b in (("ours", "fresh"), ("ours, reused", "warm"))]
-    print(f"{count:9d} {count / np.median(times['ours']):10.3g}", *(f"{value:9.4g}" for value in [*faster, *fills]))
+    faster = [
+        np.median(peer / times[name])
+        for name in ("ours", "ours, reused", "numpy", "numpy, reused", "fused")
+    ]
+    fills = [
+        np.median(times[a] / times[b]) for a, b in (("ours", "fresh"), ("ours, reused", "warm"))
+    ]
+    print(
+        f"{count:9d} {count / np.median(times['ours']):10.3g}",
+        *(f"{value:9.4g}" for value in [*faster, *fills]),
+    )
 
 
 def first_and_later_use() -> None:
@@ -128,7 +150,9 @@ def first_and_later_use() -> None:
         "m = build_model(arm, 'mod3', bearings={bearings}); m.regressor(*np.zeros((3, 8, m.dof)));"
         "m.inverse_dynamics(*np.zeros((3, 8, m.dof))); print(time.perf_counter() - start)"
     )
-    print("\nfirst use (derived and compiled) and later use (new process) of Phi and inverse dynamics, s")
+    print(
+        "\nfirst use (derived and compiled) and later use (new process) of Phi and inverse dynamics, s"
+    )
     arms = {
         "nominal, 6 dof": ("load_robot()", False),
         "nominal, 12 dof": ("load_robot()", True),
@@ -157,7 +181,9 @@ def main() -> None:
     compare("nominal arm, bearings locked", nominal, False, (100, 1000, 10_000, 100_000), rng)
     compare("nominal arm with bearings", nominal, True, (1000, 10_000, 40_000), rng)
     for n in (3, 6, 7, 12):
-        compare(f"random arm, n = {n}", random_arm(n, np.random.default_rng(n)), False, (10_000,), rng)
+        compare(
+            f"random arm, n = {n}", random_arm(n, np.random.default_rng(n)), False, (10_000,), rng
+        )
     first_and_later_use()
 
 

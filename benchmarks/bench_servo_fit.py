@@ -27,11 +27,21 @@ from elastic_arm.errors import RobotError
 from elastic_arm.mujoco import export_mjcf
 from elastic_arm.recording import Recording, Side
 from elastic_arm.robot import load_robot
-from elastic_arm.studies.blind_challenge.servo_arms import commands, described, mjcf, ordinary, with_effect
+from elastic_arm.studies.blind_challenge.servo_arms import (
+    commands,
+    described,
+    mjcf,
+    ordinary,
+    with_effect,
+)
 
 RATE, STEP, SECONDS, CODE = 250.0, 1e-3, (16.0, 10.0), 2 * np.pi / 2**17
 FITTED = 8.0  # s that each simulation of the fit lasts
-DEVIATION = {"armature": 0.3, "damping": 0.7, "frictionloss": 0.7}  # of logarithms, where the search starts
+DEVIATION = {
+    "armature": 0.3,
+    "damping": 0.7,
+    "frictionloss": 0.7,
+}  # of logarithms, where the search starts
 BIAS, DELAY = 0.01, 0.01  # rad and s, the same
 KINDS = ("coulomb_friction", "command_delay", "elasticity", "play")
 Array = NDArray[np.float64]
@@ -48,7 +58,9 @@ class Told:
         """Return them as a recording."""
         stamps = np.round(1e9 * np.arange(len(self.r)) / RATE).astype(np.int64)
         angles = CODE * np.round(self.q / CODE)
-        return Recording(names, link=Side(stamps, position=angles), reference=Side(stamps, position=self.r))
+        return Recording(
+            names, link=Side(stamps, position=angles), reference=Side(stamps, position=self.r)
+        )
 
 
 def moved(model: mujoco.MjModel, r: Array, delay: float = 0.0) -> Array:
@@ -91,7 +103,11 @@ def fitted(text: str, told: Told, evaluations: int, seed: int) -> tuple[Array, f
 
     def cost(x: Array) -> float:
         q = moved(*changed(model, text, x, part.r))
-        return float(np.mean((q + BIAS * x[3 * n : 4 * n] - part.q) ** 2)) if np.isfinite(q).all() else 1e3
+        return (
+            float(np.mean((q + BIAS * x[3 * n : 4 * n] - part.q) ** 2))
+            if np.isfinite(q).all()
+            else 1e3
+        )
 
     try:
         import cma
@@ -103,7 +119,9 @@ def fitted(text: str, told: Told, evaluations: int, seed: int) -> tuple[Array, f
 
         bounds = [(-3.0, 3.0)] * (4 * n + 1)
         rounds = max(1, evaluations // (4 * n + 1) // 2 - 1)
-        best = differential_evolution(cost, bounds, popsize=2, maxiter=rounds, polish=False, rng=seed).x
+        best = differential_evolution(
+            cost, bounds, popsize=2, maxiter=rounds, polish=False, rng=seed
+        ).x
     return best, time.process_time() - begin
 
 
@@ -111,7 +129,9 @@ def changed(model: mujoco.MjModel, text: str, x: Array, r: Array) -> tuple[Any, 
     """Return the arguments of :func:`moved` at numbers (4 n + 1,), in deviations of the start."""
     n, stated = model.nu, mujoco.MjModel.from_xml_string(text)
     for k, (name, std) in enumerate(DEVIATION.items()):
-        values = np.asarray(getattr(stated, f"dof_{name}")).reshape(-1) * np.exp(std * x[k * n : (k + 1) * n])
+        values = np.asarray(getattr(stated, f"dof_{name}")).reshape(-1) * np.exp(
+            std * x[k * n : (k + 1) * n]
+        )
         getattr(model, f"dof_{name}")[:] = values.reshape(getattr(model, f"dof_{name}").shape)
     return model, r, abs(DELAY * x[-1])
 
@@ -142,7 +162,10 @@ def compared(kind: str, seed: int, evaluations: int) -> list[str]:
         base, out = Path(folder, "arm.xml"), Path(folder, "corrected.xml")
         base.write_text(text)
         robot = load_robot(base)
-        fit, judge = (replace(one.recording(robot.joint_names), source=f"run_{k}") for k, one in enumerate(told))
+        fit, judge = (
+            replace(one.recording(robot.joint_names), source=f"run_{k}")
+            for k, one in enumerate(told)
+        )
         begin = time.process_time()
         found = diagnose([fit], Question(robot, refit=True), [judge])
         ours = time.process_time() - begin
@@ -158,7 +181,13 @@ def compared(kind: str, seed: int, evaluations: int) -> list[str]:
     fitted_q = moved(*changed(model, text, best, told[1].r)) + BIAS * best[9:12]
     said = "; ".join(f"{c.effect}:{c.joint or 'all'}" for c in found.causes) or "no cause"
     errors = (error(q, told[1]) for q in (described_q, corrected, fitted_q))
-    return [kind, *(f"{e:.2f}" for e in errors), f"{ours:.0f}", f"{theirs:.0f}", f"{found.verdict}: {said}"]
+    return [
+        kind,
+        *(f"{e:.2f}" for e in errors),
+        f"{ours:.0f}",
+        f"{theirs:.0f}",
+        f"{found.verdict}: {said}",
+    ]
 
 
 def main() -> None:
@@ -168,7 +197,9 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--only", choices=KINDS, help="one thing that is withheld")
     asked = parser.parse_args()
-    print("withheld | described mrad | diagnosis mrad | CMA-ES mrad | diagnosis s | CMA-ES s | the diagnosis says")
+    print(
+        "withheld | described mrad | diagnosis mrad | CMA-ES mrad | diagnosis s | CMA-ES s | the diagnosis says"
+    )
     for kind in [asked.only] if asked.only else KINDS:
         print(" | ".join(compared(kind, asked.seed, asked.evaluations)), flush=True)
 

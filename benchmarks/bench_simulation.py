@@ -50,7 +50,10 @@ def ours(
 ) -> Callable[[], int]:
     """Job: samples of ten steps under held torques."""
     simulator = Simulator(
-        robot, SimulationSettings(bearings=bearings, sensors=Sensors.exact(), engine=engine, effects=effects)
+        robot,
+        SimulationSettings(
+            bearings=bearings, sensors=Sensors.exact(), engine=engine, effects=effects
+        ),
     )
     reference = np.zeros((samples, 3 * robot.n))
     reference[:, 2 * robot.n :] = simulator.state.command
@@ -68,7 +71,9 @@ def ours(
 class MujocoArm:
     """The arm in MuJoCo, as performance peers build it: gear ratios are constraints between joints."""
 
-    def __init__(self, robot: Robot, integrator: int, *, bearings: bool = False, step: float = STEP) -> None:
+    def __init__(
+        self, robot: Robot, integrator: int, *, bearings: bool = False, step: float = STEP
+    ) -> None:
         spec = build_spec(robot, Bushing())
         spec.option.timestep, spec.option.integrator = step, integrator
         rigid = [axis for axis in BUSHING if axis in "xyz" or (not bearings and axis != "about_z")]
@@ -77,15 +82,22 @@ class MujocoArm:
                 spec.delete(spec.joint(f"{joint.name}.{axis}"))
             gear = joint.transmission
             assert gear is not None
-            for part, ratio in (("rotor", gear.r_tot), ("wave_generator", gear.harmonic_drive_ratio)):
-                coupler = spec.add_equality(type=mujoco.mjtEq.mjEQ_JOINT, objtype=mujoco.mjtObj.mjOBJ_JOINT)
+            for part, ratio in (
+                ("rotor", gear.r_tot),
+                ("wave_generator", gear.harmonic_drive_ratio),
+            ):
+                coupler = spec.add_equality(
+                    type=mujoco.mjtEq.mjEQ_JOINT, objtype=mujoco.mjtObj.mjOBJ_JOINT
+                )
                 coupler.name1, coupler.name2 = f"{joint.name}.{part}", f"{joint.name}.spline"
                 coupler.data[:2] = 0.0, ratio
         self.model = spec.compile()
         self.data = mujoco.MjData(self.model)
         names = [f"{joint.name}.spline" for joint in robot.joints]
         self.theta = [self.model.joint(name).qposadr[0] for name in names]
-        self.drive = [self.model.joint(f"{joint.name}.about_z").qposadr[0] for joint in robot.joints]
+        self.drive = [
+            self.model.joint(f"{joint.name}.about_z").qposadr[0] for joint in robot.joints
+        ]
 
     def job(self, steps: int) -> Callable[[], int]:
         """Job: free fall from zero."""
@@ -110,7 +122,10 @@ def fallen(robot: Robot, step: float, bearings: bool) -> np.ndarray:
     simulator = Simulator(
         robot,
         SimulationSettings(
-            bearings=bearings, sensors=Sensors.exact(), rate=rate, substeps=2 * round(0.5 / (rate * step))
+            bearings=bearings,
+            sensors=Sensors.exact(),
+            rate=rate,
+            substeps=2 * round(0.5 / (rate * step)),
         ),
     )
     simulator.state.y[:] = 0.0
@@ -122,12 +137,15 @@ def compare(robot: Robot, bearings: bool) -> None:
     """Print one table: steps/s, ratio to MuJoCo's RK4, error."""
     schemes = {"RK4": "mjINT_RK4", "Euler": "mjINT_EULER", "implicitfast": "mjINT_IMPLICITFAST"}
     peers = {
-        name: MujocoArm(robot, getattr(mujoco.mjtIntegrator, kind), bearings=bearings) for name, kind in schemes.items()
+        name: MujocoArm(robot, getattr(mujoco.mjtIntegrator, kind), bearings=bearings)
+        for name, kind in schemes.items()
     }
     job = ours(robot, bearings=bearings)
     all_rates = rates(job, *(peer.job(2000) for peer in peers.values()))
     exact = fallen(robot, 1e-5, bearings)
-    fine = MujocoArm(robot, mujoco.mjtIntegrator.mjINT_RK4, bearings=bearings, step=1e-5).fallen(FALL)
+    fine = MujocoArm(robot, mujoco.mjtIntegrator.mjINT_RK4, bearings=bearings, step=1e-5).fallen(
+        FALL
+    )
     errors = [np.abs(fallen(robot, STEP, bearings) - exact).max()]
     errors += [np.abs(peer.fallen(FALL) - fine).max() for peer in peers.values()]
     dof = 12 if bearings else 6
@@ -136,7 +154,9 @@ def compare(robot: Robot, bearings: bool) -> None:
     for name, rate, error in zip(names, all_rates, errors, strict=True):
         said = f"{error:11.1e}" if error < 0.1 else f"{'diverges':>11}"
         print(f"{name:27} {rate:10.3g} {rate / all_rates[1]:13.1f} {said}")
-    print(f"ours against MuJoCo's soft couplers after {FALL} s: {np.abs(exact - fine).max():.1e} rad")
+    print(
+        f"ours against MuJoCo's soft couplers after {FALL} s: {np.abs(exact - fine).max():.1e} rad"
+    )
 
 
 def main() -> None:
@@ -160,8 +180,13 @@ def main() -> None:
     print()
     for name, rate in zip(jobs, rates(*jobs.values()), strict=True):
         print(f"{name:27} {rate:10.3g} steps/s")
-    print("\ngrowth with N: steps/s of " + ", ".join(f"{rate:.3g} ({count} steps)" for count, rate in by_length(arm)))
-    print(f"\n{'n':>3} {'steps/s':>10} {'first use, s':>13} {'new process, s':>15} {'same process, s':>16}")
+    print(
+        "\ngrowth with N: steps/s of "
+        + ", ".join(f"{rate:.3g} ({count} steps)" for count, rate in by_length(arm))
+    )
+    print(
+        f"\n{'n':>3} {'steps/s':>10} {'first use, s':>13} {'new process, s':>15} {'same process, s':>16}"
+    )
     for n in (3, 6, 7, 12):
         (rate,) = rates(ours(random_arm(n, np.random.default_rng(n)), samples=500))
         print(f"{n:3d} {rate:10.3g} {{:13.2f}} {{:15.3f}} {{:16.3f}}".format(*uses(n)))

@@ -54,16 +54,24 @@ def motion_of(seconds: float = 20.0) -> Linearisation:
     return Linearisation(problem, np.zeros(len(problem.numbers)), ())
 
 
-def drawn(linear: Linearisation, pool: Sequence[Term], rng: np.random.Generator) -> tuple[Term, np.ndarray]:
+def drawn(
+    linear: Linearisation, pool: Sequence[Term], rng: np.random.Generator
+) -> tuple[Term, np.ndarray]:
     """Return a term of the pool, as likely as its prior has it, and its coefficients, from their priors."""
-    can = [t for t in pool if t.offset is None and t.linear and not (np.isnan(t.theta).any() or t.feature.bends)]
+    can = [
+        t
+        for t in pool
+        if t.offset is None and t.linear and not (np.isnan(t.theta).any() or t.feature.bends)
+    ]
     odds = np.array([np.exp(-t.price) for t in can])
     term = can[rng.choice(len(can), p=odds / odds.sum())]
     std = term.std * float(rng.choice(SCALES))
     if is_open(term):
         theta = [uniform(p, rng) for p in linear.allowed(term.feature)]
         term = replace(term, columns=linear.columns(term.feature, theta), theta=tuple(theta))
-    return term, np.asarray(truncnorm.rvs(term.low / std, term.high / std, scale=std, size=len(std), random_state=rng))
+    return term, np.asarray(
+        truncnorm.rvs(term.low / std, term.high / std, scale=std, size=len(std), random_state=rng)
+    )
 
 
 def uniform(number: Parameter, rng: np.random.Generator) -> float:
@@ -88,12 +96,17 @@ def searched(
     best, found = search.run(), []
     for name in {key[:2] for keys in search.met for key in keys}:
         truth = next(((t, size) for t, size in acting if t.key[:2] == name), None)
-        said, rank = next((t for t in best.optional if truth and t.key == truth[0].key), None), np.nan
+        said, rank = (
+            next((t for t in best.optional if truth and t.key == truth[0].key), None),
+            np.nan,
+        )
         if truth is not None and said is not None and said.linear == truth[0].linear:
             at = best.slices[said.ident].start + int(rng.integers(said.linear))
             off = truth[1][at - best.slices[said.ident].start] - best.found.x[at]
             rank = float(norm.cdf(off / np.sqrt(best.found.S[at, at])))
-        confidence = sum(p for keys, p in search.probabilities().items() if name in {key[:2] for key in keys})
+        confidence = sum(
+            p for keys, p in search.probabilities().items() if name in {key[:2] for key in keys}
+        )
         found.append((confidence, truth is not None, rank))
     return count, found
 

@@ -22,7 +22,12 @@ from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
 from elastic_arm.estimation.resampling import Clock, Grid
-from elastic_arm.identification import DerivativeStage, IdentificationSettings, identify_with, parse_laws
+from elastic_arm.identification import (
+    DerivativeStage,
+    IdentificationSettings,
+    identify_with,
+    parse_laws,
+)
 from elastic_arm.recording import Recording, read_recording
 from elastic_arm.robot import Robot, load_robot, to_urdf
 
@@ -67,7 +72,9 @@ class Errors:
         return np.asarray(np.sqrt(np.mean(self.values**2, axis=0)))
 
 
-def rows(model: pinocchio.Model, grid: Grid, cutoff: float, motor_inertia: bool) -> tuple[Array, Array, Array]:
+def rows(
+    model: pinocchio.Model, grid: Grid, cutoff: float, motor_inertia: bool
+) -> tuple[Array, Array, Array]:
     """Return the regressor (N, n, P), the torques (N, n) and the times (N,) of one piece.
 
     Parameters
@@ -88,10 +95,17 @@ def rows(model: pinocchio.Model, grid: Grid, cutoff: float, motor_inertia: bool)
     ddq = np.gradient(dq, 1 / grid.rate, axis=0)
     data = model.createData()
     inertial = np.array(
-        [pinocchio.computeJointTorqueRegressor(model, data, *state) for state in zip(q, dq, ddq, strict=True)]
+        [
+            pinocchio.computeJointTorqueRegressor(model, data, *state)
+            for state in zip(q, dq, ddq, strict=True)
+        ]
     ).reshape(len(q), model.nv, -1)  # of a single joint they are vectors
     own = np.eye(model.nv)
-    extra = [dq[:, :, None] * own, np.tanh(dq / STANDSTILL)[:, :, None] * own, np.ones_like(dq)[:, :, None] * own]
+    extra = [
+        dq[:, :, None] * own,
+        np.tanh(dq / STANDSTILL)[:, :, None] * own,
+        np.ones_like(dq)[:, :, None] * own,
+    ]
     extra += [ddq[:, :, None] * own] if motor_inertia else []
     phi = np.concatenate([inertial, *extra], axis=2)
     shape = phi.shape
@@ -107,7 +121,9 @@ def _bounded(urdf: str) -> str:
         if joint.get("type") == "continuous":
             joint.set("type", "revolute")
             if joint.find("limit") is None:
-                ElementTree.SubElement(joint, "limit", lower="-7", upper="7", effort="1e6", velocity="100")
+                ElementTree.SubElement(
+                    joint, "limit", lower="-7", upper="7", effort="1e6", velocity="100"
+                )
     return ElementTree.tostring(tree, encoding="unicode")
 
 
@@ -166,7 +182,9 @@ def ours(
     arms = {"description": equations.base.T @ equations.nominal, "identify": result.Psi_base}
     if result.Psi is not None:
         arms["consistent"] = equations.base.T @ result.Psi
-    name = next(side for side in equations.sides if equations.equations.equation(side).torque is not None)
+    name = next(
+        side for side in equations.sides if equations.equations.equation(side).torque is not None
+    )
     found = {}
     motions = [m for m in DerivativeStage(samples)(equations).motions if len(m) > 50]
     for arm, Psi in arms.items():
@@ -186,7 +204,9 @@ def main() -> None:
     parser.add_argument("robot", type=Path)
     parser.add_argument("fit", nargs="+", type=Path)
     parser.add_argument("--validate", required=True, type=Path)
-    parser.add_argument("--side", choices=("motor", "link"), default="motor", help="where friction acts")
+    parser.add_argument(
+        "--side", choices=("motor", "link"), default="motor", help="where friction acts"
+    )
     parser.add_argument("--cutoff", type=float, default=8.0, help="Hz")
     asked = parser.parse_args()
     robot = load_robot(asked.robot)

@@ -38,20 +38,30 @@ def alarms(robot: Robot | None, recording: Recording) -> list[Finding]:
 
 def main() -> None:
     """Count and print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("bags", nargs="*", type=Path, help="bags that are known to be good, or folders of them")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "bags", nargs="*", type=Path, help="bags that are known to be good, or folders of them"
+    )
     parser.add_argument("--count", type=int, default=200, help="recordings that are drawn")
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()
     begin, codes, wrong = time.perf_counter(), Counter[str](), 0
     for robot, recording in clean_recordings(given.count, given.seed):
         wrong += _told(recording.source, alarms(robot, recording), codes)
-    bags = [bag for path in given.bags for bag in sorted({file.parent for file in path.rglob("*.mcap")})]
+    bags = [
+        bag for path in given.bags for bag in sorted({file.parent for file in path.rglob("*.mcap")})
+    ]
     for bag in bags:
-        wrong += _told(str(bag), [one for one in check_bag(bag).findings if one.severity != "note"], codes)
+        wrong += _told(
+            str(bag), [one for one in check_bag(bag).findings if one.severity != "note"], codes
+        )
     whole = given.count + len(bags)
     lasting = time.perf_counter() - begin
-    print(f"{wrong} of {whole} clean recordings ({wrong / max(whole, 1):.1%}) get a warning; {lasting:.0f} s")
+    print(
+        f"{wrong} of {whole} clean recordings ({wrong / max(whole, 1):.1%}) get a warning; {lasting:.0f} s"
+    )
     print(", ".join(f"{code} {count}" for code, count in codes.most_common()))
     raise SystemExit(wrong > ALLOWED * whole)
 

@@ -75,7 +75,11 @@ class Arm:
 
 SEEDS = {"laboratory": 720101, "workshop": 720102, "field": 720103}
 CLEAN = {"laboratory": 8, "workshop": 4, "field": 3}
-SETS = {"laboratory": (2,) * 6, "workshop": (2, 2, 2, 3), "field": (2, 3)}  # arms of several effects
+SETS = {
+    "laboratory": (2,) * 6,
+    "workshop": (2, 2, 2, 3),
+    "field": (2, 3),
+}  # arms of several effects
 FOREIGN = {"field": ("cogging_cable", "worn_zone")}  # all that the level has where none are named
 # Effects whose arms are asked once more without them: no other law of the catalogue does what they do.
 WITHHELD = {
@@ -101,7 +105,11 @@ def requests(level: str) -> list[Any]:
     alone = found.drawn(tuple(EFFECTS))
     together = [effect for effect in alone if combines(EFFECTS[effect])]
     sets = [effects_together(together, count, found, rng) for count in SETS[level]]
-    kinds = [()] * CLEAN[level] + [(effect,) for effect in (*alone, *FOREIGN.get(level, found.foreign))] + sets
+    kinds = (
+        [()] * CLEAN[level]
+        + [(effect,) for effect in (*alone, *FOREIGN.get(level, found.foreign))]
+        + sets
+    )
     names = [f"{level}_{k:03d}_{'_and_'.join(kind) or 'clean'}" for k, kind in enumerate(kinds)]
     return [
         Request(name, kind, (SEEDS[level], k), found.seconds)
@@ -122,7 +130,9 @@ def record(arms: Path, level: str, request: Any) -> list[Arm]:
     joints, effects, foreign = truth["joints"], [], bool(truth["foreign"])
     for fault in (Fault(**one) for one in truth["faults"]):
         effect = EFFECTS[fault.effect]
-        joint = len(joints) - 1 if effect.scope is Scope.LAST and fault.joint is None else fault.joint
+        joint = (
+            len(joints) - 1 if effect.scope is Scope.LAST and fault.joint is None else fault.joint
+        )
         sized = {} if fault.parameters.get("coupled") else true_parameters(fault, effect)
         effects.append(
             {
@@ -133,7 +143,11 @@ def record(arms: Path, level: str, request: Any) -> list[Arm]:
             }
         )
     # A poorer model lacks more than the one effect that was asked for.
-    allowed = [[e.id, None] for e in EFFECTS.values() if e.lacked_by != MODELS and truth["model"] in e.lacked_by]
+    allowed = [
+        [e.id, None]
+        for e in EFFECTS.values()
+        if e.lacked_by != MODELS and truth["model"] in e.lacked_by
+    ]
     allowed += [[c["effect"], joints[c["joint"]]] for c in truth["conditions"]]
     files = {folder: f"{folder}/{name}.yaml" for folder in ("robots", "channels")}
     kind = "foreign" if foreign else ("clean", "single", "pair", "triple")[len(request.effects)]
@@ -157,7 +171,9 @@ def record(arms: Path, level: str, request: Any) -> list[Arm]:
     if kind != "single" or effects[0]["effect"] not in WITHHELD[level]:
         return [arm]
     effect = effects[0]["effect"]
-    without = replace(arm, name=f"{name}_withheld", kind="withheld", truth=[], without=effect, verdicts=[UNKNOWN])
+    without = replace(
+        arm, name=f"{name}_withheld", kind="withheld", truth=[], without=effect, verdicts=[UNKNOWN]
+    )
     return [arm, without]
 
 
@@ -182,7 +198,9 @@ class RealRobot:
             bag = f"bags/{self.folder}_{Path(self.mapping).stem}_{Path(file).stem}"
             if not (arms / bag / "metadata.yaml").is_file():
                 own = data / self.folder / self.mapping
-                _import(data / self.folder / file, mapping if mapping.is_file() else own, arms / bag)
+                _import(
+                    data / self.folder / file, mapping if mapping.is_file() else own, arms / bag
+                )
             found.append(bag)
         return found
 
@@ -192,8 +210,16 @@ _RUNS = tuple(f"run_{k}.mat" for k in "ACB")
 ROBOTS = {
     "kr300_3": RealRobot(_KR300, "import_3.yaml", _RUNS, 2, "kr300_3_elastic.yaml"),
     "kr300_6": RealRobot(_KR300, "import_6.yaml", _RUNS, 2, "kr300_6_rigid.yaml"),
-    "lwr4": RealRobot(_LWR, "import.yaml", tuple(f"measurements_{k}.npz" for k in (1, 2, 3)), 2, f"{_LWR}.urdf"),
-    "gen3": RealRobot(_GEN3, "import.yaml", tuple(f"opti_traj_testing{k}.csv" for k in (1, 2)), 1, "gen3_2f85.urdf"),
+    "lwr4": RealRobot(
+        _LWR, "import.yaml", tuple(f"measurements_{k}.npz" for k in (1, 2, 3)), 2, f"{_LWR}.urdf"
+    ),
+    "gen3": RealRobot(
+        _GEN3,
+        "import.yaml",
+        tuple(f"opti_traj_testing{k}.csv" for k in (1, 2)),
+        1,
+        "gen3_2f85.urdf",
+    ),
     "ur5e": RealRobot("ur5e_with_tool", "import.yaml", ("run_1.csv", "run_2.csv"), 1, "ur5e.urdf"),
 }
 
@@ -202,10 +228,16 @@ def real_arms(arms: Path, data: Path) -> list[Arm]:
     """Import the recordings of real robots, and return what is asked of them and what is known to be true of each."""
     axes = [_is("time_delay", ANY), _is("encoder_offset", "a3"), _is("joint_spring", "a2")]
     dry, viscous = (9.0, 11.0, 6.0, 1.6, 1.5, 1.2), (10.0, 12.0, 7.0, 1.8, 1.6, 1.3)
-    names = [f"{j}_joint" for j in ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")]
+    names = [
+        f"{j}_joint"
+        for j in ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
+    ]
     of_ur5e = [
         *(_is("coulomb_friction", j, torque=size) for j, size in zip(names, dry, strict=True)),
-        *(_is("viscous_friction", j, coefficient=size) for j, size in zip(names, viscous, strict=True)),
+        *(
+            _is("viscous_friction", j, coefficient=size)
+            for j, size in zip(names, viscous, strict=True)
+        ),
         _is("payload", names[-1], mass=1.8, position=[0.01, 0.0, 0.06]),
         _is("time_delay", ANY, delay=0.012),
     ]
@@ -215,7 +247,12 @@ def real_arms(arms: Path, data: Path) -> list[Arm]:
         ("kuka_kr300_3", "kr300_3", axes, {}),
         ("kuka_kr300_3_refit", "kr300_3", axes, known),
         ("kuka_kr300_6_refit", "kr300_6", axes[2:], known),
-        ("kuka_lwr4_refit", "lwr4", [_is("coulomb_friction", f"lwr_{k}_joint") for k in (0, 4)], refit),
+        (
+            "kuka_lwr4_refit",
+            "lwr4",
+            [_is("coulomb_friction", f"lwr_{k}_joint") for k in (0, 4)],
+            refit,
+        ),
         ("kinova_gen3_refit", "gen3", [], refit),
         ("ur5e_with_tool", "ur5e", of_ur5e, {"complete": True}),
         ("ur5e_with_tool_refit", "ur5e", of_ur5e, {"complete": True, **refit}),
@@ -229,7 +266,18 @@ def real_arms(arms: Path, data: Path) -> list[Arm]:
         bags = one.bags(arms, data)
         robot = str((data / one.folder / one.robot).resolve())
         asked = {"complete": False, "verdicts": [UNKNOWN], **asked}
-        found.append(Arm(name, "real", "real", bags[: one.fitted], bags[one.fitted :], truth, robot=robot, **asked))
+        found.append(
+            Arm(
+                name,
+                "real",
+                "real",
+                bags[: one.fitted],
+                bags[one.fitted :],
+                truth,
+                robot=robot,
+                **asked,
+            )
+        )
     return found
 
 
@@ -240,13 +288,23 @@ def reports(data: Path) -> list[Arm]:
         print(f"public reports: left out, as {folder} is no folder", flush=True)
         return []
     dry, viscous = _is("coulomb_friction", "j1"), _is("viscous_friction", "j1")
-    sized = _is("coulomb_friction", "j1", torque=0.3), _is("viscous_friction", "j1", coefficient=0.2)
+    sized = (
+        _is("coulomb_friction", "j1", torque=0.3),
+        _is("viscous_friction", "j1", coefficient=0.2),
+    )
     clean, refuse = [NONE, "explained"], [REFUSED, UNKNOWN]
     plan: list[tuple[str, str, str, list[Any], list[str], str]] = [
         ("good", "good", "pend", [], clean, "clean"),
         ("stated_10x", "good", "pend_friction_10x", [dry, viscous], [], "pair"),
         ("plain", "good", "pend_plain", [*sized], [], "pair"),
-        ("no_gravity", "no_gravity", "pend", [_is("gravity_compensation", ANY, share=1.0)], [], "single"),
+        (
+            "no_gravity",
+            "no_gravity",
+            "pend",
+            [_is("gravity_compensation", ANY, share=1.0)],
+            [],
+            "single",
+        ),
         ("wrapped", "wrapped", "pend", [], clean, "clean"),
         ("step", "step", "pend", [], refuse, "fault"),
         ("zeros_between", "zeros_between", "pend", [], [*refuse, NONE], "fault"),
@@ -263,8 +321,17 @@ def reports(data: Path) -> list[Arm]:
 
 
 def _import(file: Path | str, mapping: Path | str, bag: Path) -> None:
-    command = [sys.executable, "-c", "from elastic_arm.app import main; main()", "bag", "import", str(file)]
-    done = subprocess.run([*command, "--map", str(mapping), "--out", str(bag)], text=True, capture_output=True)
+    command = [
+        sys.executable,
+        "-c",
+        "from elastic_arm.app import main; main()",
+        "bag",
+        "import",
+        str(file),
+    ]
+    done = subprocess.run(
+        [*command, "--map", str(mapping), "--out", str(bag)], text=True, capture_output=True
+    )
     if done.returncode:
         said = " ".join(done.stderr.split())[-300:] or f"bag import ended with {done.returncode}"
         raise ImportRefused(said) if done.returncode == 2 else RuntimeError(said)
@@ -288,11 +355,17 @@ def prepared(arms: Path, data: Path, jobs: int) -> list[Arm]:
         if not file.is_file():
             file.write_text("".join(f"{request.name}\n" for request in requests(level)))
         names = file.read_text().split()
-        missing += [(level, k) for k, name in enumerate(names) if not (kept / f"{name}.json").is_file()]
+        missing += [
+            (level, k) for k, name in enumerate(names) if not (kept / f"{name}.json").is_file()
+        ]
     if missing:
         print(f"recording {len(missing)} arms in {arms}", flush=True)
         with ThreadPoolExecutor(jobs) as pool:
-            list(pool.map(lambda job: _own_process(["--record", str(arms), job[0], str(job[1])]), missing))
+            list(
+                pool.map(
+                    lambda job: _own_process(["--record", str(arms), job[0], str(job[1])]), missing
+                )
+            )
     found = []
     for level in SEEDS:
         for name in (kept / f"{level}.txt").read_text().split():
@@ -300,11 +373,15 @@ def prepared(arms: Path, data: Path, jobs: int) -> list[Arm]:
     for level in SERVO_SEEDS:
         file = kept / f"{level}_arms.json"
         if not file.is_file():
-            file.write_text(json.dumps([asdict(Arm(**one)) for one in drawn(arms, level)], indent=1))
+            file.write_text(
+                json.dumps([asdict(Arm(**one)) for one in drawn(arms, level)], indent=1)
+            )
         found += [Arm(**one) for one in json.loads(file.read_text())]
     file = kept / "real.json"
     if not file.is_file() and data.is_dir():
-        file.write_text(json.dumps([asdict(arm) for arm in (*real_arms(arms, data), *reports(data))], indent=1))
+        file.write_text(
+            json.dumps([asdict(arm) for arm in (*real_arms(arms, data), *reports(data))], indent=1)
+        )
     return found + [Arm(**one) for one in (json.loads(file.read_text()) if file.is_file() else ())]
 
 
@@ -345,11 +422,16 @@ def answer(arm: Arm, arms: Path) -> dict[str, Any]:
         catalogue = Catalogue.default()
         if arm.without:
             catalogue = catalogue.withholding(arm.without)
-        asked: dict[str, Any] = {"refit": arm.refit, "given": known_effects(arm.known, robot, catalogue)}
+        asked: dict[str, Any] = {
+            "refit": arm.refit,
+            "given": known_effects(arm.known, robot, catalogue),
+        }
         if arm.gains:
             asked["priors"] = Priors(sensors=arm.gains)
         began = time.process_time()
-        found = diagnose(fit, Question(robot, arm.model, catalogue=catalogue, **asked), judge).to_dict()
+        found = diagnose(
+            fit, Question(robot, arm.model, catalogue=catalogue, **asked), judge
+        ).to_dict()
     except (ElasticArmError, ImportRefused) as error:  # to refuse is an answer
         found = {"verdict": REFUSED, "causes": [], "shrink": None, "error": str(error)}
     return found | {"cpu_seconds": time.process_time() - began}
@@ -373,7 +455,9 @@ def distances(truth: Mapping[str, Any], cause: Mapping[str, Any]) -> list[tuple[
         if said is None or said["std"] is None:
             continue
         change = truth.get("change", truth["parameters"])[name]
-        columns = (v if isinstance(v, list) else [v] for v in (said["value"], said["std"], true, change))
+        columns = (
+            v if isinstance(v, list) else [v] for v in (said["value"], said["std"], true, change)
+        )
         for value, std, right, part in zip(*columns, strict=True):
             off = value - right
             if name in truth["phases"]:
@@ -385,7 +469,11 @@ def distances(truth: Mapping[str, Any], cause: Mapping[str, Any]) -> list[tuple[
 
 def _grown(truth: Mapping[str, Any], causes: Sequence[Mapping[str, Any]]) -> bool:
     """Whether an effect that was there before a change is said with half of the change, or more."""
-    own = (c for c in causes if "change" in truth and truth["before"] and _meets(truth, c["effect"], c["joint"]))
+    own = (
+        c
+        for c in causes
+        if "change" in truth and truth["before"] and _meets(truth, c["effect"], c["joint"])
+    )
     return all(abs(part) <= 0.5 for c in own for _, part in distances(truth, c))
 
 
@@ -399,16 +487,31 @@ def row(arm: Arm, found: Mapping[str, Any]) -> dict[str, str]:
         + [(a["effect"], a["joint"]) for a in c["alternatives"] if a["confidence"] >= DECLARED]
         for c in causes
     ]
-    held = [any(_meets(t, *one) for every in named for one in every) and _grown(t, causes) for t in arm.truth]
+    held = [
+        any(_meets(t, *one) for every in named for one in every) and _grown(t, causes)
+        for t in arm.truth
+    ]
     if arm.truth:
         right = all(held)
     else:
         no_cause = arm.kind != "clean" or all(allowed)
         right = found["verdict"] in arm.verdicts and no_cause
-    judged = [(c, s or a) for c, s, a in zip(causes, said, allowed, strict=True) if s or a or arm.complete]
+    judged = [
+        (c, s or a) for c, s, a in zip(causes, said, allowed, strict=True) if s or a or arm.complete
+    ]
     told = [(c["confidence"], r) for c, r in judged]
-    told += [(0.0, True) for t in arm.truth if not any(_meets(t, c["effect"], c["joint"]) for c in causes)]
-    sizes = [d for t in arm.truth for c in causes if _meets(t, c["effect"], c["joint"]) for d in distances(t, c)]
+    told += [
+        (0.0, True)
+        for t in arm.truth
+        if not any(_meets(t, c["effect"], c["joint"]) for c in causes)
+    ]
+    sizes = [
+        d
+        for t in arm.truth
+        for c in causes
+        if _meets(t, c["effect"], c["joint"])
+        for d in distances(t, c)
+    ]
     return {
         "level": arm.level,
         "arm": arm.name,
@@ -450,9 +553,15 @@ def summary(rows: Sequence[Mapping[str, str]]) -> str:
             if some and not (kind is None and len(kinds) == 1):
                 lines.append((level or "all", kind or "all", *_figures(some)))
     widths = [max(len(line[k]) for line in lines) for k in range(len(lines[0]))]
-    text = "\n".join("  ".join(v.ljust(w) for v, w in zip(line, widths, strict=True)).rstrip() for line in lines)
+    text = "\n".join(
+        "  ".join(v.ljust(w) for v, w in zip(line, widths, strict=True)).rstrip() for line in lines
+    )
     bins = [(low, high, *_bin(rows, low, high)) for low, high in itertools.pairwise(BINS)]
-    told = "\n".join(f"said {lo:g} to {hi:g}: mean {mean:.3f}, true {text}" for lo, hi, mean, text in bins if text)
+    told = "\n".join(
+        f"said {lo:g} to {hi:g}: mean {mean:.3f}, true {text}"
+        for lo, hi, mean, text in bins
+        if text
+    )
     return f"{text}\n\n{told}"
 
 
@@ -519,7 +628,12 @@ def judge(arms: Sequence[Arm], folder: Path, out: Path, jobs: int) -> list[dict[
                 _own_process(["--answer", str(folder), arm.name, str(file)], SECONDS)
             return row(arm, json.loads(file.read_text()))
         except (RuntimeError, subprocess.TimeoutExpired) as error:
-            failed = {"verdict": FAILED, "causes": [], "cpu_seconds": 0.0, "error": f"{type(error).__name__}: {error}"}
+            failed = {
+                "verdict": FAILED,
+                "causes": [],
+                "cpu_seconds": 0.0,
+                "error": f"{type(error).__name__}: {error}",
+            }
             return row(arm, failed)
 
     with out.open("a", encoding="utf-8", newline="") as file, ThreadPoolExecutor(jobs) as pool:
@@ -532,7 +646,10 @@ def judge(arms: Sequence[Arm], folder: Path, out: Path, jobs: int) -> list[dict[
             writer.writerow(found)
             file.flush()
             mark = "right" if found["right"] == "1" else "wrong"
-            print(f"{done}/{len(waiting)} {found['arm']}: {mark}, {found['cpu_seconds']} s", flush=True)
+            print(
+                f"{done}/{len(waiting)} {found['arm']}: {mark}, {found['cpu_seconds']} s",
+                flush=True,
+            )
     return rows
 
 
@@ -542,8 +659,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--out", type=Path, default=Path("runs/judge.csv"))
     parser.add_argument("--only", default="", help="regular expression that the names of arms hold")
     parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--arms", type=Path, default=Path("runs/judge_arms"), help="folder of the recordings")
-    parser.add_argument("--data", type=Path, default=ROOT.parent / "shared" / "data", help="recordings of real robots")
+    parser.add_argument(
+        "--arms", type=Path, default=Path("runs/judge_arms"), help="folder of the recordings"
+    )
+    parser.add_argument(
+        "--data",
+        type=Path,
+        default=ROOT.parent / "shared" / "data",
+        help="recordings of real robots",
+    )
     parser.add_argument("--record", nargs=3, help=argparse.SUPPRESS)
     parser.add_argument("--answer", nargs=3, help=argparse.SUPPRESS)
     asked = parser.parse_args(arguments)
@@ -555,12 +679,20 @@ def main(arguments: Sequence[str] | None = None) -> None:
         return
     if asked.answer:
         folder, name, file = Path(asked.answer[0]), asked.answer[1], Path(asked.answer[2])
-        listed = (one for kept in sorted((folder / "arms").glob("*.json")) for one in json.loads(kept.read_text()))
+        listed = (
+            one
+            for kept in sorted((folder / "arms").glob("*.json"))
+            for one in json.loads(kept.read_text())
+        )
         arm = next(Arm(**one) for one in listed if one["name"] == name)
         file.write_text(json.dumps(answer(arm, folder), indent=1))
         return
     asked.out.parent.mkdir(parents=True, exist_ok=True)
-    arms = [arm for arm in prepared(asked.arms, asked.data, asked.jobs) if re.search(asked.only, arm.name)]
+    arms = [
+        arm
+        for arm in prepared(asked.arms, asked.data, asked.jobs)
+        if re.search(asked.only, arm.name)
+    ]
     print(summary(judge(arms, asked.arms, asked.out, asked.jobs)))
 
 

@@ -30,7 +30,9 @@ def stamp_of(message: JointState) -> int:
     return int(message.header.stamp.sec) * 10**9 + int(message.header.stamp.nanosec)
 
 
-def lost_by_a_kill(graph: Graph, published: list[int], bag: Path, seconds: float) -> tuple[float, float]:
+def lost_by_a_kill(
+    graph: Graph, published: list[int], bag: Path, seconds: float
+) -> tuple[float, float]:
     """Record, kill, read; return how far the last sample in the bag is behind the kill and behind the arm's last, s.
 
     The arm itself is behind the kill where the machine is busy, and leaves samples out where it is very busy: missing
@@ -48,7 +50,9 @@ def lost_by_a_kill(graph: Graph, published: list[int], bag: Path, seconds: float
     last = []
     for side in (recording.link, recording.motor):
         held = set() if side is None else set(side.stamp_ns.tolist())
-        if not held or any(min(held) < stamp < max(held) and stamp not in held for stamp in published):
+        if not held or any(
+            min(held) < stamp < max(held) and stamp not in held for stamp in published
+        ):
             raise RuntimeError(f"{bag}: samples are missing before the last one")
         last.append(max(held))
     return (killed - min(last)) / 1e9, (newest - min(last)) / 1e9
@@ -56,7 +60,9 @@ def lost_by_a_kill(graph: Graph, published: list[int], bag: Path, seconds: float
 
 def main() -> int:
     """Kill as often as asked; return 1 if more than the limit was lost once."""
-    parser = argparse.ArgumentParser(prog="benchmarks.kills", description="Kill the recorder at random instants.")
+    parser = argparse.ArgumentParser(
+        prog="benchmarks.kills", description="Kill the recorder at random instants."
+    )
     parser.add_argument("--kills", type=int, default=100)
     parser.add_argument("--seed", type=int, default=0, help="of the instants (0)")
     options = parser.parse_args()
@@ -65,7 +71,10 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as name, ros_graph(Path(name)) as graph:
         published: list[int] = []
         graph.peer.create_subscription(
-            JointState, "/joint_states", lambda message: published.append(stamp_of(message)), qos("/joint_states")
+            JointState,
+            "/joint_states",
+            lambda message: published.append(stamp_of(message)),
+            qos("/joint_states"),
         )
         graph.start("simulator", rate=RATE)
         graph.until(lambda: published, "the arm is there")
@@ -74,10 +83,18 @@ def main() -> int:
             lost.append(lost_by_a_kill(graph, published, bag, float(rng.uniform(0.0, LONGEST))))
             shutil.rmtree(bag)
             published[:-1] = []
-    print(f"{'lost of ' + str(len(lost)) + ' kills, s':32}{'median':>9}{'95 %':>9}{'most':>9}{f'above {LIMIT}':>11}")
-    for what, seconds in zip(("before the kill", "of what the arm had published"), np.array(lost).T, strict=True):
+    print(
+        f"{'lost of ' + str(len(lost)) + ' kills, s':32}{'median':>9}{'95 %':>9}{'most':>9}{f'above {LIMIT}':>11}"
+    )
+    for what, seconds in zip(
+        ("before the kill", "of what the arm had published"), np.array(lost).T, strict=True
+    ):
         quantiles = np.percentile(seconds, [50, 95, 100])
-        print(f"{what:32}" + "".join(f"{value:9.3f}" for value in quantiles) + f"{np.sum(seconds > LIMIT):11}")
+        print(
+            f"{what:32}"
+            + "".join(f"{value:9.3f}" for value in quantiles)
+            + f"{np.sum(seconds > LIMIT):11}"
+        )
     return 1 if max(seconds for _, seconds in lost) > LIMIT else 0
 
 

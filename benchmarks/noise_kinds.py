@@ -29,7 +29,9 @@ FAULTS = {
     "joint_torque_offset": Fault("joint_torque_offset", 0, {"offset": 1.5}),
     "stiffness_mismatch": Fault("stiffness_mismatch", 1, {"stiffness": 0.85}),
     "hysteresis": Fault("hysteresis", 1, {"torque": 5.0, "width": 1e-4}),
-    "payload": Fault("payload", None, {"mass": 2.0, "position_x": 0.05, "position_y": 0.0, "position_z": 0.1}),
+    "payload": Fault(
+        "payload", None, {"mass": 2.0, "position_x": 0.05, "position_y": 0.0, "position_z": 0.1}
+    ),
     "torque_ripple": Fault("torque_ripple", 0, {"amplitude": 1.5, "phase": 0.4, "order": 1.0}),
     "motor_torque_gain": Fault("motor_torque_gain", 1, {"gain": 1.05}),
 }
@@ -40,8 +42,13 @@ SECONDS = (20.0, 12.0)
 def truth(fault: str, seed: int) -> tuple[Samples, Samples]:
     """Return what exact sensors read of an arm with one effect, to fit and to judge."""
     rng, given = np.random.default_rng(seed), FAULTS[fault]
-    arm, exact = HiddenArm(ROBOT, [given] if given else []), SensorModel(torque_noise=0.0, velocity_noise=0.0)
-    first, second = (arm.record(random_motion(rng, ROBOT.n, s), exact, rng).samples() for s in SECONDS)
+    arm, exact = (
+        HiddenArm(ROBOT, [given] if given else []),
+        SensorModel(torque_noise=0.0, velocity_noise=0.0),
+    )
+    first, second = (
+        arm.record(random_motion(rng, ROBOT.n, s), exact, rng).samples() for s in SECONDS
+    )
     return first, second
 
 
@@ -93,7 +100,10 @@ def main() -> None:
                 found = judged(kind, fault, seed, refit=args.refit)
                 outcome = right(fault, found)
                 count[outcome] = count.get(outcome, 0) + 1
-                causes = ", ".join(f"{c.effect} {c.joint} {c.confidence:.2f}" for c in found.causes) or "–"
+                causes = (
+                    ", ".join(f"{c.effect} {c.joint} {c.confidence:.2f}" for c in found.causes)
+                    or "–"
+                )
                 print(
                     f"{kind:18} {fault:20} {seed} {outcome:7} {found.verdict:9} {causes} "
                     f"({time.process_time() - start:.1f} s)",

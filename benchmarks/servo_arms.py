@@ -23,7 +23,9 @@ def drawn(arms: Path, level: str, seed: int | None = None) -> Iterator[dict[str,
     for number, kind in enumerate((None, None, *of.effects, *of.foreign)):
         name = f"{level}_{number:03d}_{kind or 'clean'}"
         effects = () if kind is None else (kind,)
-        truth = record_servos(arms, Request(name, effects, (seed or SEEDS[level], number), of.seconds), of)
+        truth = record_servos(
+            arms, Request(name, effects, (seed or SEEDS[level], number), of.seconds), of
+        )
         yield {
             "name": name,
             "level": level,

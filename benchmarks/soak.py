@@ -111,9 +111,15 @@ def soak(
     """
     rng = np.random.default_rng(1)
     a, b = (rng.normal(0.0, 0.2, (3, 5)) for _ in range(2))
-    FourierTrajectory(2 * np.pi / 10.0, a, b, np.zeros(3), 10.0, 1.0, JOINTS).save(folder / "trajectory.yaml")
+    FourierTrajectory(2 * np.pi / 10.0, a, b, np.zeros(3), 10.0, 1.0, JOINTS).save(
+        folder / "trajectory.yaml"
+    )
     probe = Probe()
-    arm = {"rate": rate, "real_time_factor": factor, "effects": "['coulomb_friction:joint_2:torque=13.9']"}
+    arm = {
+        "rate": rate,
+        "real_time_factor": factor,
+        "effects": "['coulomb_friction:joint_2:torque=13.9']",
+    }
     generated = {"trajectory": folder / "trajectory.yaml", "repeat": 0, "rate": rate}
     clock = {"use_sim_time": "true"} if factor != 1.0 else {}
     due = {"period": max(20.0 / factor, 1.0), "save_period": 3600.0 / factor}
@@ -134,11 +140,17 @@ def soak(
         while time.monotonic() - began < 60.0 * minutes:
             probe.spin(seconds)
             sizes = {f"{name}, MB": memory(process.child.pid) for name, process in nodes.items()}
-            rows.append({"minute": (time.monotonic() - began) / 60.0, **sizes, **probe.figures(step_ns)})
+            rows.append(
+                {"minute": (time.monotonic() - began) / 60.0, **sizes, **probe.figures(step_ns)}
+            )
             if clock:
                 rows[-1] = {key: value for key, value in rows[-1].items() if key not in FIGURES[2:]}
             done, lost = rows[-1]["minute"], sum(row["lost"] for row in rows)
-            print(f"{done:.1f} of {minutes:g} minutes, {lost:.0f} samples lost", file=sys.stderr, flush=True)
+            print(
+                f"{done:.1f} of {minutes:g} minutes, {lost:.0f} samples lost",
+                file=sys.stderr,
+                flush=True,
+            )
     for name in ("trajectory_generator", "simulator", "recorder", "identifier", "gap_monitor"):
         nodes[name].stop()
     return rows, probe.status
@@ -146,32 +158,46 @@ def soak(
 
 def gathered(rows: Sequence[dict[str, float]]) -> list[dict[str, float]]:
     """Return at most ten rows: sums of counts, largest delays and sizes, medians of the medians."""
-    parts = [part for part in np.array_split(np.arange(len(rows)), min(ROWS, len(rows))) if len(part)]
+    parts = [
+        part for part in np.array_split(np.arange(len(rows)), min(ROWS, len(rows))) if len(part)
+    ]
     how = {"minute": np.max, "samples": np.sum, "lost": np.sum, "delay p50, ms": np.median}
-    return [{key: float(how.get(key, np.max)([rows[k][key] for k in part])) for key in rows[0]} for part in parts]
+    return [
+        {key: float(how.get(key, np.max)([rows[k][key] for k in part])) for key in rows[0]}
+        for part in parts
+    ]
 
 
 def table(rows: Sequence[dict[str, float]]) -> str:
     """Return rows as a table for a page."""
     lines = ["| " + " | ".join(rows[0]) + " |", "|" + "---|" * len(rows[0])]
     digits = {"minute": 1, "delay p50, ms": 1, "delay p99, ms": 1, "delay max, ms": 1}
-    lines += ["| " + " | ".join(f"{value:.{digits.get(key, 0)}f}" for key, value in row.items()) + " |" for row in rows]
+    lines += [
+        "| " + " | ".join(f"{value:.{digits.get(key, 0)}f}" for key, value in row.items()) + " |"
+        for row in rows
+    ]
     return "\n".join(lines)
 
 
 def draw(rows: Sequence[dict[str, float]], file: Path) -> None:
     """Draw memory, losses and delays over time."""
     minutes = [row["minute"] for row in rows]
-    figure, (above, middle, below) = plt.subplots(3, 1, sharex=True, figsize=(8, 7), layout="constrained")
+    figure, (above, middle, below) = plt.subplots(
+        3, 1, sharex=True, figsize=(8, 7), layout="constrained"
+    )
     for key in rows[0]:
         if key.endswith(", MB"):
             above.plot(minutes, [row[key] for row in rows], label=key.removesuffix(", MB"))
     above.set(ylabel="resident memory, MB", ylim=(0, None))
     above.legend(ncols=3, loc="lower right", fontsize="small")
     middle.step(minutes, [row["lost"] for row in rows], where="mid", color="C3")
-    middle.set(ylabel="samples lost\nin the interval", ylim=(0, max(1.0, *(row["lost"] for row in rows))))
+    middle.set(
+        ylabel="samples lost\nin the interval", ylim=(0, max(1.0, *(row["lost"] for row in rows)))
+    )
     for key in FIGURES[2:] if FIGURES[2] in rows[0] else ():
-        below.plot(minutes, [row[key] for row in rows], label=key.split(",")[0].removeprefix("delay "))
+        below.plot(
+            minutes, [row[key] for row in rows], label=key.split(",")[0].removeprefix("delay ")
+        )
     below.set(xlabel="minutes", ylabel="delay, ms", yscale="log")
     below.legend(ncols=3, fontsize="small")
     figure.savefig(file, dpi=110)
@@ -203,9 +229,13 @@ def main() -> int:
     recorded = read_recording(options.out / "bag")
     assert recorded.motor is not None
     missing = int(np.sum(np.diff(recorded.motor.stamp_ns) // round(NANOSECONDS / options.rate) - 1))
-    print(f"load before {before:.1f} on {os.cpu_count()} cores; {len(recorded.motor)} recorded, {missing} missing")
+    print(
+        f"load before {before:.1f} on {os.cpu_count()} cores; {len(recorded.motor)} recorded, {missing} missing"
+    )
     for name in sorted(status):
-        shown = {key: value for key, value in status[name].items() if "sample" in key or "diagnos" in key}
+        shown = {
+            key: value for key, value in status[name].items() if "sample" in key or "diagnos" in key
+        }
         if shown:
             print(f"{name}: " + ", ".join(f"{key} {value}" for key, value in shown.items()))
     return 1 if missing or sum(row["lost"] for row in rows) else 0

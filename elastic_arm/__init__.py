@@ -45,8 +45,12 @@ __all__ = [
 
 _MODULES = {
     **dict.fromkeys(("Diagnosis", "Question", "diagnose", "follow_up"), "elastic_arm.diagnosis"),
-    **dict.fromkeys(("Identification", "IdentificationSettings", "identify"), "elastic_arm.identification"),
-    **dict.fromkeys(("Recording", "Side", "read_recording", "write_recording"), "elastic_arm.recording"),
+    **dict.fromkeys(
+        ("Identification", "IdentificationSettings", "identify"), "elastic_arm.identification"
+    ),
+    **dict.fromkeys(
+        ("Recording", "Side", "read_recording", "write_recording"), "elastic_arm.recording"
+    ),
     **dict.fromkeys(("Robot", "load_robot", "save_robot"), "elastic_arm.robot"),
     **dict.fromkeys(("SimulationSettings", "simulate"), "elastic_arm.simulation"),
     "load_trajectory": "elastic_arm.excitation",

@@ -19,7 +19,9 @@ if TYPE_CHECKING:
 
 __all__ = ["SUBCOMMANDS", "app", "load", "main"]
 
-__getattr__, __dir__ = lazily(__name__, dict.fromkeys(("SUBCOMMANDS", "app", "load"), "elastic_arm.cli.application"))
+__getattr__, __dir__ = lazily(
+    __name__, dict.fromkeys(("SUBCOMMANDS", "app", "load"), "elastic_arm.cli.application")
+)
 # Libraries swallow what is raised while they call Python, as CasADi does: interrupts are raised again after so long, s.
 AGAIN = 3.0
 LIBRARIES = 4e8  # bytes of addresses, measured; some of them wait for ever where there are none
@@ -28,7 +30,11 @@ LIBRARIES = 4e8  # bytes of addresses, measured; some of them wait for ever wher
 def main() -> None:
     """Entry point."""
     # Some are ignored, as behind nohup.
-    heeded = [number for number in (signal.SIGINT, signal.SIGTERM) if signal.getsignal(number) is not signal.SIG_IGN]
+    heeded = [
+        number
+        for number in (signal.SIGINT, signal.SIGTERM)
+        if signal.getsignal(number) is not signal.SIG_IGN
+    ]
     for number in heeded:
         signal.signal(number, signal.SIG_DFL)
     from elastic_arm.blas import one_blas_thread

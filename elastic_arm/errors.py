@@ -8,7 +8,14 @@ from importlib.util import find_spec
 
 # Packages of ROS 2 that nodes import.
 _ROS = (
-    *("rclpy", "builtin_interfaces", "control_msgs", "diagnostic_msgs", "elastic_arm_msgs", "rcl_interfaces"),
+    *(
+        "rclpy",
+        "builtin_interfaces",
+        "control_msgs",
+        "diagnostic_msgs",
+        "elastic_arm_msgs",
+        "rcl_interfaces",
+    ),
     *("rosgraph_msgs", "sensor_msgs", "std_msgs", "std_srvs", "trajectory_msgs"),
 )
 _LONGEST = 1000  # characters of a problem, a remedy or a finding
@@ -40,7 +47,9 @@ def _sentence(text: str) -> str:
     return text if text.endswith((".", "?", "!")) else f"{text}."
 
 
-def require_kind(value: object, kind: type, name: str, error: type[ElasticArmError], remedy: str) -> None:
+def require_kind(
+    value: object, kind: type, name: str, error: type[ElasticArmError], remedy: str
+) -> None:
     """Refuse an argument of another type where a user's program hands it in, not deep inside.
 
     value, kind: what was given, and the class that it has to be of.
@@ -108,7 +117,8 @@ def require_libraries(what: str, *names: str, remedy: str = "") -> None:
     missing = [name.split(":")[0] for name in names if find_spec(name.split(":")[-1]) is None]
     if missing:
         raise MissingExtraError(
-            f"{what} {', '.join(missing)}: not installed here", remedy or f"Run: pip install {' '.join(missing)}"
+            f"{what} {', '.join(missing)}: not installed here",
+            remedy or f"Run: pip install {' '.join(missing)}",
         )
 
 

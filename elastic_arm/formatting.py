@@ -55,5 +55,7 @@ def _to_place(value: float, place: int, plain: bool) -> str:
     if near == 0.0:
         return "0"
     digits = min(_place(near) - place + 1, MOST_DIGITS)
-    text = f"{near:#.{digits}g}".removesuffix(".").replace(".e", "e")  # "#" keeps zeros at the end: digits, too
+    text = f"{near:#.{digits}g}".removesuffix(".").replace(
+        ".e", "e"
+    )  # "#" keeps zeros at the end: digits, too
     return f"{near:.0f}" if "e+" in text and plain else text

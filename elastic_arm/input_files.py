@@ -20,12 +20,22 @@ LARGEST = 50_000_000  # bytes
 DEEPEST = 50  # collections in each other
 MOST_NODES = 500_000  # entries of a YAML file, aliases written out
 # First and last line of a YAML file that the suite wrote: one that is cut off may be YAML all the same.
-WHOLE_FROM, WHOLE_TO = "# Written by elastic_arm, whole up to the last line, which has three dots.", "..."
-LONGEST_NUMBER = 1000  # characters; the largest number has 309 digits, and Python writes out no more than 4300
+WHOLE_FROM, WHOLE_TO = (
+    "# Written by elastic_arm, whole up to the last line, which has three dots.",
+    "...",
+)
+LONGEST_NUMBER = (
+    1000  # characters; the largest number has 309 digits, and Python writes out no more than 4300
+)
 # Written in C where the library has it: in Python, metadata.yaml takes as long as a hundred thousand messages.
 _SAFE_LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 # YAML's kinds of scalars that not every text can be, and what the library raises where one is not.
-_SCALARS = {"bool": "neither yes nor no", "int": "no whole number", "float": "no number", "timestamp": "no date"}
+_SCALARS = {
+    "bool": "neither yes nor no",
+    "int": "no whole number",
+    "float": "no number",
+    "timestamp": "no date",
+}
 _NO_SCALAR = (ValueError, LookupError, AttributeError, OverflowError)
 # What pydantic adds to the path of a value that may be of several types.
 _TYPE = re.compile(r"(literal|list|dict|tuple|function-before)\[|(float|int|str|bool)$")
@@ -59,7 +69,9 @@ _WANTED = {
 }
 
 
-def read_bytes(path: str | Path, kind: type[ElasticArmError], remedy: str, most: int = LARGEST) -> bytes:
+def read_bytes(
+    path: str | Path, kind: type[ElasticArmError], remedy: str, most: int = LARGEST
+) -> bytes:
     """Read a file of bounded size; never a pipe or a device, which may not end."""
     problem = ""
     try:
@@ -90,7 +102,9 @@ def _at_once(path: str, flags: int) -> int:
     return os.open(path, flags | os.O_NONBLOCK)
 
 
-def read_text(path: str | Path, kind: type[ElasticArmError], remedy: str, most: int = LARGEST) -> str:
+def read_text(
+    path: str | Path, kind: type[ElasticArmError], remedy: str, most: int = LARGEST
+) -> str:
     """Read a text file."""
     try:
         return read_bytes(path, kind, remedy, most).decode("utf-8")
@@ -98,12 +112,15 @@ def read_text(path: str | Path, kind: type[ElasticArmError], remedy: str, most: 
         raise kind(f"{path}: is no text file", remedy) from None
 
 
-def read_fields(path: str | Path, kind: type[ElasticArmError], remedy: str, most: int = LARGEST) -> dict[str, Any]:
+def read_fields(
+    path: str | Path, kind: type[ElasticArmError], remedy: str, most: int = LARGEST
+) -> dict[str, Any]:
     """Read a YAML file that holds fields; an error of `kind` names file, line and reason where it does not."""
     text = read_text(path, kind, remedy, most)
     if text.startswith(WHOLE_FROM) and text.rstrip().rpartition("\n")[2] != WHOLE_TO:
         raise kind(
-            f"{path}: is cut off: its last line is not {WHOLE_TO}", "Write it again, or mend it and add that line."
+            f"{path}: is cut off: its last line is not {WHOLE_TO}",
+            "Write it again, or mend it and add that line.",
         )
     try:
         content = parse_yaml(text)
@@ -112,7 +129,9 @@ def read_fields(path: str | Path, kind: type[ElasticArmError], remedy: str, most
         # The end of a file may count as a line of its own.
         line = f"line {min(mark.line, text.count(chr(10))) + 1}: " if mark else ""
         reason = getattr(error, "problem", None) or getattr(error, "reason", None) or "no YAML"
-        raise kind(f"{path}: {line}{reason}", "Mend the YAML; indentation and colons matter.") from None
+        raise kind(
+            f"{path}: {line}{reason}", "Mend the YAML; indentation and colons matter."
+        ) from None
     if not isinstance(content, dict):
         raise kind(f"{path}: holds no fields", remedy)
     return content
@@ -166,7 +185,9 @@ for _kind in _SCALARS:
 def _check_yaml(text: str) -> None:
     """Raise a YAMLError if a document is nested too deeply, or too large with its aliases written out."""
     depth = nodes = 0
-    begun: list[tuple[str | None, int]] = []  # anchor of each collection that is open, and the nodes before it
+    begun: list[
+        tuple[str | None, int]
+    ] = []  # anchor of each collection that is open, and the nodes before it
     sizes: dict[str, int] = {}
     for event in yaml.parse(text, Loader=_SAFE_LOADER):
         if isinstance(event, yaml.CollectionStartEvent):
@@ -198,12 +219,18 @@ def explain(
 ) -> tuple[str, str]:
     """Return what is wrong in words, each field's path and reason, and the remedy of the first."""
     # Of a value that may be of several types, what each of them misses comes as a fault of its own.
-    faults = list({_field_path(fault["loc"]): fault for fault in error.errors(include_url=False)[::-1]}.values())[::-1]
+    faults = list(
+        {
+            _field_path(fault["loc"]): fault for fault in error.errors(include_url=False)[::-1]
+        }.values()
+    )[::-1]
     words = []
     for fault in faults[:SHOWN_FAULTS]:
         where = _field_path(fault["loc"])
         reason = _reason(fault)
-        if fault["type"] == "extra_forbidden" and (own := called.get(str(fault["loc"][-1]).lower())):
+        if fault["type"] == "extra_forbidden" and (
+            own := called.get(str(fault["loc"][-1]).lower())
+        ):
             reason += f" (it is called {own})"
         words.append(f"{where}: {reason}" if where else reason)
     if len(faults) > SHOWN_FAULTS:

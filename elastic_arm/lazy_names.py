@@ -5,7 +5,9 @@ from importlib import import_module
 from typing import Any
 
 
-def lazily(package: str, modules: Mapping[str, str]) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
+def lazily(
+    package: str, modules: Mapping[str, str]
+) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
     """Return the `__getattr__` and `__dir__` of a package (PEP 562), by exported name and its module."""
 
     def get(name: str) -> Any:
@@ -14,6 +16,8 @@ def lazily(package: str, modules: Mapping[str, str]) -> tuple[Callable[[str], An
         return getattr(import_module(modules[name]), name)
 
     def names() -> list[str]:
-        return sorted({*modules, *(name for name in vars(import_module(package)) if name.startswith("__"))})
+        return sorted(
+            {*modules, *(name for name in vars(import_module(package)) if name.startswith("__"))}
+        )
 
     return get, names

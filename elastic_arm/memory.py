@@ -39,7 +39,9 @@ def available_memory() -> float:
     import resource  # POSIX alone has it
 
     fields = dict(line.split(":") for line in Path("/proc/meminfo").read_text().splitlines())
-    found = 1024.0 * int(fields["MemAvailable"].split()[0]) if "MemAvailable" in fields else math.inf
+    found = (
+        1024.0 * int(fields["MemAvailable"].split()[0]) if "MemAvailable" in fields else math.inf
+    )
     limit, _ = resource.getrlimit(resource.RLIMIT_AS)
     if limit != resource.RLIM_INFINITY:
         taken = int(Path("/proc/self/statm").read_text().split()[0]) * os.sysconf("SC_PAGE_SIZE")

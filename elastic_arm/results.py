@@ -27,13 +27,17 @@ class ClosedLoopError:
         numbers = {"described": self.described, "corrected": self.corrected}
         if self.refused is not None:
             numbers["refused"] = self.refused
-        rounded = {name: float(f"{v:.4g}") if v < float("inf") else None for name, v in numbers.items()}
+        rounded = {
+            name: float(f"{v:.4g}") if v < float("inf") else None for name, v in numbers.items()
+        }
         return {**rounded, "unit": self.unit}
 
     @staticmethod
     def from_dict(data: Mapping[str, Any]) -> "ClosedLoopError":
         """Return what :meth:`to_dict` wrote."""
-        numbers = {name: float("inf") if v is None else v for name, v in data.items() if name != "unit"}
+        numbers = {
+            name: float("inf") if v is None else v for name, v in data.items() if name != "unit"
+        }
         return ClosedLoopError(**numbers, unit=data["unit"])
 
 
@@ -43,7 +47,9 @@ class Result:
     What draws stands further down the imports, and is found by name when it is first used.
     """
 
-    _report: ClassVar[str]  # module with `overview(result)`, a figure, `head(result)`, HTML, and `summary`
+    _report: ClassVar[
+        str
+    ]  # module with `overview(result)`, a figure, `head(result)`, HTML, and `summary`
 
     def tables(self) -> dict[str, Sequence[Row]]:
         """Return its tables by name, as rows; the first one is the most important."""
@@ -63,7 +69,9 @@ class Result:
         if table and table not in tables:
             raise OutputError(f"there is no table {table!r}", f"Take one of {', '.join(tables)}.")
         rows = tables[table or next(iter(tables))]
-        mixed = {"strict": False} if library == "polars" else {}  # a column holds whole numbers and others
+        mixed = (
+            {"strict": False} if library == "polars" else {}
+        )  # a column holds whole numbers and others
         columns = {name: [row[name] for row in rows] for name in (rows[0] if rows else ())}
         return import_module(library).DataFrame(columns, **mixed)
 
@@ -72,8 +80,13 @@ class Result:
         written = []
         for name, rows in self.tables().items():
             if rows:
-                short = [{k: f"{v:.9g}" if isinstance(v, float) else v for k, v in row.items()} for row in rows]
-                written.append(write_result(Path(folder) / f"{name}.csv", csv_text(list(rows[0]), short)))
+                short = [
+                    {k: f"{v:.9g}" if isinstance(v, float) else v for k, v in row.items()}
+                    for row in rows
+                ]
+                written.append(
+                    write_result(Path(folder) / f"{name}.csv", csv_text(list(rows[0]), short))
+                )
         return written
 
     def plot(self) -> Any:

@@ -36,9 +36,14 @@ class _Settings:
             given = getattr(self, entry.name)
             values = np.atleast_1d(np.asarray(given, dtype=float))
             if values.ndim != 1 or not np.isfinite(values).all():
-                raise SensorError(f"{entry.name} of a sensor is {given!r}", "Give a finite number, or one per joint.")
+                raise SensorError(
+                    f"{entry.name} of a sensor is {given!r}",
+                    "Give a finite number, or one per joint.",
+                )
             if entry.name in _AT_LEAST_ZERO and (values < 0).any():
-                raise SensorError(f"{entry.name} of a sensor is negative: {given!r}", "Give zero or more.")
+                raise SensorError(
+                    f"{entry.name} of a sensor is negative: {given!r}", "Give zero or more."
+                )
             if entry.name == "gain" and (values == 0).any():
                 raise SensorError("the gain of a sensor is zero", "Give the ratio recorded / true.")
             value = float(values[0]) if np.ndim(given) == 0 else tuple(float(v) for v in values)
@@ -63,7 +68,10 @@ def _row(settings: _Settings, name: str, n: int) -> Array:
     """Spread a setting over the joints; kept, as it is needed at every sample."""
     values = np.atleast_1d(np.asarray(getattr(settings, name), dtype=float))
     if len(values) not in (1, n):
-        raise SensorError(f"{name} of a sensor has {len(values)} values for {n} joints", "Give one, or one per joint.")
+        raise SensorError(
+            f"{name} of a sensor has {len(values)} values for {n} joints",
+            "Give one, or one per joint.",
+        )
     return np.broadcast_to(values, (n,))
 
 
@@ -78,7 +86,9 @@ class TorqueSensor(_Settings):
     offset: PerJoint = 0.0
     delay: PerJoint = 0.0
     drift: PerJoint = 0.0  # Nm/s, at which the zero moves from the first sample on
-    cutoff: PerJoint = 0.0  # Hz, of a first-order low pass that the true torque goes through; zero for none
+    cutoff: PerJoint = (
+        0.0  # Hz, of a first-order low pass that the true torque goes through; zero for none
+    )
 
 
 @dataclass(frozen=True)
@@ -112,7 +122,8 @@ class Sensors:
     def __post_init__(self) -> None:
         if not (np.isfinite(self.stamp_jitter) and self.stamp_jitter >= 0):
             raise SensorError(
-                f"stamp_jitter is {self.stamp_jitter!r}", "Give a standard deviation in seconds, or zero."
+                f"stamp_jitter is {self.stamp_jitter!r}",
+                "Give a standard deviation in seconds, or zero.",
             )
 
     @classmethod
@@ -152,7 +163,9 @@ class SensorBank:
     def jitter(self, count: int) -> Array:
         """Return `count` errors of stamps, s, small enough to keep their order."""
         limit = LARGEST_JITTER / self._rate
-        return np.clip(self._jitter.standard_normal(count) * self.sensors.stamp_jitter, -limit, limit)
+        return np.clip(
+            self._jitter.standard_normal(count) * self.sensors.stamp_jitter, -limit, limit
+        )
 
 
 # What a channel passes through: only stages that change something, as a live arm reads its sensors sample by sample.
@@ -184,19 +197,29 @@ def _rounded(sensor: _Settings, n: int) -> list[Plant]:
 
 def _torque(sensor: TorqueSensor, n: int, rate: float, rng: np.random.Generator) -> Plant:
     gain, offset = sensor.row("gain", n), sensor.row("offset", n)
-    scaled: list[Plant] = [lambda values: gain * values + offset] if offset.any() or (gain != 1).any() else []
+    scaled: list[Plant] = (
+        [lambda values: gain * values + offset] if offset.any() or (gain != 1).any() else []
+    )
     drift, cutoff = sensor.row("drift", n), sensor.row("cutoff", n)
     filtered: list[Plant] = [FirstOrderFilter(cutoff, rate)] if cutoff.any() else []
     moving: list[Plant] = [Drift(drift, rate)] if drift.any() else []
     noisy = _noisy(sensor.row("noise", n), rng)
-    return _through([*_late(sensor, n, rate), *filtered, *scaled, *moving, *noisy, *_rounded(sensor, n)])
+    return _through(
+        [*_late(sensor, n, rate), *filtered, *scaled, *moving, *noisy, *_rounded(sensor, n)]
+    )
 
 
 def _encoder(
-    encoder: Encoder, n: int, rate: float, rng: np.random.Generator, rng_velocity: np.random.Generator
+    encoder: Encoder,
+    n: int,
+    rate: float,
+    rng: np.random.Generator,
+    rng_velocity: np.random.Generator,
 ) -> Callable[[Array, Array], tuple[Array, Array]]:
     """Return the function of true angle and velocity."""
-    amplitude, phase, offset = (encoder.row(name, n) for name in ("eccentricity", "phase", "offset"))
+    amplitude, phase, offset = (
+        encoder.row(name, n) for name in ("eccentricity", "phase", "offset")
+    )
     late, late_velocity = (_through(_late(encoder, n, rate)) for _ in range(2))
     read = _through([*_noisy(encoder.row("noise", n), rng), *_rounded(encoder, n)])
     read_velocity = _through(_noisy(encoder.row("velocity_noise", n), rng_velocity))

@@ -31,7 +31,10 @@ NOTICED = {
     "torque_offset": (0.05, "T"),
     "torque_gain": (0.10, "of the recorded torque"),
     "time_delay": (0.005, "s, of all torques"),
-    "joint_spring": (0.05, "T at the largest angle from where it is relaxed, the middle of the motion"),
+    "joint_spring": (
+        0.05,
+        "T at the largest angle from where it is relaxed, the middle of the motion",
+    ),
     "base_tilt": (0.02, "rad about x"),
     "joint_zero": (0.02, "rad"),
     "payload": (0.03, "m, 0.05 m along z of the last link's frame"),
@@ -56,19 +59,28 @@ class Motion:
 
     def __init__(self, recording: Recording, robot: Robot) -> None:
         self.recording = recording.select(robot.joint_names)
-        self.name = next(name for name, side in self.recording.measured().items() if side.effort is not None)
-        angles = next(side for side in self.recording.measured().values() if side.position is not None)
+        self.name = next(
+            name for name, side in self.recording.measured().items() if side.effort is not None
+        )
+        angles = next(
+            side for side in self.recording.measured().values() if side.position is not None
+        )
         side = getattr(self.recording, self.name)
         self.t = side.stamp_ns * 1e-9
         assert angles.position is not None and side.effort is not None
         beside = angles.stamp_ns * 1e-9
-        q = np.stack([np.interp(self.t, beside, joint) for joint in np.unwrap(angles.position, axis=0).T], axis=1)
+        q = np.stack(
+            [np.interp(self.t, beside, joint) for joint in np.unwrap(angles.position, axis=0).T],
+            axis=1,
+        )
         even = np.linspace(self.t[0], self.t[-1], len(self.t))
         q = np.stack([np.interp(even, self.t, joint) for joint in q.T], axis=1)
         step = even[1] - even[0]
         sos = butter(4, min(SMOOTH, 0.4 / step), fs=1.0 / step, output="sos")
         self.q = sosfiltfilt(sos, q, axis=0)
-        self.dq, self.ddq = (savgol_filter(self.q, 7, 3, deriv=k, delta=step, axis=0) for k in (1, 2))
+        self.dq, self.ddq = (
+            savgol_filter(self.q, 7, 3, deriv=k, delta=step, axis=0) for k in (1, 2)
+        )
         self.torque = side.effort
 
     def with_torque(self, torque: np.ndarray) -> Recording:
@@ -126,8 +138,13 @@ class Bench:
             parameters = {"stiffness": stiffness}
             add = lambda m: stiffness * (m.q[:, j] - self.middle[j])  # noqa: E731
         elif effect == "time_delay":
-            late = [np.stack([np.interp(m.t - size, m.t, one) for one in m.torque.T], axis=1) for m in self.motions]
-            recordings = [m.with_torque(torque) for m, torque in zip(self.motions, late, strict=True)]
+            late = [
+                np.stack([np.interp(m.t - size, m.t, one) for one in m.torque.T], axis=1)
+                for m in self.motions
+            ]
+            recordings = [
+                m.with_torque(torque) for m, torque in zip(self.motions, late, strict=True)
+            ]
             return recordings, _truth(effect, ANY, {"delay": size})
         else:
             return self._of_another_arm(effect, size, j)
@@ -136,14 +153,22 @@ class Bench:
             torque = motion.torque.copy()
             torque[:, j] += add(motion)
             recordings.append(motion.with_torque(torque))
-        named = effect.replace("torque_", f"{self.channel}_") if effect.startswith("torque_") else effect
+        named = (
+            effect.replace("torque_", f"{self.channel}_")
+            if effect.startswith("torque_")
+            else effect
+        )
         return recordings, _truth(named, joint, parameters)
 
-    def _of_another_arm(self, effect: str, size: float, j: int) -> tuple[list[Recording], dict[str, Any]]:
+    def _of_another_arm(
+        self, effect: str, size: float, j: int
+    ) -> tuple[list[Recording], dict[str, Any]]:
         """Return the recordings of an arm that is not as described."""
         joint: str | None = self.robot.joint_names[j]
         if effect == "base_tilt":
-            turn = np.array([[1, 0, 0], [0, np.cos(size), -np.sin(size)], [0, np.sin(size), np.cos(size)]])
+            turn = np.array(
+                [[1, 0, 0], [0, np.cos(size), -np.sin(size)], [0, np.sin(size), np.cos(size)]]
+            )
             gravity = turn.T @ np.asarray(self.robot.gravity)
             joint, parameters, arm = None, {"x": size}, self.robot.with_(gravity=gravity)
         elif effect == "joint_zero":
@@ -172,7 +197,11 @@ def with_mass(robot: Robot, j: int, mass: float, position: np.ndarray) -> Robot:
 
     link = robot.joints[j].link
     com = (link.mass * np.asarray(link.com) + mass * position) / (link.mass + mass)
-    inertia = np.asarray(link.inertia) + about(link.mass, np.asarray(link.com) - com) + about(mass, position - com)
+    inertia = (
+        np.asarray(link.inertia)
+        + about(link.mass, np.asarray(link.com) - com)
+        + about(mass, position - com)
+    )
     joints = list(robot.joints)
     joints[j] = replace(joints[j], link=Inertia(link.mass + mass, com, inertia))
     return robot.with_(joints=tuple(joints))
@@ -205,7 +234,16 @@ def prepared(data: Path, arms: Path, only: str) -> dict[str, tuple[Arm, list[Arm
         robot_file = (data / one.folder / one.robot).resolve()
         own = one.bags(arms, data)
         fit, held = own[: one.fitted], own[one.fitted :]
-        plain = Arm(f"{key}_unchanged", key, "unchanged", fit, held, complete=False, robot=str(robot_file), refit=True)
+        plain = Arm(
+            f"{key}_unchanged",
+            key,
+            "unchanged",
+            fit,
+            held,
+            complete=False,
+            robot=str(robot_file),
+            refit=True,
+        )
         asked, bench = [], None
         for effect in NOTICED:
             rng = np.random.default_rng([len(asked), *key.encode()])
@@ -220,7 +258,14 @@ def prepared(data: Path, arms: Path, only: str) -> dict[str, tuple[Arm, list[Arm
                     for bag, recording in zip(bags, recordings, strict=True):
                         write_recording(arms / bag, recording)
                     fit, held = bags[: one.fitted], bags[one.fitted :]
-                    arm = replace(plain, name=name, kind=f"{times:g} times", fit=fit, judge=held, truth=[truth])
+                    arm = replace(
+                        plain,
+                        name=name,
+                        kind=f"{times:g} times",
+                        fit=fit,
+                        judge=held,
+                        truth=[truth],
+                    )
                     file.write_text(json.dumps([asdict(replace(arm, complete=True))], indent=1))
                 if file.is_file():
                     asked.append(Arm(**json.loads(file.read_text())[0]))
@@ -233,10 +278,16 @@ def against(arm: Arm, before: Mapping[str, Any]) -> Arm:
     """Return an arm's question with what the recordings had before the change."""
     (truth,) = arm.truth
     allowed = [[c["effect"], c["joint"]] for c in before["causes"]]
-    own = [c for c in (*before["causes"], *before.get("known", ())) if c["effect"] == truth["effect"]]
+    own = [
+        c for c in (*before["causes"], *before.get("known", ())) if c["effect"] == truth["effect"]
+    ]
     own = [c["parameters"] for c in own if truth["joint"] in (ANY, c["joint"])]
     named = ((i, next(iter(truth["parameters"]))) for i in before.get("imperfections", ()))
-    own += [{name: i} for i, name in named if (i["what"], i["joint"]) == (truth["effect"], truth["joint"])]
+    own += [
+        {name: i}
+        for i, name in named
+        if (i["what"], i["joint"]) == (truth["effect"], truth["joint"])
+    ]
     sizes = dict(truth["parameters"])
     for name, change in truth["parameters"].items():
         if own and name in own[0]:
@@ -264,18 +315,34 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("data", type=Path, help="folder with a folder of recordings for each robot")
     parser.add_argument("--out", type=Path, default=Path("runs/bench.csv"))
-    parser.add_argument("--only", default="", help="regular expression that the names of changes hold")
+    parser.add_argument(
+        "--only", default="", help="regular expression that the names of changes hold"
+    )
     parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--arms", type=Path, default=Path("runs/bench_arms"), help="folder of the recordings")
+    parser.add_argument(
+        "--arms", type=Path, default=Path("runs/bench_arms"), help="folder of the recordings"
+    )
     asked = parser.parse_args(arguments)
     asked.out.parent.mkdir(parents=True, exist_ok=True)
     everything = prepared(asked.data, asked.arms, asked.only)
-    chosen = {key: [arm for arm in arms if re.search(asked.only, arm.name)] for key, (_, arms) in everything.items()}
-    judge([plain for key, (plain, _) in everything.items() if chosen[key]], asked.arms, asked.out, asked.jobs)
+    chosen = {
+        key: [arm for arm in arms if re.search(asked.only, arm.name)]
+        for key, (_, arms) in everything.items()
+    }
+    judge(
+        [plain for key, (plain, _) in everything.items() if chosen[key]],
+        asked.arms,
+        asked.out,
+        asked.jobs,
+    )
     questions = []
     for key, arms in chosen.items():
         answer = asked.out.with_suffix(".answers") / f"{key}_unchanged.json"
-        before = json.loads(answer.read_text()) if answer.is_file() else {"causes": [], "verdict": UNKNOWN}
+        before = (
+            json.loads(answer.read_text())
+            if answer.is_file()
+            else {"causes": [], "verdict": UNKNOWN}
+        )
         questions += [against(arm, before) for arm in arms]
     rows = judge(questions, asked.arms, asked.out, asked.jobs)
     rows = [r for r in rows if r["kind"] != "unchanged"]

@@ -51,7 +51,10 @@ from elastic_arm.simulation import SimulationSettings, simulate
 EVALUATIONS = 600
 SHAPE = Shape(harmonics=5, period=8.0, periods=2)
 START = 120.0  # s that nodes may take to find each other, and the first kernels to compile
-PATIENCE, ABANDONED = 30.0, 5.0  # s that nodes may take to end; and where the user does not wait for them
+PATIENCE, ABANDONED = (
+    30.0,
+    5.0,
+)  # s that nodes may take to end; and where the user does not wait for them
 # Effects of which one is drawn, of a size that is clearly seen on an industrial arm.
 EFFECTS = (
     "coulomb_friction:{}:torque=13", "viscous_friction:{}:coefficient=20", "hysteresis:{}:torque=12,width=0.0005",
@@ -62,10 +65,18 @@ EFFECTS = (
 
 def main() -> None:
     """Run the demo."""
-    parser = argparse.ArgumentParser(description="Move an arm in a live ROS 2 graph, record, identify, diagnose.")
-    parser.add_argument("--out", type=Path, default=Path("runs/demo"), help="folder of all that the demo writes")
-    parser.add_argument("--seed", type=int, default=1, help="of the arm, the search and the noise (1)")
-    parser.add_argument("--speed", type=float, default=1.0, help="times real time; above 1 the graph runs on /clock")
+    parser = argparse.ArgumentParser(
+        description="Move an arm in a live ROS 2 graph, record, identify, diagnose."
+    )
+    parser.add_argument(
+        "--out", type=Path, default=Path("runs/demo"), help="folder of all that the demo writes"
+    )
+    parser.add_argument(
+        "--seed", type=int, default=1, help="of the arm, the search and the noise (1)"
+    )
+    parser.add_argument(
+        "--speed", type=float, default=1.0, help="times real time; above 1 the graph runs on /clock"
+    )
     options = parser.parse_args()
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # nodes are ended as by Ctrl-C
     try:
@@ -93,7 +104,9 @@ def demo(folder: Path, seed: int, speed: float) -> None:
     offline = identify(read_recording(folder / "bag"), nominal)
     out.print(f"{offline.samples} samples, derivatives by {', '.join(offline.derivatives)}")
     _heading("4  estimates and the truth")
-    _compare(offline, online, np.array([parameter.true for parameter in compare(offline, true_arm)]))
+    _compare(
+        offline, online, np.array([parameter.true for parameter in compare(offline, true_arm)])
+    )
     report = _report(folder / "report.html", offline)
     _heading("5  another arm has an effect that the diagnosis is not told")
     _diagnose_withheld(folder / "withheld", nominal, search.trajectory, np.random.default_rng(seed))
@@ -107,7 +120,9 @@ def _heading(title: str) -> None:
 
 def _make_room(folder: Path) -> None:
     """Clear what an earlier demo left in its folder, and nothing else."""
-    left = [folder / name for name in ("bag", "nodes", "online", "withheld") if (folder / name).is_dir()]
+    left = [
+        folder / name for name in ("bag", "nodes", "online", "withheld") if (folder / name).is_dir()
+    ]
     if left and not (folder / "true_arm.yaml").is_file():
         raise OutputError(f"{left[0]} exists and is no demo's", "Choose another folder with --out.")
     for path in left:
@@ -115,7 +130,9 @@ def _make_room(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise OutputError(f"{folder} cannot be made: {error.strerror}", "Choose another folder with --out.") from error
+        raise OutputError(
+            f"{folder} cannot be made: {error.strerror}", "Choose another folder with --out."
+        ) from error
 
 
 def _excite(nominal: Robot, seed: int) -> ExcitationResult:
@@ -143,20 +160,30 @@ def _live(folder: Path, motion: FourierTrajectory, seed: int, speed: float) -> d
         nodes.start("identifier", print=True, save_at_exit=True, save_to=str(folder / "online"))
         arm = {"robot": str(folder / "true_arm.yaml"), "initial_position": motion.q0.tolist()}
         nodes.start("simulator", **arm, seed=seed, real_time_factor=speed)
-        nodes.start("trajectory_generator", trajectory=str(folder / "trajectory.yaml"), use_sim_time=speed != 1.0)
-        out.print(f"{'samples':>8}{'residual RMS':>15}{'condition':>12}{'std of the worst parameter':>29}")
+        nodes.start(
+            "trajectory_generator",
+            trajectory=str(folder / "trajectory.yaml"),
+            use_sim_time=speed != 1.0,
+        )
+        out.print(
+            f"{'samples':>8}{'residual RMS':>15}{'condition':>12}{'std of the worst parameter':>29}"
+        )
         end = time.monotonic() + motion.duration / speed + START
         while nodes.running("trajectory_generator"):
             for last in nodes.told(0.5):
                 _show(last)
             if not last and time.monotonic() > end:
-                raise GraphError("no estimate arrived", f"The nodes' messages are in {folder / 'nodes'}.")
+                raise GraphError(
+                    "no estimate arrived", f"The nodes' messages are in {folder / 'nodes'}."
+                )
         for name in ("simulator", "identifier", "recorder"):
             nodes.stop(name)
         for last in nodes.told(0.5):
             _show(last)
     if not last:
-        raise GraphError("the identifier made no estimate", f"Its output is in {nodes.log('identifier')}.")
+        raise GraphError(
+            "the identifier made no estimate", f"Its output is in {nodes.log('identifier')}."
+        )
     return last
 
 
@@ -164,7 +191,9 @@ def _show(line: dict[str, Any]) -> None:
     value, std = (np.abs(np.array(line[key], dtype=float)) for key in ("value", "std"))
     worst = float(np.nanmax(std / np.maximum(value, 1e-12))) if len(value) else float("nan")
     number = line["condition_number"] or np.inf
-    out.print(f"{line['samples']:>8}{line['residual_rms']:>12.4f} Nm{number:>12.4g}{100 * worst:>27.3g} %")
+    out.print(
+        f"{line['samples']:>8}{line['residual_rms']:>12.4f} Nm{number:>12.4g}{100 * worst:>27.3g} %"
+    )
 
 
 class Nodes:
@@ -172,7 +201,11 @@ class Nodes:
 
     def __init__(self, folder: Path, domain: int) -> None:
         self.folder = folder
-        self.environment = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", **os.environ, "ROS_DOMAIN_ID": str(domain)}
+        self.environment = {
+            "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+            **os.environ,
+            "ROS_DOMAIN_ID": str(domain),
+        }
         self.processes: dict[str, subprocess.Popen[str]] = {}
         self.lines: queue.SimpleQueue[str] = queue.SimpleQueue()
         folder.mkdir(parents=True, exist_ok=True)
@@ -181,14 +214,28 @@ class Nodes:
         """Start a node; what it prints arrives in `lines`."""
         file = self.folder / f"{name}.yaml"
         file.write_text(yaml.safe_dump({name: {"ros__parameters": parameters}}), encoding="utf-8")
-        command = [sys.executable, "-m", f"elastic_arm.nodes.{name}", "--ros-args", "--params-file", str(file)]
+        command = [
+            sys.executable,
+            "-m",
+            f"elastic_arm.nodes.{name}",
+            "--ros-args",
+            "--params-file",
+            str(file),
+        ]
         with self.log(name).open("w", encoding="utf-8") as log:
             process = subprocess.Popen(
-                command, stdout=subprocess.PIPE, stderr=log, text=True, env=self.environment, start_new_session=True
+                command,
+                stdout=subprocess.PIPE,
+                stderr=log,
+                text=True,
+                env=self.environment,
+                start_new_session=True,
             )
         self.processes[name] = process
         assert process.stdout is not None
-        threading.Thread(target=lambda: [self.lines.put(line) for line in process.stdout or ()], daemon=True).start()
+        threading.Thread(
+            target=lambda: [self.lines.put(line) for line in process.stdout or ()], daemon=True
+        ).start()
 
     def log(self, name: str) -> Path:
         """Return the file of a node's stderr."""
@@ -217,9 +264,13 @@ class Nodes:
 
     def _check(self, name: str, code: int) -> None:
         if code:
-            words = self.log(name).read_text(encoding="utf-8").strip().splitlines() or ["error: it said nothing"]
+            words = self.log(name).read_text(encoding="utf-8").strip().splitlines() or [
+                "error: it said nothing"
+            ]
             last = words[-1].removeprefix("error: ")
-            raise GraphError(f"node {name} ended with code {code}: {last}", f"All of it is in {self.log(name)}.")
+            raise GraphError(
+                f"node {name} ended with code {code}: {last}", f"All of it is in {self.log(name)}."
+            )
 
 
 @contextmanager
@@ -248,10 +299,14 @@ def ended(process: subprocess.Popen[str], patience: float) -> int:
 
 def _compare(offline: Identification, live: dict[str, Any], truth: np.ndarray) -> None:
     online = dict(zip(live["name"], zip(live["value"], live["std"], strict=True), strict=True))
-    values, stds = (np.array([online[e.name][k] for e in offline.estimates], dtype=float) for k in (0, 1))
+    values, stds = (
+        np.array([online[e.name][k] for e in offline.estimates], dtype=float) for k in (0, 1)
+    )
     on, off = (values - truth) / stds, (offline.Psi_base - truth) / offline.std
     out.print("errors in standard deviations")
-    out.print(f"{'nominal':>10}{'true':>11}{'online':>11}{'error':>7}{'offline':>11}{'error':>7}  base parameter")
+    out.print(
+        f"{'nominal':>10}{'true':>11}{'online':>11}{'error':>7}{'offline':>11}{'error':>7}  base parameter"
+    )
     for k, e in enumerate(offline.estimates):
         numbers = f"{e.nominal:10.4g}{truth[k]:11.4g}{values[k]:11.4g}{on[k]:+7.1f}{e.value:11.4g}{off[k]:+7.1f}"
         out.print(f"{numbers}  {escape(e.short)}")
@@ -273,16 +328,23 @@ def _report(path: Path, offline: Identification) -> Path:
     from elastic_arm.report.html import write_report
     from elastic_arm.report.identification import sections
 
-    return write_report(path, "The live arm", sections(offline), subtitle=f"{offline.robot}, {offline.model}")
+    return write_report(
+        path, "The live arm", sections(offline), subtitle=f"{offline.robot}, {offline.model}"
+    )
 
 
-def _diagnose_withheld(folder: Path, nominal: Robot, motion: FourierTrajectory, rng: np.random.Generator) -> None:
+def _diagnose_withheld(
+    folder: Path, nominal: Robot, motion: FourierTrajectory, rng: np.random.Generator
+) -> None:
     """Record an arm with a drawn effect on two motions, diagnose the bags, and print what was drawn afterwards."""
     drawn = parse(str(rng.choice(EFFECTS)).format(rng.choice(nominal.joint_names)), nominal)
     other = random_trajectories(build_model(nominal), MotionLimits.of(nominal), 1, rng=rng)[0]
     with err.status("recording the arm on two motions"):
         for name, trajectory in (("identify", motion), ("validate", other)):
-            write_recording(folder / name, simulate(nominal, trajectory, SimulationSettings(effects=[drawn]), rng=rng))
+            write_recording(
+                folder / name,
+                simulate(nominal, trajectory, SimulationSettings(effects=[drawn]), rng=rng),
+            )
     with err.status("diagnosing"):
         fitted, judged = (read_recording(folder / name) for name in ("identify", "validate"))
         found = follow_up(diagnose([fitted], Question(nominal), [judged]), rng=rng)

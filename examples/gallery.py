@@ -39,7 +39,13 @@ with open(sys.argv[1], "a") as file:
 sys.exit(code)
 """
 # Points of a picture, in their order.
-COLOURS = {"nominal": GREY, "identified": SKY, "robot.yaml": BLUE, "before": VERMILION, "after": GREEN}
+COLOURS = {
+    "nominal": GREY,
+    "identified": SKY,
+    "robot.yaml": BLUE,
+    "before": VERMILION,
+    "after": GREEN,
+}
 # What `identify` has of a link encoder as a torque of the spring.
 ENCODER = {"time_delay": "delay", "encoder_offset": "offset"}
 
@@ -58,9 +64,14 @@ def run(example: Path, data: Path, folder: Path) -> None:
     began = time.monotonic()
     with (folder / "run.log").open("w") as log:
         command = ["sh", str(example / "run.sh"), str(data)]
-        code = subprocess.call(command, cwd=folder, stdout=log, stderr=log, env={**os.environ, "PATH": path})
+        code = subprocess.call(
+            command, cwd=folder, stdout=log, stderr=log, env={**os.environ, "PATH": path}
+        )
     (folder / ENDED).write_text(f"{code}\n")
-    print(f"{example.name}: exit status {code}, {time.monotonic() - began:.0f} s, {folder / 'run.log'}", flush=True)
+    print(
+        f"{example.name}: exit status {code}, {time.monotonic() - began:.0f} s, {folder / 'run.log'}",
+        flush=True,
+    )
 
 
 def rows(folder: Path) -> Iterator[list[str]]:
@@ -76,12 +87,21 @@ def rows(folder: Path) -> Iterator[list[str]]:
                 causes = ", ".join(map(_cause, found["causes"])) or "no cause"
                 said = [f"{found['verdict']}: {causes}", seconds] if model == "after" else ["", ""]
                 last = [_prediction(found, model), *said]
-            yield [_case(folder, file), f"{_command(file)}: {model}, {side}", _numbers(values), *last]
+            yield [
+                _case(folder, file),
+                f"{_command(file)}: {model}, {side}",
+                _numbers(values),
+                *last,
+            ]
 
 
 def _results(folder: Path) -> list[Path]:
     """Return the results of an example: those of `identify`, then those of `diagnose`."""
-    return [file for name in ("identification", "diagnosis") for file in sorted(folder.rglob(f"{name}.json"))]
+    return [
+        file
+        for name in ("identification", "diagnosis")
+        for file in sorted(folder.rglob(f"{name}.json"))
+    ]
 
 
 def _ended(folder: Path) -> bool:
@@ -129,11 +149,31 @@ def picture(folder: Path, path: Path) -> None:
         for ax, (case, models) in zip(axes[:, 0], cases.items(), strict=True):
             width = 0.8 / len(models)
             for k, (model, values) in enumerate(models.items()):
-                known = [(joint, value) for joint, value in enumerate(values, start=1) if value is not None]
+                known = [
+                    (joint, value)
+                    for joint, value in enumerate(values, start=1)
+                    if value is not None
+                ]
                 at = [joint + (k - 0.5 * (len(models) - 1)) * width for joint, _ in known]
-                ax.plot(at, [value for _, value in known], "o", markersize=5, label=model, color=COLOURS[model])
-            ax.set(title=case, ylabel="rms, Nm", yscale="log", xticks=range(1, len(next(iter(models.values()))) + 1))
-            ax.yaxis.set(major_locator=LogLocator(subs=(1, 2, 5)), major_formatter="{x:g}", minor_locator=NullLocator())
+                ax.plot(
+                    at,
+                    [value for _, value in known],
+                    "o",
+                    markersize=5,
+                    label=model,
+                    color=COLOURS[model],
+                )
+            ax.set(
+                title=case,
+                ylabel="rms, Nm",
+                yscale="log",
+                xticks=range(1, len(next(iter(models.values()))) + 1),
+            )
+            ax.yaxis.set(
+                major_locator=LogLocator(subs=(1, 2, 5)),
+                major_formatter="{x:g}",
+                minor_locator=NullLocator(),
+            )
             ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
         axes[-1, 0].set_xlabel("joint")
         figure.savefig(path, dpi=80)
@@ -149,7 +189,10 @@ def _times(folder: Path) -> dict[Path, str]:
 def _cause(cause: dict[str, Any]) -> str:
     """Return a cause in words, with its confidence."""
     minor = ", minor" if cause["minor"] else ""
-    return f"{cause['effect']} {cause['joint'] or ''}".strip() + f" ({100 * cause['confidence']:.0f} %{minor})"
+    return (
+        f"{cause['effect']} {cause['joint'] or ''}".strip()
+        + f" ({100 * cause['confidence']:.0f} %{minor})"
+    )
 
 
 def agreement(folder: Path) -> Iterator[list[str]]:
@@ -165,17 +208,24 @@ def agreement(folder: Path) -> Iterator[list[str]]:
                 for parameter, two in law["parameters"].items():
                     one = _identified(estimates, law["effect"], joint, parameter)
                     if one is not None and two["std"]:
-                        apart = abs(one["value"] - two["value"]) / math.hypot(one["std"], two["std"])
+                        apart = abs(one["value"] - two["value"]) / math.hypot(
+                            one["std"], two["std"]
+                        )
                         values = [f"{v['value']:.4g} ± {v['std']:.2g}" for v in (one, two)]
                         what = f"{law['effect']} {joint}, {two['unit']}"
                         yield [_case(folder, file), what, *values, f"{apart:.1f}"]
 
 
-def _identified(estimates: dict[str, Any], effect: str, joint: str, parameter: str) -> dict[str, float] | None:
+def _identified(
+    estimates: dict[str, Any], effect: str, joint: str, parameter: str
+) -> dict[str, float] | None:
     """Return what `identify` has for a parameter of an effect at a joint; None where it has none."""
     if effect not in ENCODER:
         return estimates.get(f"{effect}:{joint}.{parameter}")
-    torque, stiffness = estimates.get(f"link_encoder:{joint}.K_{ENCODER[effect]}"), estimates.get(f"{joint}.K")
+    torque, stiffness = (
+        estimates.get(f"link_encoder:{joint}.K_{ENCODER[effect]}"),
+        estimates.get(f"{joint}.K"),
+    )
     if torque is None or stiffness is None or parameter != ENCODER[effect]:
         return None
     return {name: torque[name] / stiffness["value"] for name in ("value", "std")}
@@ -198,13 +248,22 @@ def _prediction(found: dict[str, Any], when: str) -> str:
     horizons = prediction["horizons_s"]
     sizes = [size for sides in errors.values() for size in sides.values()]
     known = [k for k in range(len(horizons)) if all(size[k] is not None for size in sizes)]
-    each = [f"{1e3 * max(size[k] for size in sizes):.3g} at {1e3 * horizons[k]:.0f} ms" for k in known]
+    each = [
+        f"{1e3 * max(size[k] for size in sizes):.3g} at {1e3 * horizons[k]:.0f} ms" for k in known
+    ]
     return ", ".join([*each, *(["beyond 1 rad later"] if len(known) < len(horizons) else [])])
 
 
 TABLES = {
     "real_robots.csv": (
-        ["robot", "model and side", "held-out rms a joint, Nm", "largest prediction error, mrad", "verdict", "s"],
+        [
+            "robot",
+            "model and side",
+            "held-out rms a joint, Nm",
+            "largest prediction error, mrad",
+            "verdict",
+            "s",
+        ],
         rows,
     ),
     "real_robots_parameters.csv": (
@@ -218,7 +277,9 @@ def write_table(
     path: Path, head: list[str], folders: list[Path], rows_of: Callable[[Path], Iterator[list[str]]]
 ) -> None:
     """Write a table; rows of examples without results stay as they are."""
-    before = list(csv.reader(path.read_text(encoding="utf-8").splitlines())) if path.exists() else []
+    before = (
+        list(csv.reader(path.read_text(encoding="utf-8").splitlines())) if path.exists() else []
+    )
     found = [head]
     for folder in folders:
         stated = (row for row in before[1:] if row[0].partition(" / ")[0] == folder.name)
@@ -238,7 +299,9 @@ def main() -> None:
     examples = sorted(path.parent for path in HERE.glob("*/run.sh"))
     names = [example.name for example in examples]
     if unknown := set(asked.only or ()) - set(names):
-        parser.error(f"no example is called {', '.join(sorted(unknown))}. There are {', '.join(names)}.")
+        parser.error(
+            f"no example is called {', '.join(sorted(unknown))}. There are {', '.join(names)}."
+        )
     if not asked.data.is_dir():
         parser.error(f"{asked.data} is no folder")
     # Every example runs in a folder of its own, from which a relative path leads elsewhere.
@@ -253,7 +316,9 @@ def main() -> None:
     folders = [out / example.name for example in examples]
     if asked.tables is None:
         for head, rows_of in TABLES.values():
-            csv.writer(sys.stdout, lineterminator="\n").writerows([head, *(r for f in folders for r in rows_of(f))])
+            csv.writer(sys.stdout, lineterminator="\n").writerows(
+                [head, *(r for f in folders for r in rows_of(f))]
+            )
         return
     for folder in filter(_ended, folders):
         picture(folder, HERE.parent / "docs" / "pictures" / f"real_{folder.name}.png")

@@ -67,7 +67,15 @@ def write_video(path: Path, arms: Sequence[MjcfArm], found: Sequence[Replay]) ->
             draw.text((k * WIDTH + 80, 22), "simulated", fill=_web(SIMULATED))
         pictures.append(image)
     film, duration = io.BytesIO(), round(1000 / FRAMES_A_SECOND)
-    pictures[0].save(film, "WEBP", save_all=True, append_images=pictures[1:], duration=duration, loop=0, quality=80)
+    pictures[0].save(
+        film,
+        "WEBP",
+        save_all=True,
+        append_images=pictures[1:],
+        duration=duration,
+        loop=0,
+        quality=80,
+    )
     write_result(path, film.getvalue())
 
 
@@ -104,7 +112,9 @@ class _Stage:
         self._view = mj.MjrRect(0, 0, WIDTH, HEIGHT)
         self._data = mj.MjData(model)
         shown = {
-            arm.chain.link_of.get(int(model.geom_bodyid[k])) for k in range(model.ngeom) if model.geom_group[k] < 3
+            arm.chain.link_of.get(int(model.geom_bodyid[k]))
+            for k in range(model.ngeom)
+            if model.geom_group[k] < 3
         }
         self._bare = [link for link in range(arm.robot.n) if link not in shown]
 
@@ -130,10 +140,14 @@ class _Stage:
         self._gl.make_current()
         self._pose(replayed)
         everything = mj.mjtCatBit.mjCAT_ALL
-        mj.mjv_updateScene(model, self._data, self._options, self._hand, self._camera, everything, scene)
+        mj.mjv_updateScene(
+            model, self._data, self._options, self._hand, self._camera, everything, scene
+        )
         first = self._coloured(0, SIMULATED)
         self._pose(recorded)
-        mj.mjv_addGeoms(model, self._data, self._options, self._hand, mj.mjtCatBit.mjCAT_DYNAMIC, scene)
+        mj.mjv_addGeoms(
+            model, self._data, self._options, self._hand, mj.mjtCatBit.mjCAT_DYNAMIC, scene
+        )
         self._coloured(first, GHOST)
         mj.mjr_render(self._view, scene, self._context)
         found = np.empty((HEIGHT, WIDTH, 3), dtype=np.uint8)
@@ -190,4 +204,6 @@ if __name__ == "__main__":
     models = [open_mjcf(path) for path in sys.argv[2:]]
     recording = read_recording(Path(sys.argv[1]))
     names = zip(sys.argv[2:], models, strict=True)
-    write_video(Path("replay.webp"), models, [replay(recording, arm, name=path) for path, arm in names])
+    write_video(
+        Path("replay.webp"), models, [replay(recording, arm, name=path) for path, arm in names]
+    )

@@ -32,7 +32,10 @@ def generate_launch_description() -> LaunchDescription:
 
 def _controllers(context: LaunchContext) -> list[Node]:
     """Return the controller manager, and what loads the controller with the joints of the arm."""
-    given = {name: LaunchConfiguration(name).perform(context) for name in ("robot", "namespace", "control_rate")}
+    given = {
+        name: LaunchConfiguration(name).perform(context)
+        for name in ("robot", "namespace", "control_rate")
+    }
     robot, namespace = load_robot(given["robot"] or None), given["namespace"]
     of_arm = {
         "joints": list(robot.joint_names),
@@ -56,7 +59,13 @@ def _controllers(context: LaunchContext) -> list[Node]:
             package="controller_manager",
             executable="spawner",
             namespace=namespace,
-            arguments=[CONTROLLER, "--param-file", str(file), "--controller-manager", "controller_manager"],
+            arguments=[
+                CONTROLLER,
+                "--param-file",
+                str(file),
+                "--controller-manager",
+                "controller_manager",
+            ],
             output="screen",
         ),
     ]

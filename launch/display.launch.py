@@ -42,7 +42,9 @@ def generate_launch_description() -> LaunchDescription:
 
 def _state_publisher(context: LaunchContext) -> list[Node]:
     """Return what makes transforms of joint states; the simulator publishes the description itself."""
-    robot, namespace = (LaunchConfiguration(name).perform(context) for name in ("robot", "namespace"))
+    robot, namespace = (
+        LaunchConfiguration(name).perform(context) for name in ("robot", "namespace")
+    )
     description = ros_description(load_robot(robot or None), namespace)
     prefix = f"{namespace.strip('/')}/" if namespace.strip("/") else ""
     return [

@@ -2,7 +2,16 @@
 
 from launch import LaunchDescription
 
-from elastic_arm.nodes.launching import ARM, EFFECTS, MODEL, ROBOT, SEED, SIMULATED, TRAJECTORY, scenario
+from elastic_arm.nodes.launching import (
+    ARM,
+    EFFECTS,
+    MODEL,
+    ROBOT,
+    SEED,
+    SIMULATED,
+    TRAJECTORY,
+    scenario,
+)
 
 
 def generate_launch_description() -> LaunchDescription:

@@ -9,7 +9,14 @@ def generate_launch_description() -> LaunchDescription:
     """Simulator, trajectory generator and recorder; all stop when the trajectory has been run."""
     bag = ("recording", "folder to record into; must not exist")
     return scenario(
-        {"trajectory": TRAJECTORY, "bag": bag, "robot": ROBOT, "effects": EFFECTS, "seed": SEED, **ARM},
+        {
+            "trajectory": TRAJECTORY,
+            "bag": bag,
+            "robot": ROBOT,
+            "effects": EFFECTS,
+            "seed": SEED,
+            **ARM,
+        },
         {
             "recorder": ["bag", "use_sim_time"],
             "simulator": ["robot", "effects", "seed", *SIMULATED],

@@ -15,7 +15,10 @@ def generate_launch_description() -> LaunchDescription:
     for number, arm in enumerate(ARMS, 1):
         arguments[f"{arm}_effects"] = (EFFECTS[0], f"{arm} arm: {EFFECTS[1]}")
         arguments[f"{arm}_seed"] = (str(number), f"of the noise of the {arm} arm's sensors")
-        arguments[f"{arm}_bag"] = (f"recording_{arm}", f"folder to record the {arm} arm into; must not exist")
+        arguments[f"{arm}_bag"] = (
+            f"recording_{arm}",
+            f"folder to record the {arm} arm into; must not exist",
+        )
         renamed = {name: f"{arm}_{name}" for name in ("effects", "seed", "bag")}
         nodes += [
             arm_node("recorder", ["bag"], arm, renamed),

@@ -17,10 +17,16 @@ if len(sys.argv) < 2 or not list(Path(sys.argv[1]).glob("*.mcap")):
 bag, *saved = sys.argv[1:]
 rr.init("elastic_arm", spawn=not saved)
 shows = {
-    side: [f"/residuals/{side}/{when}/effort/**" for when in ("before", "after")] for side in ("link", "drive", "motor")
+    side: [f"/residuals/{side}/{when}/effort/**" for when in ("before", "after")]
+    for side in ("link", "drive", "motor")
 }
-curves = [rrb.TimeSeriesView(contents=paths, name=f"{side}, Nm: before and after") for side, paths in shows.items()]
-shown = rrb.Blueprint(rrb.Horizontal(rrb.Spatial3DView(name="arm"), rrb.Vertical(*curves)), collapse_panels=True)
+curves = [
+    rrb.TimeSeriesView(contents=paths, name=f"{side}, Nm: before and after")
+    for side, paths in shows.items()
+]
+shown = rrb.Blueprint(
+    rrb.Horizontal(rrb.Spatial3DView(name="arm"), rrb.Vertical(*curves)), collapse_panels=True
+)
 if saved:
     rr.save(saved[0], default_blueprint=shown)
 else:

@@ -16,7 +16,11 @@ ROBOT = ea.load_robot()
 
 def test_every_name_of_the_package_is_there_and_shown() -> None:
     """What `__all__` names can be had, and completion shows it."""
-    assert {"load_robot", "read_recording", "identify", "diagnose", "simulate"} < set(ea.__all__) <= set(dir(ea))
+    assert (
+        {"load_robot", "read_recording", "identify", "diagnose", "simulate"}
+        < set(ea.__all__)
+        <= set(dir(ea))
+    )
     assert all(getattr(ea, name) is not None for name in ea.__all__)
     assert Path(ea.__file__).with_name("py.typed").exists()
 
@@ -43,7 +47,9 @@ def test_stamps_in_seconds_are_refused() -> None:
 
 
 @pytest.mark.slow(20)
-def test_the_notebook_runs_and_finds_the_friction(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_notebook_runs_and_finds_the_friction(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """All cells run one after the other; the friction that the arm was given is found, and nothing is left then."""
     monkeypatch.chdir(tmp_path)
     cells = json.loads(NOTEBOOK.read_text())["cells"]

@@ -12,7 +12,14 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "elastic_arm"
 
 # Outside libraries that belong to one package, or to some, alone.
-ROS = ("rclpy", "ament_index_python", "builtin_interfaces", "diagnostic_msgs", "elastic_arm_msgs", "rcl_interfaces")
+ROS = (
+    "rclpy",
+    "ament_index_python",
+    "builtin_interfaces",
+    "diagnostic_msgs",
+    "elastic_arm_msgs",
+    "rcl_interfaces",
+)
 ROS += ("control_msgs", "rosgraph_msgs", "sensor_msgs", "std_msgs", "std_srvs", "trajectory_msgs")
 KEPT_TO: dict[str, tuple[str, ...]] = {
     **dict.fromkeys(ROS, ("nodes",)),
@@ -90,7 +97,9 @@ def test_a_module_imports_only_from_packages_above_its_own() -> None:
         for line, name in imports_of(path):
             parts = name.split(".")
             if parts[0] == "elastic_arm" and (len(parts) > 1 and parts[1] in order):
-                assert parts[1] in allowed, f"{path}:{line} imports {name}, which stands below {own}"
+                assert parts[1] in allowed, (
+                    f"{path}:{line} imports {name}, which stands below {own}"
+                )
 
 
 def test_outside_libraries_stay_in_their_package() -> None:
@@ -99,7 +108,9 @@ def test_outside_libraries_stay_in_their_package() -> None:
         place = path.relative_to(PACKAGE).as_posix()
         for line, name in imports_of(path):
             kept_to = KEPT_TO.get(name.split(".")[0])
-            assert kept_to is None or place.startswith(kept_to), f"{path}:{line} imports {name}: not of {kept_to}"
+            assert kept_to is None or place.startswith(kept_to), (
+                f"{path}:{line} imports {name}: not of {kept_to}"
+            )
 
 
 def test_imports_form_no_circle() -> None:

@@ -23,7 +23,9 @@ def test_the_plain_fit_is_of_the_arm_under_its_gravity() -> None:
     """Whatever the direction that the arm file has: torques at rest are those of the description."""
     pinocchio = pytest.importorskip("pinocchio")
     model = importlib.import_module("benchmarks.compare_identification").rigid_model
-    robot = random_arm(3, np.random.default_rng(0), elastic=False).with_(gravity=np.array([3.0, -9.0, 1.0]))
+    robot = random_arm(3, np.random.default_rng(0), elastic=False).with_(
+        gravity=np.array([3.0, -9.0, 1.0])
+    )
     q = np.random.default_rng(1).uniform(-1.0, 1.0, (4, 3))
     whole = model(robot)
     torques = [pinocchio.computeGeneralizedGravity(whole, whole.createData(), pose) for pose in q]

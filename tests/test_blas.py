@@ -31,12 +31,16 @@ def test_the_variable_is_set_before_numpy_reads_it(code):
     left_out = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS")
     environment = {name: value for name, value in os.environ.items() if name not in left_out}
     package = code.split(";")[0]
-    assert "True" not in _output(f"import sys; {package}; print('numpy' in sys.modules)", environment)
+    assert "True" not in _output(
+        f"import sys; {package}; print('numpy' in sys.modules)", environment
+    )
     asked = "import atexit, os, sys; atexit.register(lambda: print('set', os.environ.get('OPENBLAS_NUM_THREADS')))"
     checked = f"{asked}; {code}"
     assert "set 1" in _output(checked, environment)
 
 
 def _output(code: str, environment: dict[str, str]) -> str:
-    done = subprocess.run([sys.executable, "-c", code], env=environment, check=False, capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=environment, check=False, capture_output=True, text=True
+    )
     return done.stdout

@@ -22,7 +22,9 @@ def test_docstrings_use_the_words_of_the_field() -> None:
     for path in MODULES:
         for node in ast.walk(tree_of(path)):
             text = ast.get_docstring(node) or "" if isinstance(node, documented) else ""
-            assert not (found := FORBIDDEN.search(CODE.sub("", text)) or TALKING.search(text)), f"{path}: {found}"
+            assert not (found := FORBIDDEN.search(CODE.sub("", text)) or TALKING.search(text)), (
+                f"{path}: {found}"
+            )
 
 
 @pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT)))
@@ -31,7 +33,9 @@ def test_documents_use_the_words_of_the_field(path: Path) -> None:
     text = path.read_text()
     assert not [found.group() for found in FORBIDDEN.finditer(CODE.sub("", text))]
     links = re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", text)
-    assert not [link for link in links if not (path.parent / link).resolve().is_relative_to(ROOT.resolve())]
+    assert not [
+        link for link in links if not (path.parent / link).resolve().is_relative_to(ROOT.resolve())
+    ]
     assert not [link for link in links if not (path.parent / link).exists()]
 
 
@@ -53,4 +57,6 @@ def test_the_map_of_the_package_names_modules_that_exist() -> None:
     """Every module that docs/architecture.md names is in the tree."""
     text = (ROOT / "docs" / "architecture.md").read_text()
     named = set(re.findall(r"`((?:[a-z_]+/)+[a-z_]+\.py)`", text))
-    assert len(named) > 20 and not [path for path in named if not ((PACKAGE / path).exists() or (ROOT / path).exists())]
+    assert len(named) > 20 and not [
+        path for path in named if not ((PACKAGE / path).exists() or (ROOT / path).exists())
+    ]

@@ -12,7 +12,9 @@ from examples import demo
 GALLERY = Path(__file__).resolve().parents[1] / "examples" / "gallery.py"
 
 
-def test_relative_folders_are_those_of_the_caller(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_relative_folders_are_those_of_the_caller(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """An example finds its data, and notes the time of its commands, where data and results have relative paths."""
     examples = tmp_path / "examples"
     (examples / "one").mkdir(parents=True)
@@ -33,7 +35,10 @@ def test_nodes_that_do_not_end_are_not_waited_for_by_an_interrupt(
     """Of a demo that is stopped nothing is left behind, and nobody waits for half a minute."""
     monkeypatch.setattr(demo, "ABANDONED", 0.3)
     deaf = "import signal, time; signal.signal(signal.SIGINT, signal.SIG_IGN); print(flush=True); time.sleep(60)"
-    started = [subprocess.Popen([sys.executable, "-c", deaf], stdout=subprocess.PIPE, text=True) for _ in range(3)]
+    started = [
+        subprocess.Popen([sys.executable, "-c", deaf], stdout=subprocess.PIPE, text=True)
+        for _ in range(3)
+    ]
     for node in started:
         assert node.stdout is not None and node.stdout.readline()
     nodes = demo.Nodes(tmp_path, 1)

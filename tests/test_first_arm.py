@@ -33,10 +33,15 @@ def table(seed: int) -> np.ndarray:
     w = 2 * np.pi * 0.2 * np.arange(1, 5)[:, None]
     a, b = rng.normal(size=(2, 4, 1)) * 0.5 / np.arange(1, 5)[:, None]
     sin, cos = np.sin(w * t), np.cos(w * t)
-    q, dq, ddq = (x.sum(axis=0) for x in (a * sin + b * cos, w * (a * cos - b * sin), -(w**2) * (a * sin + b * cos)))
+    q, dq, ddq = (
+        x.sum(axis=0)
+        for x in (a * sin + b * cos, w * (a * cos - b * sin), -(w**2) * (a * sin + b * cos))
+    )
     inertia, weight = INERTIA + MASS * CENTRE**2, MASS * GRAVITY * CENTRE
     tau = inertia * ddq - weight * np.sin(q) + FRICTION * np.tanh(dq / 0.01)
-    return np.column_stack([t, q + 2e-5 * rng.normal(size=t.size), tau + 0.02 * rng.normal(size=t.size)])
+    return np.column_stack(
+        [t, q + 2e-5 * rng.normal(size=t.size), tau + 0.02 * rng.normal(size=t.size)]
+    )
 
 
 def test_the_commands_of_the_page_lead_to_the_friction(tmp_path: Path) -> None:
@@ -45,13 +50,19 @@ def test_the_commands_of_the_page_lead_to_the_friction(tmp_path: Path) -> None:
     header = re.search(r"```\n(time.*)\n", page)
     (tmp_path / "arm.urdf").write_text(URDF)
     for run in (1, 2):
-        np.savetxt(tmp_path / f"run_{run}.csv", table(run), "%.7g", ",", header=header[1], comments="")
+        np.savetxt(
+            tmp_path / f"run_{run}.csv", table(run), "%.7g", ",", header=header[1], comments=""
+        )
     printed = run_page(page, tmp_path)
     assert printed.count("nothing wrong") == 1
     assert (tmp_path / "diagnosis" / "arm_corrected.urdf").exists()
     found = json.loads((tmp_path / "diagnosis" / "diagnosis.json").read_text())
     (cause,) = found["causes"]
-    assert (found["verdict"], cause["effect"], cause["joint"]) == ("explained", "coulomb_friction", "shoulder")
+    assert (found["verdict"], cause["effect"], cause["joint"]) == (
+        "explained",
+        "coulomb_friction",
+        "shoulder",
+    )
     size = cause["parameters"]["torque"]
     assert size["value"] == pytest.approx(FRICTION, abs=4 * size["std"])
     assert json.loads((tmp_path / "again" / "diagnosis.json").read_text())["verdict"] == "none"

@@ -13,7 +13,10 @@ from elastic_arm.recording import Recording, Side, write_recording
 from elastic_arm.robot import load_robot
 from elastic_arm.simulation import simulate
 
-RECORDING = Recording(("joint_1", "joint_2", "joint_3"), link=Side(np.arange(100) * 10**6, position=np.zeros((100, 3))))
+RECORDING = Recording(
+    ("joint_1", "joint_2", "joint_3"),
+    link=Side(np.arange(100) * 10**6, position=np.zeros((100, 3))),
+)
 ROBOT = load_robot()
 MISTAKEN = {
     "identify, recordings": lambda given: identify(given, ROBOT),
@@ -32,11 +35,15 @@ MISTAKEN = {
 
 @pytest.mark.parametrize("call", MISTAKEN)
 @pytest.mark.parametrize(
-    "given", [None, 5, "arm.yaml", b"arm", np.zeros(3)], ids=["None", "int", "text", "bytes", "array"]
+    "given",
+    [None, 5, "arm.yaml", b"arm", np.zeros(3)],
+    ids=["None", "int", "text", "bytes", "array"],
 )
 def test_an_argument_of_another_kind_is_refused_at_the_entrance(call: str, given: Any) -> None:
     """In one line that says what was given, not by an error from deep inside."""
-    with pytest.raises(ElasticArmError, match=r"(is None|is of type \w+)(, not a \w+|, which is no motion)\. Give "):
+    with pytest.raises(
+        ElasticArmError, match=r"(is None|is of type \w+)(, not a \w+|, which is no motion)\. Give "
+    ):
         MISTAKEN[call](given)
 
 

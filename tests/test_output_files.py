@@ -15,7 +15,9 @@ from elastic_arm.robot.saving import robot_to_dict, save_robot
 ROOT = Path(__file__).parents[1]
 
 
-def test_a_write_that_fails_leaves_what_was_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_write_that_fails_leaves_what_was_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A full disk and an interrupt keep the earlier result, its rights, and leave nothing beside it."""
     file = tmp_path / "result.json"
     write_result(file, "earlier")
@@ -33,7 +35,9 @@ def test_a_write_that_fails_leaves_what_was_there(tmp_path: Path, monkeypatch: p
             write_result(file, "later")
         assert file.read_text() == "earlier" and list(tmp_path.iterdir()) == [file]
     monkeypatch.undo()
-    assert write_result(file, "later").read_text() == "later" and file.stat().st_mode & 0o777 == 0o640
+    assert (
+        write_result(file, "later").read_text() == "later" and file.stat().st_mode & 0o777 == 0o640
+    )
 
 
 def test_links_and_devices_are_written_through(tmp_path: Path) -> None:
@@ -79,10 +83,19 @@ def test_a_limit_without_end_is_none(tmp_path: Path, written: str) -> None:
     body = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
     limit = f'<limit lower="{written}" upper="3.0" velocity="{written}" effort="5"/>'
     joint = f'<joint name="j" type="revolute"><parent link="b"/><child link="l"/><axis xyz="0 1 0"/>{limit}</joint>'
-    (tmp_path / "a.urdf").write_text(f'<robot name="x"><link name="b"/><link name="l">{body}</link>{joint}</robot>')
+    (tmp_path / "a.urdf").write_text(
+        f'<robot name="x"><link name="b"/><link name="l">{body}</link>{joint}</robot>'
+    )
     (limits,) = [joint.limits for joint in load_robot(tmp_path / "a.urdf").joints]
-    assert (limits.position_min, limits.position_max, limits.velocity, limits.torque) == (None, 3.0, None, 5.0)
-    (tmp_path / "o.yaml").write_text(f"urdf: a.urdf\nlimits: {{j: {{position_max: {written}, torque: 4.0}}}}\n")
+    assert (limits.position_min, limits.position_max, limits.velocity, limits.torque) == (
+        None,
+        3.0,
+        None,
+        5.0,
+    )
+    (tmp_path / "o.yaml").write_text(
+        f"urdf: a.urdf\nlimits: {{j: {{position_max: {written}, torque: 4.0}}}}\n"
+    )
     (limits,) = [joint.limits for joint in load_robot(tmp_path / "o.yaml").joints]
     assert (limits.torque, limits.position_max) == (4.0, None)
 

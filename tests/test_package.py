@@ -26,13 +26,19 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> zipfile.ZipFile:
     folder = tmp_path_factory.mktemp("package")
     source = folder / "source"
     for name in PACKAGE_FOLDERS:
-        shutil.copytree(ROOT / name, source / name, ignore=shutil.ignore_patterns("__pycache__"), symlinks=True)
+        shutil.copytree(
+            ROOT / name, source / name, ignore=shutil.ignore_patterns("__pycache__"), symlinks=True
+        )
     for name in PACKAGE_FILES:
         shutil.copy(ROOT / name, source / name)
     setup = [sys.executable, "setup.py", "--quiet"]
-    subprocess.run([*setup, "sdist", "--dist-dir", str(folder)], cwd=source, check=True, capture_output=True)
+    subprocess.run(
+        [*setup, "sdist", "--dist-dir", str(folder)], cwd=source, check=True, capture_output=True
+    )
     (folder / "unpacked").mkdir()
-    subprocess.run(["tar", "-xzf", next(folder.glob("*.tar.gz")), "-C", folder / "unpacked"], check=True)
+    subprocess.run(
+        ["tar", "-xzf", next(folder.glob("*.tar.gz")), "-C", folder / "unpacked"], check=True
+    )
     (unpacked,) = (folder / "unpacked").iterdir()
     command = [*setup, "bdist_wheel", "--dist-dir", str(folder)]
     subprocess.run(command, cwd=unpacked, check=True, capture_output=True)
@@ -42,13 +48,17 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> zipfile.ZipFile:
 def entry_points(wheel: zipfile.ZipFile) -> dict[str, str]:
     """Return the console scripts: name to `module:function`."""
     name = next(name for name in wheel.namelist() if name.endswith("entry_points.txt"))
-    return dict(re.findall(r"^([\w-]+) = ([\w.:]+)$", wheel.read(name).decode(), flags=re.MULTILINE))
+    return dict(
+        re.findall(r"^([\w-]+) = ([\w.:]+)$", wheel.read(name).decode(), flags=re.MULTILINE)
+    )
 
 
 def test_only_the_package_itself_is_installed(wheel: zipfile.ZipFile) -> None:
     """Neither tests nor benchmarks end up in the installation."""
     tops = {name.split("/")[0] for name in wheel.namelist()}
-    assert {top for top in tops if not re.match(r"elastic_arm-.*\.(dist-info|data)$", top)} == {"elastic_arm"}
+    assert {top for top in tops if not re.match(r"elastic_arm-.*\.(dist-info|data)$", top)} == {
+        "elastic_arm"
+    }
 
 
 def test_all_that_the_code_reads_is_installed(wheel: zipfile.ZipFile) -> None:
@@ -64,14 +74,23 @@ def test_all_that_the_code_reads_is_installed(wheel: zipfile.ZipFile) -> None:
 def test_launch_files_and_parameters_are_installed(wheel: zipfile.ZipFile) -> None:
     """Every launch file and parameter file is found where `ros2 launch` looks."""
     for folder in ("launch", "config", "layouts"):
-        installed = {Path(name).name for name in wheel.namelist() if f"share/elastic_arm/{folder}/" in name}
+        installed = {
+            Path(name).name for name in wheel.namelist() if f"share/elastic_arm/{folder}/" in name
+        }
         assert installed == {path.name for path in (ROOT / folder).iterdir() if path.is_file()}
 
 
 def test_every_console_script_names_a_function_that_exists(wheel: zipfile.ZipFile) -> None:
     """No entry point leads nowhere."""
     scripts = entry_points(wheel)
-    nodes = {"simulator", "trajectory_generator", "identifier", "gap_monitor", "recorder", "replayer"}
+    nodes = {
+        "simulator",
+        "trajectory_generator",
+        "identifier",
+        "gap_monitor",
+        "recorder",
+        "replayer",
+    }
     assert {"elastic-arm"} | nodes <= set(scripts)
     for target in scripts.values():
         module, function = target.split(":")
@@ -82,7 +101,9 @@ def test_one_version_everywhere() -> None:
     """The package, its ROS manifests and its citation carry the same version."""
     assert yaml.safe_load((ROOT / "CITATION.cff").read_text())["version"] == elastic_arm.__version__
     for manifest in (ROOT / "package.xml", ROOT / "msg_defs" / "package.xml"):
-        assert ElementTree.parse(manifest).getroot().findtext("version") == elastic_arm.__version__, manifest
+        assert (
+            ElementTree.parse(manifest).getroot().findtext("version") == elastic_arm.__version__
+        ), manifest
 
 
 def test_the_manifest_names_every_ros_package_that_a_node_imports() -> None:
@@ -99,7 +120,9 @@ def test_the_manifest_names_every_ros_package_that_a_node_imports() -> None:
 
 def metadata_of(wheel: zipfile.ZipFile) -> str:
     """Return what a wheel states about itself."""
-    return wheel.read(next(name for name in wheel.namelist() if name.endswith("/METADATA"))).decode()
+    return wheel.read(
+        next(name for name in wheel.namelist() if name.endswith("/METADATA"))
+    ).decode()
 
 
 def requirements(name: str) -> list[str]:
@@ -137,15 +160,22 @@ def test_the_ranges_for_ubuntu_are_those_of_the_package(wheel: zipfile.ZipFile) 
 
     What ROS has itself is in package.xml instead.
     """
-    asked = dict(re.findall(r"^Requires-Dist: ([\w.-]+?)(>=[\d.]+)$", metadata_of(wheel), flags=re.MULTILINE))
+    asked = dict(
+        re.findall(r"^Requires-Dist: ([\w.-]+?)(>=[\d.]+)$", metadata_of(wheel), flags=re.MULTILINE)
+    )
     manifest = (ROOT / "package.xml").read_text()
     for name, key in {"pin": "pinocchio", "xacro": "xacro"}.items():
         del asked[name]
         assert f"<exec_depend>{key}</exec_depend>" in manifest
-    ranges = dict(re.fullmatch(r"([\w.-]+?)(>=.+)", line).groups() for line in requirements("requirements-jazzy.txt"))  # type: ignore[union-attr]
+    ranges = dict(
+        re.fullmatch(r"([\w.-]+?)(>=.+)", line).groups()
+        for line in requirements("requirements-jazzy.txt")
+    )  # type: ignore[union-attr]
     assert ranges.pop("numpy") == asked.pop("numpy") + ",<2"
     lowest = {"numpy": "1.26"} | {name: bound.removeprefix(">=") for name, bound in ranges.items()}
-    assert {name.lower(): bound for name, bound in ranges.items()} == {n.lower(): b for n, b in asked.items()}
+    assert {name.lower(): bound for name, bound in ranges.items()} == {
+        n.lower(): b for n, b in asked.items()
+    }
     for line in requirements("constraints-oldest.txt"):
         name, version = line.split("==")
         least = lowest.get(name, "0")  # the others need not be old
@@ -167,14 +197,30 @@ def test_environments_name_what_the_package_asks_for() -> None:
     """pixi.toml has every library of setup.py, and the ROS packages of package.xml, and no file names a server."""
     pixi = tomllib.loads((ROOT / "pixi.toml").read_text())
     has = {name.lower() for table in ("dependencies", "pypi-dependencies") for name in pixi[table]}
-    called = {"matplotlib": "matplotlib-base", "pin": "pinocchio", "lz4": "python-lz4", "xacro": "ros-jazzy-xacro"}
+    called = {
+        "matplotlib": "matplotlib-base",
+        "pin": "pinocchio",
+        "lz4": "python-lz4",
+        "xacro": "ros-jazzy-xacro",
+    }
     names = [line.split("==")[0].lower() for line in requirements("requirements.txt")]
     assert {called.get(name, name) for name in names} <= has
     manifest = ElementTree.parse(ROOT / "package.xml").getroot()
     keys = {str(element.text) for element in manifest.iter("exec_depend")}
-    ros = {f"ros-jazzy-{key.replace('_', '-')}" for key in keys if not key.startswith(("python3-", "elastic_arm"))}
+    ros = {
+        f"ros-jazzy-{key.replace('_', '-')}"
+        for key in keys
+        if not key.startswith(("python3-", "elastic_arm"))
+    }
     assert ros - {"ros-jazzy-pinocchio"} <= has
-    for name in ("pixi.toml", "Dockerfile", "setup.py", "pyproject.toml", *PINNED, "requirements-jazzy.txt"):
+    for name in (
+        "pixi.toml",
+        "Dockerfile",
+        "setup.py",
+        "pyproject.toml",
+        *PINNED,
+        "requirements-jazzy.txt",
+    ):
         assert "://" not in (ROOT / name).read_text(), name
 
 
@@ -194,7 +240,9 @@ def test_a_node_without_ros_is_one_line(missing: str) -> None:
         "from elastic_arm.nodes.entry import simulator",
         "simulator()",
     )
-    done = subprocess.run([sys.executable, "-c", "\n".join(script)], cwd=ROOT, capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, "-c", "\n".join(script)], cwd=ROOT, capture_output=True, text=True
+    )
     (line,) = done.stderr.strip().splitlines()
     assert (done.returncode, line.split(":")[0]) == (2, "error")
     assert WITHOUT[missing] in line and "make setup" in line

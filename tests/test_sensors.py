@@ -60,7 +60,9 @@ def test_gain_and_offset_follow_the_contract(t):
     true = smooth(t)
     sensor = TorqueSensor(noise=0.0, gain=(1.0, 1.2, 0.9), offset=(0.5, 0.0, -2.0))
     measured = read(Sensors(joint_torque=sensor, motor_torque=TorqueSensor(noise=0.0)), true)
-    assert np.allclose(measured["tau_J"], true["tau_J"] * [1.0, 1.2, 0.9] + [0.5, 0.0, -2.0], atol=1e-15)
+    assert np.allclose(
+        measured["tau_J"], true["tau_J"] * [1.0, 1.2, 0.9] + [0.5, 0.0, -2.0], atol=1e-15
+    )
     assert np.array_equal(measured["tau_m"], true["tau_m"])
 
 
@@ -85,7 +87,9 @@ def test_quantised_angles_are_multiples_of_the_resolution(t):
 @pytest.mark.parametrize("delay", [0.0003, 0.001, 0.0025, 0.0077, 0.02])
 def test_delay_shifts_a_channel(t, delay):
     """A late channel holds the true value of `delay` before, at fractions of a sample too."""
-    sensors = Sensors(joint_torque=TorqueSensor(noise=0.0, delay=delay), motor_torque=TorqueSensor(noise=0.0))
+    sensors = Sensors(
+        joint_torque=TorqueSensor(noise=0.0, delay=delay), motor_torque=TorqueSensor(noise=0.0)
+    )
     measured = read(sensors, smooth(t))
     settled = t > 0.1
     assert np.abs(measured["tau_J"] - smooth(t - delay)["tau_J"])[settled].max() < 1e-3
@@ -103,10 +107,14 @@ def test_blocks_and_single_samples_give_the_same_bits(t):
     """Feeding samples one at a time changes nothing: noise, delay and rounding included."""
     true = {name: values[:200] for name, values in smooth(t).items()}
     encoder = Encoder(noise=1e-5, velocity_noise=1e-3, resolution=1e-6, delay=0.0013)
-    sensors = Sensors(encoder, encoder, TorqueSensor(delay=0.0021), TorqueSensor(delay=(0.0, 0.001, 0.0049)))
+    sensors = Sensors(
+        encoder, encoder, TorqueSensor(delay=0.0021), TorqueSensor(delay=(0.0, 0.001, 0.0049))
+    )
     whole = read(sensors, true)
     bank = SensorBank(sensors, N, RATE, np.random.default_rng(1))
-    parts = [bank.read({name: values[k : k + 1] for name, values in true.items()}) for k in range(200)]
+    parts = [
+        bank.read({name: values[k : k + 1] for name, values in true.items()}) for k in range(200)
+    ]
     for name in CHANNELS:
         assert np.array_equal(whole[name], np.concatenate([part[name] for part in parts]))
 
@@ -125,7 +133,12 @@ def test_jitter_keeps_stamps_in_order():
         (lambda: Encoder(offset=float("nan")), "offset"),
         (lambda: Encoder(delay=-0.001), "delay"),
         (lambda: Sensors(stamp_jitter=-1.0), "stamp_jitter"),
-        (lambda: read(Sensors(joint_torque=TorqueSensor(offset=(1.0, 2.0))), smooth(np.zeros(1))), "offset"),
+        (
+            lambda: read(
+                Sensors(joint_torque=TorqueSensor(offset=(1.0, 2.0))), smooth(np.zeros(1))
+            ),
+            "offset",
+        ),
     ],
 )
 def test_settings_without_sense_are_refused_by_name(make, word):

@@ -45,13 +45,19 @@ def test_the_commands_of_the_page_lead_to_the_corrected_arm(tmp_path: Path) -> N
     replays = json.loads((tmp_path / "replay" / "replay.json").read_text())["replays"]
     before, after = (one["closed_loop_position"] for one in replays)
     assert min(before.values()) > 0.015 and max(after.values()) < 6e-4
-    assert found["closed_loop"]["elbow"]["corrected"] < 6e-4 < found["closed_loop"]["elbow"]["described"]
+    assert (
+        found["closed_loop"]["elbow"]["corrected"]
+        < 6e-4
+        < found["closed_loop"]["elbow"]["described"]
+    )
 
 
 def test_the_recordings_of_the_page_are_those_that_its_script_makes(tmp_path: Path) -> None:
     """make.py makes the committed dataset again, to a code of the encoders."""
     runpy.run_path(str(EXAMPLE / "make.py"))["main"](tmp_path)
-    own, made = (load_arrays(folder / "data" / "chunk-000") for folder in (EXAMPLE / "dataset", tmp_path))
+    own, made = (
+        load_arrays(folder / "data" / "chunk-000") for folder in (EXAMPLE / "dataset", tmp_path)
+    )
     assert set(own) == set(made)
     for name, values in own.items():
         np.testing.assert_allclose(values, made[name], rtol=0, atol=1.01 * 2 * np.pi / 2**12)

@@ -75,10 +75,14 @@ SUBCOMMANDS = {
         "Find a Fourier trajectory whose motion separates the arm's parameters best, within all limits.",
     ),
     "simulate": Subcommand(
-        "cli.simulate", "simulate", "Let a simulated arm follow a trajectory, and record it as a bag."
+        "cli.simulate",
+        "simulate",
+        "Let a simulated arm follow a trajectory, and record it as a bag.",
     ),
     "bag": Subcommand("cli.bag", "bag_app", "Look into, check, mend and make recordings."),
-    "identify": Subcommand("cli.identify", "identify", "Identify an arm's parameters from recordings."),
+    "identify": Subcommand(
+        "cli.identify", "identify", "Identify an arm's parameters from recordings."
+    ),
     "diagnose": Subcommand(
         "cli.diagnose",
         "diagnose_command",
@@ -162,10 +166,16 @@ class Application(TyperGroup):
             print_error(error)
             raise SystemExit(2) from None
         except typer.TyperException as error:
-            words = " ".join(error.format_message().split()).removesuffix(".").replace("Value error, ", "")
+            words = (
+                " ".join(error.format_message().split())
+                .removesuffix(".")
+                .replace("Value error, ", "")
+            )
             if words:  # none where the help has been shown instead
                 command = self._named(sys.argv[1:] if args is None else args)
-                print_error(ElasticArmError(f"{words[:1].lower()}{words[1:]}", f"See {command} --help"))
+                print_error(
+                    ElasticArmError(f"{words[:1].lower()}{words[1:]}", f"See {command} --help")
+                )
             raise SystemExit(error.exit_code) from None
         raise SystemExit(status)
 
@@ -213,7 +223,9 @@ def _version(value: bool) -> None:
 @app.callback()
 def _options(
     ctx: typer.Context,
-    version: bool = typer.Option(False, "--version", callback=_version, is_eager=True, help="Print the version."),
+    version: bool = typer.Option(
+        False, "--version", callback=_version, is_eager=True, help="Print the version."
+    ),
 ) -> None:
     """Options of the application itself."""
     if ctx.invoked_subcommand is None:

@@ -30,9 +30,13 @@ from elastic_arm.recording.inspection.report import Report
 from elastic_arm.recording.storage.mcap_sink import COMPRESSIONS, Compression
 from elastic_arm.recording.writing import write_recording
 
-bag_app = typer.Typer(name="bag", help="Look into, check, mend and make recordings.", no_args_is_help=True)
+bag_app = typer.Typer(
+    name="bag", help="Look into, check, mend and make recordings.", no_args_is_help=True
+)
 
-BagPath = Annotated[Path, typer.Argument(help="rosbag2 folder, .mcap or .db3 file.", show_default=False)]
+BagPath = Annotated[
+    Path, typer.Argument(help="rosbag2 folder, .mcap or .db3 file.", show_default=False)
+]
 
 _COLOURS = {"error": "bold red", "warning": "yellow", "note": "cyan"}
 # Findings that a repair does something about.
@@ -42,7 +46,10 @@ _MENDABLE = {"damaged", "missing_metadata", "count", "nan"}
 @bag_app.command("info")
 @reports_errors
 def info(
-    bag: BagPath, channels: options.Channels = None, namespace: options.Namespace = None, json: options.Json = False
+    bag: BagPath,
+    channels: options.Channels = None,
+    namespace: options.Namespace = None,
+    json: options.Json = False,
 ) -> None:
     """Show topics, rates, joints and channels of a bag.
 
@@ -59,12 +66,20 @@ def info(
 @reports_errors
 def check(
     bags: Annotated[
-        list[Path], typer.Argument(metavar="BAG…", help="Recordings, or folders of them.", show_default=False)
+        list[Path],
+        typer.Argument(metavar="BAG…", help="Recordings, or folders of them.", show_default=False),
     ],
-    repair: Annotated[bool, typer.Option("--repair", help="Write a usable copy next to the bag.")] = False,
-    out_folder: Annotated[Path | None, typer.Option("--out", help="Of the copy; BAG_repaired by default.")] = None,
+    repair: Annotated[
+        bool, typer.Option("--repair", help="Write a usable copy next to the bag.")
+    ] = False,
+    out_folder: Annotated[
+        Path | None, typer.Option("--out", help="Of the copy; BAG_repaired by default.")
+    ] = None,
     robot: Annotated[
-        Path | None, typer.Option(help="Arm file, URDF or MJCF: its joint names and its gravity are looked for.")
+        Path | None,
+        typer.Option(
+            help="Arm file, URDF or MJCF: its joint names and its gravity are looked for."
+        ),
     ] = None,
     chain: options.Chain = None,
     at: options.At = None,
@@ -106,7 +121,10 @@ def check(
                 _print_repair(mended)
                 _print_report(after)
             elif _MENDABLE & {finding.code for finding in report.findings}:
-                out.print(f"`elastic-arm bag check --repair {escape(str(path))}` copies what is whole", soft_wrap=True)
+                out.print(
+                    f"`elastic-arm bag check --repair {escape(str(path))}` copies what is whole",
+                    soft_wrap=True,
+                )
         # What was never recorded no copy can mend: gaps and the like are left to be judged.
         status = max(status, 0 if (report.ok if after is None else after.usable) else 1)
     if json:
@@ -118,18 +136,33 @@ def check(
 @reports_errors
 def import_(
     arrays: Annotated[
-        Path, typer.Argument(help="Arrays: .npz, .csv, .mat, .parquet or .h5, or a folder.", show_default=False)
+        Path,
+        typer.Argument(
+            help="Arrays: .npz, .csv, .mat, .parquet or .h5, or a folder.", show_default=False
+        ),
     ],
     out_folder: Annotated[
         Path,
-        typer.Option("--out", help="Bag to make, or folder of them; with --guess, the mapping.", show_default=False),
+        typer.Option(
+            "--out",
+            help="Bag to make, or folder of them; with --guess, the mapping.",
+            show_default=False,
+        ),
     ],
-    mapping: Annotated[Path | None, typer.Option("--map", help="Mapping file (YAML).", show_default=False)] = None,
-    guess: Annotated[bool, typer.Option("--guess", help="Write a draft of the mapping, to be read first.")] = False,
-    robot: Annotated[Path | None, typer.Option(help="Arm file or URDF with the joints' names, for --guess.")] = None,
+    mapping: Annotated[
+        Path | None, typer.Option("--map", help="Mapping file (YAML).", show_default=False)
+    ] = None,
+    guess: Annotated[
+        bool, typer.Option("--guess", help="Write a draft of the mapping, to be read first.")
+    ] = False,
+    robot: Annotated[
+        Path | None, typer.Option(help="Arm file or URDF with the joints' names, for --guess.")
+    ] = None,
     chain: options.Chain = None,
     at: options.At = None,
-    compression: Annotated[str, typer.Option(help=f"Of its chunks: {', '.join(COMPRESSIONS)}.")] = "zstd",
+    compression: Annotated[
+        str, typer.Option(help=f"Of its chunks: {', '.join(COMPRESSIONS)}.")
+    ] = "zstd",
     json: options.Json = False,
 ) -> None:
     """Turn arrays of a real robot into a bag.
@@ -148,7 +181,9 @@ def import_(
         _write_draft(arrays, out_folder, draft)
         return
     if mapping is None:
-        raise typer.BadParameter("give a mapping file, or --guess to make a draft of one", param_hint="--map")
+        raise typer.BadParameter(
+            "give a mapping file, or --guess to make a draft of one", param_hint="--map"
+        )
     chosen: Compression = next((name for name in COMPRESSIONS if name == compression), "zstd")
     if chosen != compression:
         raise typer.BadParameter(f"one of {', '.join(COMPRESSIONS)}", param_hint="--compression")
@@ -159,19 +194,29 @@ def import_(
     written = []
     for name, recording in runs.items():
         summary = bag_info(write_recording(folders[name], recording, chosen))
-        written.append(replace(summary, notes=[*recording.notes, *summary.notes, *hardly_usable(recording)]))
+        written.append(
+            replace(summary, notes=[*recording.notes, *summary.notes, *hardly_usable(recording)])
+        )
         if not json:
             _print_info(written[-1])
     if json:
-        print_json(written[0].to_json() if len(written) == 1 else {"bags": [bag.to_json() for bag in written]})
+        print_json(
+            written[0].to_json()
+            if len(written) == 1
+            else {"bags": [bag.to_json() for bag in written]}
+        )
 
 
 @bag_app.command("export")
 @reports_errors
 def export(
     bag: BagPath,
-    file: Annotated[Path, typer.Option("--out", help=f"File: {', '.join(KINDS)}.", show_default=False)],
-    joined: Annotated[bool, typer.Option("--joined", help="Bring all channels to one time base.")] = False,
+    file: Annotated[
+        Path, typer.Option("--out", help=f"File: {', '.join(KINDS)}.", show_default=False)
+    ],
+    joined: Annotated[
+        bool, typer.Option("--joined", help="Bring all channels to one time base.")
+    ] = False,
     channels: options.Channels = None,
     namespace: options.Namespace = None,
     force: Force = False,
@@ -191,8 +236,12 @@ def export(
 def replay(
     bag: BagPath,
     rate: Annotated[float, typer.Option(min=0.01, help="Times the speed of the recording.")] = 1.0,
-    loop: Annotated[bool, typer.Option("--loop", help="Begin again at the end, until Ctrl-C.")] = False,
-    wait: Annotated[bool, typer.Option("--wait/--no-wait", help="Begin when somebody listens, or at once.")] = True,
+    loop: Annotated[
+        bool, typer.Option("--loop", help="Begin again at the end, until Ctrl-C.")
+    ] = False,
+    wait: Annotated[
+        bool, typer.Option("--wait/--no-wait", help="Begin when somebody listens, or at once.")
+    ] = True,
 ) -> None:
     """Publish a bag into the ROS 2 graph, with /clock; the same as `ros2 run elastic_arm replayer`.
 
@@ -202,12 +251,22 @@ def replay(
     try:
         str(bag).encode()
     except UnicodeEncodeError:
-        raise RecordingError(f"the name {str(bag)!r} is no UTF-8 text, and ROS takes no other", "Rename it.") from None
+        raise RecordingError(
+            f"the name {str(bag)!r} is no UTF-8 text, and ROS takes no other", "Rename it."
+        ) from None
     # Quoted as YAML: a folder may be called 123, or `a: b`.
-    given = {"bag": json_text(str(bag)), "rate": rate, "loop": str(loop).lower(), "wait": str(wait).lower()}
+    given = {
+        "bag": json_text(str(bag)),
+        "rate": rate,
+        "loop": str(loop).lower(),
+        "wait": str(wait).lower(),
+    }
     arguments = [word for name, value in given.items() for word in ("-p", f"{name}:={value}")]
     # The process becomes the node: Ctrl-C and exit code are the node's own.
-    os.execv(sys.executable, [sys.executable, "-m", "elastic_arm.nodes.entry", "replayer", "--ros-args", *arguments])
+    os.execv(
+        sys.executable,
+        [sys.executable, "-m", "elastic_arm.nodes.entry", "replayer", "--ros-args", *arguments],
+    )
 
 
 def _repaired(mended: Repair | None, after: Report | None) -> dict[str, Any] | None:

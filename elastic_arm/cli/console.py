@@ -63,7 +63,11 @@ class PipeConsole(SafeConsole):
 def _console(*, stderr: bool) -> Console:
     """Return a console that wraps and shortens for a screen alone."""
     console = SafeConsole(stderr=stderr, highlight=False)
-    return console if console.is_terminal else PipeConsole(stderr=stderr, highlight=False, width=UNLIMITED)
+    return (
+        console
+        if console.is_terminal
+        else PipeConsole(stderr=stderr, highlight=False, width=UNLIMITED)
+    )
 
 
 class _GuardedOutput(io.TextIOWrapper):
@@ -94,7 +98,8 @@ def _worded() -> Iterator[None]:
         # What Python writes at its end must not fail for that again.
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         raise OutputError(
-            f"stdout cannot be written ({error.strerror})", "Results that go to files are not concerned; look there"
+            f"stdout cannot be written ({error.strerror})",
+            "Results that go to files are not concerned; look there",
         ) from None
 
 
@@ -106,11 +111,20 @@ def guard_output() -> None:
             if nowhere != number:  # a file opened later must not take the number of an output
                 os.dup2(nowhere, number)
                 os.close(nowhere)
-            setattr(sys, name, io.TextIOWrapper(io.FileIO(number, "w", closefd=False), "utf-8", write_through=True))
+            setattr(
+                sys,
+                name,
+                io.TextIOWrapper(
+                    io.FileIO(number, "w", closefd=False), "utf-8", write_through=True
+                ),
+            )
         elif number == 1 and isinstance(sys.stdout, io.TextIOWrapper):
             before = sys.stdout
             sys.stdout = _GuardedOutput(
-                before.buffer, before.encoding, errors="backslashreplace", line_buffering=before.line_buffering
+                before.buffer,
+                before.encoding,
+                errors="backslashreplace",
+                line_buffering=before.line_buffering,
             )
 
 
@@ -118,7 +132,9 @@ out = _console(stderr=False)
 err = _console(stderr=True)
 
 
-def new_table(*headings: str, right: Collection[str] = (), whole: Collection[str] = (), **options: Any) -> Table:
+def new_table(
+    *headings: str, right: Collection[str] = (), whole: Collection[str] = (), **options: Any
+) -> Table:
     """Return a table without lines; columns under the headings `right` hold numbers, those of `whole` never wrap."""
     table = Table(box=None, header_style="bold", pad_edge=False, **options)
     for heading in headings:
@@ -177,7 +193,10 @@ def finite(data: Any, found: list[str], place: str = "") -> Any:
             found.append(f"{place}: {data}")
             return None
         case dict():
-            return {key: finite(value, found, f"{place}.{key}".lstrip(".")) for key, value in data.items()}
+            return {
+                key: finite(value, found, f"{place}.{key}".lstrip("."))
+                for key, value in data.items()
+            }
         case list() | tuple():
             return [finite(value, found, f"{place}[{index}]") for index, value in enumerate(data)]
     return data

@@ -47,7 +47,9 @@ def describe(
         claim_file(urdf, force=force, option="--urdf")
     robot = options.load_arm(robot_file, chain, at)
     if robot.n > _QUICK:
-        err.print(f"compiling the equations of {robot.n} joints and looking for their base parameters: a minute or so")
+        err.print(
+            f"compiling the equations of {robot.n} joints and looking for their base parameters: a minute or so"
+        )
     told = build_model(robot, model)
     parameters = base_of(told)
     if urdf is not None:
@@ -75,10 +77,15 @@ def _print_robot(robot: Robot) -> None:
     kind = "elastic" if robot.elastic else "rigid (no transmissions)"
     gravity = " ".join(f"{g:g}" for g in robot.gravity)
     joints = "1 joint" if robot.n == 1 else f"{robot.n} joints"
-    out.print(f"[bold]{escape(robot.name)}[/]: {joints}, {kind}, {robot.mass:.4g} kg, gravity {gravity} m/s²")
+    out.print(
+        f"[bold]{escape(robot.name)}[/]: {joints}, {kind}, {robot.mass:.4g} kg, gravity {gravity} m/s²"
+    )
     slide = bool(robot.units.prismatic)
     mixed = slide and len(robot.units.prismatic) < robot.n
-    units = [linear_unit(u) if slide and not mixed else u for u in ("rad", "rad/s", "Nm", "Nm/rad", "Nm s/rad")]
+    units = [
+        linear_unit(u) if slide and not mixed else u
+        for u in ("rad", "rad/s", "Nm", "Nm/rad", "Nm s/rad")
+    ]
     numbers = ["mass kg", f"range {units[0]}", units[1], units[2]]
     if robot.elastic:
         numbers += ["ratio", f"K {units[3]}", f"D {units[4].replace(' ', '')}", "bearing"]
@@ -92,7 +99,12 @@ def _print_robot(robot: Robot) -> None:
         row.append(_short(limits.torque))
         if joint.transmission is not None:
             t = joint.transmission
-            row += [f"{t.r_tot:g}", f"{t.stiffness:g}", f"{t.damping:g}", "yes" if t.bearing else "rigid"]
+            row += [
+                f"{t.r_tot:g}",
+                f"{t.stiffness:g}",
+                f"{t.damping:g}",
+                "yes" if t.bearing else "rigid",
+            ]
         row += [_short(joint.armature)] if spinning else []
         table.add_row(*(escape(cell) for cell in row))
     out.print(table)
@@ -111,8 +123,14 @@ def _stated(robot: Robot) -> list[str]:
     """Return the effects that the description states, a line for each kind."""
     found: dict[str, list[str]] = {}
     for entry in robot.effects:
-        values = ", ".join(f"{value:.4g}" for value in entry["parameters"].values() if isinstance(value, float | int))
-        found.setdefault(entry["effect"], []).append(f"{entry.get('joint') or 'whole arm'} {values}".strip())
+        values = ", ".join(
+            f"{value:.4g}"
+            for value in entry["parameters"].values()
+            if isinstance(value, float | int)
+        )
+        found.setdefault(entry["effect"], []).append(
+            f"{entry.get('joint') or 'whole arm'} {values}".strip()
+        )
     return [f"{effect}: {'; '.join(places)}" for effect, places in found.items()]
 
 
@@ -121,11 +139,19 @@ def _controllers(robot: Robot) -> list[str]:
     found = []
     for joint in robot.joints:
         if (drive := joint.controller) is not None:
-            gains = [f"{k} {getattr(drive, k):.4g} {joint.unit(u)}" for k, u in GAINS.items() if getattr(drive, k)]
-            limit = [] if drive.torque is None else [f"at most {drive.torque:.4g} {joint.unit('Nm')}"]
+            gains = [
+                f"{k} {getattr(drive, k):.4g} {joint.unit(u)}"
+                for k, u in GAINS.items()
+                if getattr(drive, k)
+            ]
+            limit = (
+                [] if drive.torque is None else [f"at most {drive.torque:.4g} {joint.unit('Nm')}"]
+            )
             late = [f"{1e3 * drive.delay:.4g} ms late"] if drive.delay else []
             fed = [] if drive.feedforward == "none" else [f"{drive.feedforward} fed forward"]
-            found.append(f"controller of {joint.name}: {drive.mode}, {', '.join([*gains, *limit, *late, *fed])}")
+            found.append(
+                f"controller of {joint.name}: {drive.mode}, {', '.join([*gains, *limit, *late, *fed])}"
+            )
     return found
 
 
@@ -138,7 +164,9 @@ def _content(robot: Robot, model: str, parameters: int, base: BaseParameters) ->
         "doubts": doubtful(robot),
         "model": model,
         "parameters": parameters,
-        "base_parameters": [{"name": name, "unit": unit} for name, unit in zip(base.names, base.units, strict=True)],
+        "base_parameters": [
+            {"name": name, "unit": unit} for name, unit in zip(base.names, base.units, strict=True)
+        ],
     }
 
 

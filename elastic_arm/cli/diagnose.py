@@ -62,16 +62,22 @@ RESULTS = ("diagnosis.json", "report.html", ROBOT, SEPARATING, COMPARISON)
 COLOURS = {"none": "green", "explained": "cyan", "unknown": "yellow"}
 
 Judges = Annotated[
-    list[Path] | None, typer.Option(metavar="BAG…", help="Recordings that judge; the last third otherwise.")
+    list[Path] | None,
+    typer.Option(metavar="BAG…", help="Recordings that judge; the last third otherwise."),
 ]
 Propose = Annotated[
-    bool, typer.Option(help="Look for the motion that tells causes from their alternatives, where there are any.")
+    bool,
+    typer.Option(
+        help="Look for the motion that tells causes from their alternatives, where there are any."
+    ),
 ]
 
 
 @reports_errors
 def diagnose_command(
-    bags: Annotated[list[Path], typer.Argument(metavar="BAG…", help="Recordings that causes are fitted on.")],
+    bags: Annotated[
+        list[Path], typer.Argument(metavar="BAG…", help="Recordings that causes are fitted on.")
+    ],
     validate: Judges = None,
     model: options.Model = "mod3",
     robot_file: options.RobotFile = None,
@@ -86,18 +92,28 @@ def diagnose_command(
     refit: options.Refit = False,
     priors_file: options.PriorsFile = None,
     propose: Propose = True,
-    against: Annotated[Path | None, typer.Option(metavar="BAG", help="The same commands, simulated.")] = None,
+    against: Annotated[
+        Path | None, typer.Option(metavar="BAG", help="The same commands, simulated.")
+    ] = None,
     out_dir: options.OutFolder = Path("diagnosis"),
-    replayed: Annotated[bool, typer.Option("--replay", help="Replay in MuJoCo, before and after (MJCF).")] = False,
+    replayed: Annotated[
+        bool, typer.Option("--replay", help="Replay in MuJoCo, before and after (MJCF).")
+    ] = False,
     mcap: Annotated[
-        Path | None, typer.Option(metavar="BAG", help="Bag of what judged, with its residuals before and after.")
+        Path | None,
+        typer.Option(
+            metavar="BAG", help="Bag of what judged, with its residuals before and after."
+        ),
     ] = None,
     csv: Csv = False,
     force: Force = False,
     json: options.Json = False,
     quiet: options.Quiet = False,
     seconds: Annotated[
-        float | None, typer.Option(min=1.0, metavar="N", help="End the search after N seconds with the best answer.")
+        float | None,
+        typer.Option(
+            min=1.0, metavar="N", help="End the search after N seconds with the best answer."
+        ),
     ] = None,
     fail_on: FailOn = None,
 ) -> None:
@@ -137,20 +153,27 @@ def diagnose_command(
 
         def read(paths: Sequence[Path]) -> list[Recording]:
             if against:  # sample by sample
-                return [options.read_by_clock(path, mapping, robot, clock, namespace) for path in paths]
+                return [
+                    options.read_by_clock(path, mapping, robot, clock, namespace) for path in paths
+                ]
             says = shares_of(status)
             return [
-                options.read_motion(path, mapping, robot, clock, namespace, says, DIAGNOSED, most) for path in paths
+                options.read_motion(path, mapping, robot, clock, namespace, says, DIAGNOSED, most)
+                for path in paths
             ]
 
         recordings, judges = read(bags), read(validate or [])
         simulated = read([against])[0] if against else None
-        difference = differences(recordings[0].select(robot.joint_names), simulated) if simulated else None
+        difference = (
+            differences(recordings[0].select(robot.joint_names), simulated) if simulated else None
+        )
     given = known_effects(with_ or (), robot, catalogue)
     # Channels that are not what they are taken for have no causes: what any law makes of them is by chance.
     wrong = misread(recordings, robot, explained=True)
     sought = None if wrong is None else ()
-    question = Question(robot, model, refit=refit, given=given, effects=sought, catalogue=catalogue, priors=priors)
+    question = Question(
+        robot, model, refit=refit, given=given, effects=sought, catalogue=catalogue, priors=priors
+    )
     keep_memory()  # what was read and left out would leave holes
     with working("diagnosing") as status, ended_early(seconds, status, quiet=quiet) as watch:
         found = diagnose(recordings, question, judges, watch=watch)
@@ -164,13 +187,17 @@ def diagnose_command(
             refined = [words] if (words := corrected.note()) else []
             found = replace(found, notes=(*found.notes, *refined))
         replays = replay_both(correction, out_dir, (judges or recordings)[0]) if replayed else []
-        comparison = compare(found, simulated, question, difference) if simulated and difference else None
+        comparison = (
+            compare(found, simulated, question, difference) if simulated and difference else None
+        )
         write_diagnosis(found, corrected.robot, out_dir, replays, comparison)
         if csv:
             found.to_csv(out_dir)
         for k, bag in enumerate(residual_bags):
             one = (judges or recordings)[k].select(robot.joint_names)
-            write_recording(bag, one, further=found.residual_sides(one.source, one.start_ns), drawn=robot)
+            write_recording(
+                bag, one, further=found.residual_sides(one.source, one.start_ns), drawn=robot
+            )
     if json:
         print_json(found.to_dict())
     elif not quiet:
@@ -187,7 +214,11 @@ def diagnose_command(
 
 def _numbered(bag: Path | None, count: int) -> list[Path]:
     """Return names of bags for so many recordings; none where none is asked for."""
-    return [] if bag is None else [bag, *(bag.with_name(f"{bag.name}_{k}") for k in range(2, count + 1))]
+    return (
+        []
+        if bag is None
+        else [bag, *(bag.with_name(f"{bag.name}_{k}") for k in range(2, count + 1))]
+    )
 
 
 def correct(
@@ -211,9 +242,16 @@ def correct(
     held_back = found.context is not None and found.context.held_back
     judging, before = list[Judging](), list[Judging]()
     for one in judges:
-        names = [name for name in found.judged if name == one.source or name.startswith(f"{one.source}, ")]
+        names = [
+            name
+            for name in found.judged
+            if name == one.source or name.startswith(f"{one.source}, ")
+        ]
         spans = [found.judged[name] for name in names]
-        begin, end = min([b for b, _ in spans], default=0.0), max([e for _, e in spans], default=np.inf)
+        begin, end = (
+            min([b for b, _ in spans], default=0.0),
+            max([e for _, e in spans], default=np.inf),
+        )
         if spans or len(judges) == 1:
             selected = one.select(robot.joint_names)
             judging.append(Judging(selected, (begin, end)))
@@ -251,10 +289,16 @@ def write_diagnosis(
     for name in (ROBOT, SEPARATING, COMPARISON):
         (folder / name).unlink(missing_ok=True)
     if comparison is not None:
-        write_result(folder / COMPARISON, json_text(comparison.to_dict(), indent=2, allow_nan=False) + "\n")
+        write_result(
+            folder / COMPARISON, json_text(comparison.to_dict(), indent=2, allow_nan=False) + "\n"
+        )
     if robot is not None:
         save_robot(robot, folder / ROBOT)
-    if found.proposal is not None and found.proposal.trajectory is not None and found.proposal.worthwhile:
+    if (
+        found.proposal is not None
+        and found.proposal.trajectory is not None
+        and found.proposal.worthwhile
+    ):
         found.proposal.trajectory.save(folder / SEPARATING)
 
 
@@ -263,7 +307,9 @@ def print_diagnosis(found: Diagnosis, folder: Path) -> None:
     if found.made:
         out.print(f"[yellow]scale:[/] {escape(scale_sentence(found))}")
     first, *more = summary(found)
-    out.print(f"[bold {COLOURS[found.verdict]}]{found.verdict}[/]{escape(first.removeprefix(found.verdict))}")
+    out.print(
+        f"[bold {COLOURS[found.verdict]}]{found.verdict}[/]{escape(first.removeprefix(found.verdict))}"
+    )
     for sentence in more:
         out.print(escape(sentence))
     if found.causes:
@@ -276,7 +322,9 @@ def print_diagnosis(found: Diagnosis, folder: Path) -> None:
         out.print(f"[yellow]changed:[/] {escape(change_text(change))}")
     for place in found.unexplained:
         size = f"{place.rmse:.3g} {found.units.at(place.joint, 'Nm')}"
-        out.print(f"unexplained: {escape(place.joint)}, {place.side} side, {size}, follows {place.regime}")
+        out.print(
+            f"unexplained: {escape(place.joint)}, {place.side} side, {size}, follows {place.regime}"
+        )
     if found.prediction is not None and (found.causes or found.prediction.reason):
         out.print(f"prediction: {escape(prediction_sentence(found, found.prediction))}")
     if found.proposal is not None:
@@ -285,18 +333,25 @@ def print_diagnosis(found: Diagnosis, folder: Path) -> None:
     for note in found.notes:
         out.print(f"note: {escape(note)}")
     further = [name for name in (ROBOT, SEPARATING) if (folder / name).exists()]
-    out.print(f"written: {escape(str(folder))}/{', '.join(['diagnosis.json', 'report.html', *further])}")
+    out.print(
+        f"written: {escape(str(folder))}/{', '.join(['diagnosis.json', 'report.html', *further])}"
+    )
 
 
 def _print_causes(causes: Sequence[Cause]) -> None:
     # On a screen a line for a parameter, the sides below the joint; in a pipe a line for a cause.
     where, between = (("joint, side",), "\n") if out.is_terminal else (("joint", "side"), ", ")
     numbers = ("gap", "probability")
-    table = new_table("cause", *where, "size", *numbers, right=numbers, whole=("cause", *where, *numbers))
+    table = new_table(
+        "cause", *where, "size", *numbers, right=numbers, whole=("cause", *where, *numbers)
+    )
     for cause in causes:
         place = [escape(cause.joint or "whole arm"), sides_text(cause)]
         at = ["\n".join(place)] if out.is_terminal else place
-        size, shares = escape(cause_size(cause, between)), (alone_text(cause), probability_text(cause.confidence))
+        size, shares = (
+            escape(cause_size(cause, between)),
+            (alone_text(cause), probability_text(cause.confidence)),
+        )
         table.add_row(escape(cause.effect), *at, size, *shares)
     out.print(table)
     out.print("[dim]gap: share that goes with this cause alone; probability: that it is there[/]")
@@ -306,16 +361,27 @@ def _print_alternatives(cause: Cause) -> None:
     instead = f"instead of {escape(effect_at(cause.effect, cause.joint))} it may be"
     likely, faint = listed_alternatives(cause)
     for other in likely:
-        name, odds = escape(effect_at(other.effect, other.joint)), probability_text(other.confidence)
-        out.print(f"{instead} {name} ({odds}); told apart by: {escape(other.file or other.separated_by)}")
+        name, odds = (
+            escape(effect_at(other.effect, other.joint)),
+            probability_text(other.confidence),
+        )
+        out.print(
+            f"{instead} {name} ({odds}); told apart by: {escape(other.file or other.separated_by)}"
+        )
     if faint:
         out.print(f"{instead} {escape(faint)}")
 
 
 def _print_places(found: Diagnosis) -> None:
     """Print how far the gap of every joint that has one shrinks by itself."""
-    sides = [side for side in SIDES if any((joint, side) in found.before.rmse for joint in found.joints)]
-    apart = [joint for joint in found.joints if any(found.shrink_by_place.get((joint, s)) is not None for s in sides)]
+    sides = [
+        side for side in SIDES if any((joint, side) in found.before.rmse for joint in found.joints)
+    ]
+    apart = [
+        joint
+        for joint in found.joints
+        if any(found.shrink_by_place.get((joint, s)) is not None for s in sides)
+    ]
     sizes = "without → with the causes" if found.causes else "size"
     if apart:
         shown = [f"{side} side" for side in sides]
@@ -323,8 +389,13 @@ def _print_places(found: Diagnosis) -> None:
         for joint in apart:
             cells = [gap_at(found, joint, side) for side in sides]
             # On a screen the share stands below the sizes: three sides and a long name would not fit otherwise.
-            table.add_row(escape(joint), *(cell.replace(" (", "\n(") if out.is_terminal else cell for cell in cells))
-        out.print(f"residuals in {found.units.over('Nm')} below {found.band:.3g} Hz, {sizes} (share of its own gap):")
+            table.add_row(
+                escape(joint),
+                *(cell.replace(" (", "\n(") if out.is_terminal else cell for cell in cells),
+            )
+        out.print(
+            f"residuals in {found.units.over('Nm')} below {found.band:.3g} Hz, {sizes} (share of its own gap):"
+        )
         out.print(table)
     if agreeing := [joint for joint in found.joints if joint not in apart]:
         out.print(f"no clear gap at {escape(listed(agreeing))}")
@@ -341,7 +412,9 @@ def print_comparison(comparison: SimulationComparison | None) -> None:
         table.add_row(one.channel, *(f"{rms:.3g} ({100 * share:.2g} %)" for rms, share in pairs))
     out.print(table)
     for effect, place, where, real, simulated in comparison.rows():
-        out.print(f"{escape(effect)}, {escape(place)}: in {where} ({escape(real)} / {escape(simulated)})")
+        out.print(
+            f"{escape(effect)}, {escape(place)}: in {where} ({escape(real)} / {escape(simulated)})"
+        )
 
 
 def _print_proposal(proposal: Proposal) -> None:

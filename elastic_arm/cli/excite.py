@@ -15,14 +15,24 @@ from elastic_arm.cli.console import new_table, out, print_json, progress_bar, re
 from elastic_arm.cli.describe import base_of
 from elastic_arm.cli.outputs import Force, claim_file
 from elastic_arm.dynamics import Model, build_model
-from elastic_arm.excitation import MARGIN, ExcitationResult, MotionLimits, Shape, Workspace, find_criterion, optimise
+from elastic_arm.excitation import (
+    MARGIN,
+    ExcitationResult,
+    MotionLimits,
+    Shape,
+    Workspace,
+    find_criterion,
+    optimise,
+)
 from elastic_arm.excitation.setpoints import write_csv, write_goal
 from elastic_arm.formatting import JointUnits
 from elastic_arm.identification.base_parameters import BaseParameters
 from elastic_arm.identification.planned import judged
 from elastic_arm.identification.verdict import Excitation
 
-Limit = Annotated[float | None, typer.Option(help="Lower the limit of all joints to this.", show_default=False)]
+Limit = Annotated[
+    float | None, typer.Option(help="Lower the limit of all joints to this.", show_default=False)
+]
 
 
 @reports_errors
@@ -30,29 +40,45 @@ def excite(
     robot_file: options.RobotFile = None,
     chain: options.Chain = None,
     at: options.At = None,
-    file: Annotated[Path, typer.Option("--out", help="Trajectory file (YAML) to write.")] = Path("trajectory.yaml"),
+    file: Annotated[Path, typer.Option("--out", help="Trajectory file (YAML) to write.")] = Path(
+        "trajectory.yaml"
+    ),
     model: options.Model = "mod3",
     harmonics: Annotated[int, typer.Option(help="Of the Fourier series of every joint.")] = 5,
     period: Annotated[float, typer.Option(help="Of the series, s.")] = 10.0,
     periods: Annotated[
         int | None,
         typer.Option(
-            help="Whole periods between start and stop; as many as `identify` needs otherwise.", show_default=False
+            help="Whole periods between start and stop; as many as `identify` needs otherwise.",
+            show_default=False,
         ),
     ] = None,
-    ramp: Annotated[float | None, typer.Option(help="Smooth start and stop, s each; a quarter period.")] = None,
-    criterion: Annotated[str, typer.Option(help="condition, d_optimal or a_optimal.")] = "condition",
+    ramp: Annotated[
+        float | None, typer.Option(help="Smooth start and stop, s each; a quarter period.")
+    ] = None,
+    criterion: Annotated[
+        str, typer.Option(help="condition, d_optimal or a_optimal.")
+    ] = "condition",
     evaluations: Annotated[int, typer.Option(help="Budget of the search.")] = 3000,
     seed: options.Seed = 0,
     velocity: Limit = None,
     acceleration: Limit = None,
     torque: Limit = None,
-    floor: Annotated[float, typer.Option(help="Height of the floor above the ground frame, m.")] = 0.0,
-    margin: Annotated[float, typer.Option(help="Gap that links keep to the floor and to each other, m.")] = MARGIN,
+    floor: Annotated[
+        float, typer.Option(help="Height of the floor above the ground frame, m.")
+    ] = 0.0,
+    margin: Annotated[
+        float, typer.Option(help="Gap that links keep to the floor and to each other, m.")
+    ] = MARGIN,
     json: options.Json = False,
-    csv: Annotated[Path | None, typer.Option(help="Also write set-points as CSV, or LeRobot's .parquet.")] = None,
+    csv: Annotated[
+        Path | None, typer.Option(help="Also write set-points as CSV, or LeRobot's .parquet.")
+    ] = None,
     goal: Annotated[
-        Path | None, typer.Option(help="Also write a goal of joint_trajectory_controller (YAML), for `ros2 action`.")
+        Path | None,
+        typer.Option(
+            help="Also write a goal of joint_trajectory_controller (YAML), for `ros2 action`."
+        ),
     ] = None,
     rate: Annotated[float, typer.Option(help="Set-points a second of these files.")] = 20.0,
     force: Force = False,
@@ -104,14 +130,29 @@ def _print_judgement(judgement: Excitation, periods: int) -> None:
     if not judgement.poor:
         out.print(f"`identify` will find this motion [green]good[/] ({times})")
         return
-    out.print(f"`identify` will find this motion [yellow]poor[/] ({times}): {escape('; '.join(judgement.reasons))}")
-    out.print("  give it faster motion (--period 5, higher limits of the arm), or another --criterion (a_optimal)")
+    out.print(
+        f"`identify` will find this motion [yellow]poor[/] ({times}): {escape('; '.join(judgement.reasons))}"
+    )
+    out.print(
+        "  give it faster motion (--period 5, higher limits of the arm), or another --criterion (a_optimal)"
+    )
 
 
 def _search(
-    model: Model, limits: MotionLimits, base: BaseParameters, shape: Shape, criterion: str, evaluations: int, seed: int
+    model: Model,
+    limits: MotionLimits,
+    base: BaseParameters,
+    shape: Shape,
+    criterion: str,
+    evaluations: int,
+    seed: int,
 ) -> ExcitationResult:
-    columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    columns = (
+        TextColumn("{task.description}", markup=False),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeRemainingColumn(),
+    )
     with progress_bar(*columns) as progress:
         task = progress.add_task("random motions", total=evaluations)
 
@@ -133,15 +174,21 @@ def _search(
 def _print_result(
     result: ExcitationResult, limits: MotionLimits, base: BaseParameters, model: Model, file: Path
 ) -> None:
-    low, median, high = np.percentile(result.random, [0, 50, 100]) if len(result.random) else [np.nan] * 3
+    low, median, high = (
+        np.percentile(result.random, [0, 50, 100]) if len(result.random) else [np.nan] * 3
+    )
     out.print(f"condition number of the base regressor ({len(result.columns)} columns)")
-    out.print(f"  {len(result.random)} random motions  {low:.4g} … [bold]{median:.4g}[/] (median) … {high:.4g}")
+    out.print(
+        f"  {len(result.random)} random motions  {low:.4g} … [bold]{median:.4g}[/] (median) … {high:.4g}"
+    )
     out.print(f"  start, the best of them  {result.condition_before:.4g}")
     out.print(
         f"  optimised          [bold green]{result.condition_after:.4g}[/]  after {result.evaluations} evaluations"
     )
     if result.criterion != "condition":
-        out.print(f"{result.criterion}: {result.value_before:.4g} before, [bold]{result.value_after:.4g}[/] after")
+        out.print(
+            f"{result.criterion}: {result.value_before:.4g} before, [bold]{result.value_after:.4g}[/] after"
+        )
     for sentence in indistinct_words(result, base, model):
         out.print(
             f"[yellow]left out of the search, as only nearly exact encoders determine it:[/] {escape(sentence)}",
@@ -149,7 +196,9 @@ def _print_result(
         )
     out.print(_limit_table(result, model.robot.units))
     for name, gap in result.use.gaps():
-        out.print(f"smallest gap to {escape(name)}: {1e3 * gap:.0f} mm (margin {1e3 * limits.margin:g} mm)")
+        out.print(
+            f"smallest gap to {escape(name)}: {1e3 * gap:.0f} mm (margin {1e3 * limits.margin:g} mm)"
+        )
     for sentence in limits.assumed:
         out.print(f"[cyan]note:[/] {escape(sentence)}", soft_wrap=True)
     trajectory = result.trajectory
@@ -165,7 +214,9 @@ def indistinct_words(result: ExcitationResult, base: BaseParameters, model: Mode
 def _limit_table(result: ExcitationResult, units: JointUnits) -> Table:
     use = result.use
     numbers = (*use.kinds, "peak torque")
-    table = new_table("joint", *numbers, right=numbers, title="share of the limits used", title_justify="left")
+    table = new_table(
+        "joint", *numbers, right=numbers, title="share of the limits used", title_justify="left"
+    )
     for i, joint in enumerate(use.joints):
         shares = [use.share(kind, i) for kind in use.kinds]
         cells = ["–" if share is None else f"{100 * share:.0f} %" for share in shares]

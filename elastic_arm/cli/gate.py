@@ -30,7 +30,8 @@ def check_gate(gates: Sequence[str]) -> None:
     for gate in gates:
         if gate not in VERDICTS and not _CHANGE.fullmatch(gate):
             raise DiagnosisError(
-                f"--fail-on {gate!r} is no gate", f"Give {' or '.join(VERDICTS)}, or a change such as change:5%."
+                f"--fail-on {gate!r} is no gate",
+                f"Give {' or '.join(VERDICTS)}, or a change such as change:5%.",
             )
 
 
@@ -60,5 +61,9 @@ def _relative(one: Change | Cause) -> float:
         values = [value for _, value, _ in one.values]
         return max(abs(value - values[0]) for value in values) / max(abs(values[0]), 1e-300)
     stated = one.stated or {}
-    pairs = [(one.parameters[name].value, value) for name, value in stated.items() if name in one.parameters]
+    pairs = [
+        (one.parameters[name].value, value)
+        for name, value in stated.items()
+        if name in one.parameters
+    ]
     return max((abs(now - before) / max(abs(before), 1e-300) for now, before in pairs), default=0.0)

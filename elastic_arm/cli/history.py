@@ -34,13 +34,18 @@ from elastic_arm.robot import Robot
 RESULTS = ("history.json", "history.csv", "report.html")
 Read = Callable[..., Recording]
 Ask = Callable[[Sequence[Recording]], Diagnosis]
-Followed = tuple[Diagnosis, tuple[Course, ...], list[str]]  # with the numbers, and when each recording begins
+Followed = tuple[
+    Diagnosis, tuple[Course, ...], list[str]
+]  # with the numbers, and when each recording begins
 COLUMNS = ("effect", "joint", "parameter", "unit", "recording", "date", "value", "std", "changed")
 
 
 @reports_errors
 def history_command(
-    bags: Annotated[list[Path], typer.Argument(metavar="BAG…", help="Recordings, or one folder that holds them.")],
+    bags: Annotated[
+        list[Path],
+        typer.Argument(metavar="BAG…", help="Recordings, or one folder that holds them."),
+    ],
     robot_file: options.RobotFile = None,
     chain: options.Chain = None,
     at: options.At = None,
@@ -56,7 +61,10 @@ def history_command(
         int | None, typer.Option(min=1, help="Diagnose each recording alone, by so many processes.")
     ] = None,
     scheduler: Annotated[
-        str | None, typer.Option(help="The same on a Dask cluster, by its address; it must see the same files.")
+        str | None,
+        typer.Option(
+            help="The same on a Dask cluster, by its address; it must see the same files."
+        ),
     ] = None,
     json: options.Json = False,
     quiet: options.Quiet = False,
@@ -87,12 +95,18 @@ def history_command(
     options.require_bags(paths)
     claim_folder(out_dir, RESULTS, force=force)
     robot = options.load_arm(robot_file, chain, at, Catalogue.default())
-    known_effects(with_ or (), robot, Catalogue.default())  # what is none is refused before the work
+    known_effects(
+        with_ or (), robot, Catalogue.default()
+    )  # what is none is refused before the work
     mapping = options.channel_map(channels)
-    read = partial(options.read_motion, channels=mapping, robot=robot, clock=clock, namespace=namespace)
+    read = partial(
+        options.read_motion, channels=mapping, robot=robot, clock=clock, namespace=namespace
+    )
     ask = partial(_asked, robot, model, refit, with_ or ())
     alone = workers is not None or scheduler is not None
-    alone |= len(paths) * SEGMENT > DIAGNOSED * min(1.0, 3.0 / robot.n)  # the motion that one diagnosis holds
+    alone |= len(paths) * SEGMENT > DIAGNOSED * min(
+        1.0, 3.0 / robot.n
+    )  # the motion that one diagnosis holds
     console = Console(quiet=True) if quiet else err
     of_each = partial(_of_each, paths, read, ask, console, workers or 1, scheduler)
     try:
@@ -100,7 +114,9 @@ def history_command(
     except ElasticArmError as error:
         if alone or len(paths) < 3:
             raise
-        found, all_of, dates = of_each()  # one that is not like the others is left out, or compared as far as it goes
+        found, all_of, dates = (
+            of_each()
+        )  # one that is not like the others is left out, or compared as far as it goes
         found = replace(found, notes=(f"Each is diagnosed alone: {error}", *found.notes))
     result = to_dict(found, all_of, dates)
     write_result(out_dir / RESULTS[0], json_text(result, indent=2, allow_nan=False) + "\n")
@@ -117,7 +133,9 @@ def history_command(
     pass_gate(found, fail_on or ())
 
 
-def _asked(robot: Robot, model: str, refit: bool, known: Sequence[str], recordings: Sequence[Recording]) -> Diagnosis:
+def _asked(
+    robot: Robot, model: str, refit: bool, known: Sequence[str], recordings: Sequence[Recording]
+) -> Diagnosis:
     keep_memory()  # what was read and left out would leave holes
     given = known_effects(known, robot, Catalogue.default())
     return diagnose(recordings, Question(robot, model, refit=refit, given=given))
@@ -140,14 +158,21 @@ def _of_all(paths: Sequence[Path], read: Read, ask: Ask, console: Console) -> Fo
 
 
 def _of_each(
-    paths: Sequence[Path], read: Read, ask: Ask, console: Console, workers: int, scheduler: str | None
+    paths: Sequence[Path],
+    read: Read,
+    ask: Ask,
+    console: Console,
+    workers: int,
+    scheduler: str | None,
 ) -> Followed:
     """Diagnose each recording alone, by processes; one that allows no diagnosis is a note."""
     done = count(1)
     with console.status(f"diagnosing {len(paths)} recordings") as status:
         advance = lambda: status.update(f"diagnosed {next(done)} of {len(paths)} recordings")  # noqa: E731
         with ProcessPool(min(workers, len(paths)), scheduler) as pool:
-            answers = pool.run([partial(_alone, path.resolve(), read, ask) for path in paths], advance)
+            answers = pool.run(
+                [partial(_alone, path.resolve(), read, ask) for path in paths], advance
+            )
     catalogue = Catalogue.default()
     told = sorted((one for one in answers if not isinstance(one, str)), key=lambda one: one[0])
     refused = [one for one in answers if isinstance(one, str)]
@@ -177,7 +202,9 @@ def to_dict(found: Diagnosis, all_of: Sequence[Course], dates: Sequence[str]) ->
         "robot": found.robot,
         "model": found.model,
         "verdict": found.verdict,
-        "recordings": [{"recording": r, "date": d} for r, d in zip(found.identify, dates, strict=True)],
+        "recordings": [
+            {"recording": r, "date": d} for r, d in zip(found.identify, dates, strict=True)
+        ],
         "numbers": [one.to_dict(found.identify) for one in all_of],
         "notes": list(found.notes),
     }
@@ -187,7 +214,11 @@ def to_csv(result: dict[str, Any]) -> str:
     """Return the sizes of `history.json` as a table, a line for each number and recording."""
     dates = {one["recording"]: one["date"] for one in result["recordings"]}
     rows = [
-        {**{name: one[name] for name in COLUMNS if name in one}, **value, "date": dates[value["recording"]]}
+        {
+            **{name: one[name] for name in COLUMNS if name in one},
+            **value,
+            "date": dates[value["recording"]],
+        }
         for one in result["numbers"]
         for value in one["values"]
     ]
@@ -196,9 +227,14 @@ def to_csv(result: dict[str, Any]) -> str:
 
 def print_history(found: Diagnosis, all_of: Sequence[Course], dates: Sequence[str]) -> None:
     """Print a line for each recording, and what changed in words."""
-    names = [f"{one.sized.effect} {one.sized.joint or ''}".strip() + f", {one.sized.unit}" for one in all_of]
+    names = [
+        f"{one.sized.effect} {one.sized.joint or ''}".strip() + f", {one.sized.unit}"
+        for one in all_of
+    ]
     table = new_table("recording", "date", *names, right=names, whole=("recording", "date"))
-    sizes = [{r: size_text(v, s, "").strip() for r, v, s in one.sizes(found.identify)} for one in all_of]
+    sizes = [
+        {r: size_text(v, s, "").strip() for r, v, s in one.sizes(found.identify)} for one in all_of
+    ]
     for source, date in zip(found.identify, dates, strict=True):
         table.add_row(escape(source), date, *(own.get(source, "–") for own in sizes))
     out.print(table)
@@ -207,6 +243,8 @@ def print_history(found: Diagnosis, all_of: Sequence[Course], dates: Sequence[st
             out.print(f"[yellow]changed:[/] {escape(step_text(one, found.identify))}")
     rest = "nothing else changed" if any(one.step for one in all_of) else "nothing changed"
     out.print(f"{rest} beyond what the recordings tell")
-    for joint, side, regime in dict.fromkeys((p.joint, p.side, p.regime) for p in found.unexplained):
+    for joint, side, regime in dict.fromkeys(
+        (p.joint, p.side, p.regime) for p in found.unexplained
+    ):
         out.print(f"unexplained: {escape(joint)}, {side} side, follows {regime}")
     out.print(f"notes on the recordings: {len(found.notes)}, in {RESULTS[0]}")

@@ -19,7 +19,13 @@ from elastic_arm.effects.library.gravity_compensation import EFFECT as COMPENSAT
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.estimation.segments import IDENTIFIED
 from elastic_arm.formatting import rounded
-from elastic_arm.identification import Estimate, Identification, IdentificationSettings, identify_with, parse_laws
+from elastic_arm.identification import (
+    Estimate,
+    Identification,
+    IdentificationSettings,
+    identify_with,
+    parse_laws,
+)
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.result import COMPARED
 from elastic_arm.memory import keep_memory
@@ -43,7 +49,9 @@ Laws = Annotated[
         autocompletion=options.completions,
     ),
 ]
-HeldOut = Annotated[list[Path] | None, typer.Option(help="Recording that no fit may see; may be repeated.")]
+HeldOut = Annotated[
+    list[Path] | None, typer.Option(help="Recording that no fit may see; may be repeated.")
+]
 
 
 @reports_errors
@@ -60,7 +68,9 @@ def identify(
     namespace: options.Namespace = None,
     clock: options.Clock = options.ClockChoice.auto,
     most: options.Motion = None,
-    consistent: Annotated[bool, typer.Option(help="Also find all parameters, physically consistent.")] = True,
+    consistent: Annotated[
+        bool, typer.Option(help="Also find all parameters, physically consistent.")
+    ] = True,
     out_dir: options.OutFolder = Path("identified"),
     json: options.Json = False,
     csv: Csv = False,
@@ -93,13 +103,19 @@ def identify(
             bar.update(task, description=what, completed=share)
 
         def read(path: Path) -> Recording:
-            return options.read_motion(path, mapping, robot, clock, namespace, says, IDENTIFIED, most)
+            return options.read_motion(
+                path, mapping, robot, clock, namespace, says, IDENTIFIED, most
+            )
 
         recordings, held_out = ([read(path) for path in paths] for paths in (bags, validate or []))
         keep_memory()  # what was read and left out would leave holes
-        result, identifier, motion = identify_with(recordings, robot, settings, validate=held_out, progress=says)
+        result, identifier, motion = identify_with(
+            recordings, robot, settings, validate=held_out, progress=says
+        )
         says("report", 1.0)
-        stated = any(law.effect.id == COMPENSATION.id for law in (*laws, *robot_effects(robot, catalogue)))
+        stated = any(
+            law.effect.id == COMPENSATION.id for law in (*laws, *robot_effects(robot, catalogue))
+        )
         wrong = misread(recordings, robot, explained=stated)
         result = result if wrong is None else result.with_(identified=None)
         correction = Correction(robot_file, chain, at, catalogue)
@@ -117,7 +133,11 @@ def identify(
 
 
 def _corrected(
-    result: Identification, robot: Robot, correction: Correction, judges: Sequence[Recording], folder: Path
+    result: Identification,
+    robot: Robot,
+    correction: Correction,
+    judges: Sequence[Recording],
+    folder: Path,
 ) -> Written:
     """Write the file that the arm came from; of a commanded one, what of it does not move the arm worse."""
     identified = result.identified
@@ -151,7 +171,9 @@ def _judged(result: Identification, written: Written) -> Identification:
     return result.with_(notes=(words, *result.notes))
 
 
-def _write(result: Identification, sections_of: tuple[BaseRegression, Motion], out_dir: Path) -> None:
+def _write(
+    result: Identification, sections_of: tuple[BaseRegression, Motion], out_dir: Path
+) -> None:
     # Matplotlib is slow to import, and only reports need it.
     from elastic_arm.report.html import write_report
     from elastic_arm.report.identification import sections
@@ -163,14 +185,18 @@ def _write(result: Identification, sections_of: tuple[BaseRegression, Motion], o
         result.save_robot(out_dir / "robot.yaml")
     subtitle = f"{result.model}, {', '.join(result.recordings)}"
     parts = sections(result, *sections_of)
-    write_report(out_dir / "report.html", f"Identification of {result.robot}", parts, subtitle=subtitle)
+    write_report(
+        out_dir / "report.html", f"Identification of {result.robot}", parts, subtitle=subtitle
+    )
 
 
 def _print(result: Identification, out_dir: Path, corrected: Exported | str | None) -> None:
     if result.excitation["poor"]:
         reasons = "; ".join(result.excitation["reasons"])
         remedy = "`elastic-arm excite` finds a better motion"
-        out.print(f"[bold yellow]the excitation is poor[/], by the motion alone: {escape(reasons)}; {remedy}")
+        out.print(
+            f"[bold yellow]the excitation is poor[/], by the motion alone: {escape(reasons)}; {remedy}"
+        )
     for sentence in result.summary():
         out.print(escape(sentence))
     _print_estimates(sorted(result.estimates, key=lambda e: not e.is_friction))
@@ -184,10 +210,18 @@ def _print(result: Identification, out_dir: Path, corrected: Exported | str | No
         out.print(f"[bold]{escape(title)}[/]")
         shown = new_table("", *result.joints, right=result.joints)
         for name, values in rows:
-            shown.add_row(escape(name), *("–" if value is None else f"{value:.3g}" for value in values))
+            shown.add_row(
+                escape(name), *("–" if value is None else f"{value:.3g}" for value in values)
+            )
         out.print(shown)
-    written = ["identification.json", "report.html", *(["robot.yaml"] if result.identified is not None else [])]
-    out.print(f"results in {escape(str(out_dir))}: {', '.join(written)}; combinations of parameters in full there")
+    written = [
+        "identification.json",
+        "report.html",
+        *(["robot.yaml"] if result.identified is not None else []),
+    ]
+    out.print(
+        f"results in {escape(str(out_dir))}: {', '.join(written)}; combinations of parameters in full there"
+    )
     print_correction(corrected)
 
 
@@ -200,12 +234,22 @@ def _print_estimates(estimates: Sequence[Estimate]) -> None:
     out.print(table)
 
 
-def _residual_rows(result: Identification) -> list[tuple[str, list[tuple[str, list[float | None]]]]]:
-    fitted = [(COMPARED[side], [values.get(joint) for joint in result.joints]) for side, values in result.noise.items()]
+def _residual_rows(
+    result: Identification,
+) -> list[tuple[str, list[tuple[str, list[float | None]]]]]:
+    fitted = [
+        (COMPARED[side], [values.get(joint) for joint in result.joints])
+        for side, values in result.noise.items()
+    ]
     unit = result.units.over("Nm")
     tables = [(f"residual of the fit, {unit}", fitted)]
     for recording, arms in (result.validation or {}).items():
-        sides = [(arm, side, values) for arm, by_side in arms.items() for side, values in by_side.items()]
-        rows = [(f"{arm}, {COMPARED[side]}", [*map(values.get, result.joints)]) for arm, side, values in sides]
+        sides = [
+            (arm, side, values) for arm, by_side in arms.items() for side, values in by_side.items()
+        ]
+        rows = [
+            (f"{arm}, {COMPARED[side]}", [*map(values.get, result.joints)])
+            for arm, side, values in sides
+        ]
         tables.append((f"validation on {recording}, {unit}", rows))
     return tables

@@ -22,10 +22,16 @@ if TYPE_CHECKING:
 
 Model = Annotated[str, typer.Option(help="mod1, mod2 or mod3.")]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON, for scripts.")]
-Quiet = Annotated[bool, typer.Option("--quiet", help="Print nothing but errors, and JSON if that is asked for.")]
-Channels = Annotated[Path | None, typer.Option(help="Channel map (YAML) of foreign bags; see docs/channel_maps.md.")]
+Quiet = Annotated[
+    bool, typer.Option("--quiet", help="Print nothing but errors, and JSON if that is asked for.")
+]
+Channels = Annotated[
+    Path | None, typer.Option(help="Channel map (YAML) of foreign bags; see docs/channel_maps.md.")
+]
 Seed = Annotated[int, typer.Option(min=0, help="The same seed gives the same result.")]
-Refit = Annotated[bool, typer.Option("--refit", help="The description's numbers cannot be exact: fit them.")]
+Refit = Annotated[
+    bool, typer.Option("--refit", help="The description's numbers cannot be exact: fit them.")
+]
 OutFolder = Annotated[Path, typer.Option("--out", help="Folder for the results.")]
 
 
@@ -46,12 +52,18 @@ Clock = Annotated[
     ),
 ]
 Namespace = Annotated[
-    str | None, typer.Option(help="Of the arm, where bags hold several: left for /left/joint_states and so on.")
+    str | None,
+    typer.Option(
+        help="Of the arm, where bags hold several: left for /left/joint_states and so on."
+    ),
 ]
 Motion = Annotated[
-    float | None, typer.Option("--motion", min=10.0, metavar="SECONDS", help="Most motion taken of a recording.")
+    float | None,
+    typer.Option("--motion", min=10.0, metavar="SECONDS", help="Most motion taken of a recording."),
 ]
-RobotFile = Annotated[Path | None, typer.Option("--robot", help="Arm file, URDF or MJCF; the nominal arm by default.")]
+RobotFile = Annotated[
+    Path | None, typer.Option("--robot", help="Arm file, URDF or MJCF; the nominal arm by default.")
+]
 Chain = Annotated[
     str | None,
     typer.Option(
@@ -85,14 +97,19 @@ def completions(ctx: typer.Context, incomplete: str) -> list[str]:
             offered = []  # a file that is refused is so when the command runs
     elif given:
         stated, comma, _ = last.rpartition(",")
-        names = [entry.name for entry in EFFECTS[given[0]].parameters] if given[0] in EFFECTS else []
+        names = (
+            [entry.name for entry in EFFECTS[given[0]].parameters] if given[0] in EFFECTS else []
+        )
         offered = [f"{stated}{comma}{name}=" for name in names]
     return [text for one in offered if (text := ":".join([*given, one])).startswith(incomplete)]
 
 
 PriorsFile = Annotated[
     Path | None,
-    typer.Option("--priors", help="YAML of how far masses, stiffness and sensors may be off; see docs/diagnosis.md."),
+    typer.Option(
+        "--priors",
+        help="YAML of how far masses, stiffness and sensors may be off; see docs/diagnosis.md.",
+    ),
 ]
 KnownEffects = Annotated[
     list[str] | None,
@@ -105,12 +122,17 @@ KnownEffects = Annotated[
 ]
 EffectsFiles = Annotated[
     list[Path] | None,
-    typer.Option("--effects", is_eager=True, help="Python file with effects of your own; may be repeated."),
+    typer.Option(
+        "--effects", is_eager=True, help="Python file with effects of your own; may be repeated."
+    ),
 ]
 
 
 def load_arm(
-    path: Path | None, chain: str | None = None, at: str | None = None, catalogue: Catalogue | None = None
+    path: Path | None,
+    chain: str | None = None,
+    at: str | None = None,
+    catalogue: Catalogue | None = None,
 ) -> Robot:
     """Read a robot description, of a URDF or MJCF the part that `chain` names, and check that its effects exist.
 
@@ -132,8 +154,14 @@ def load_arm(
 def refuse_doubtful(robot: Robot) -> None:
     """Raise a RobotError for numbers that no arm has: no motion is to be made of them."""
     if doubts := doubtful(robot):
-        more = f" (and {len(doubts) - 1} more: `elastic-arm describe` lists them)" if len(doubts) > 1 else ""
-        raise RobotError(f"{doubts[0]}{more}", "Correct the description, or state limits in an overlay.")
+        more = (
+            f" (and {len(doubts) - 1} more: `elastic-arm describe` lists them)"
+            if len(doubts) > 1
+            else ""
+        )
+        raise RobotError(
+            f"{doubts[0]}{more}", "Correct the description, or state limits in an overlay."
+        )
 
 
 def channel_map(path: Path | None) -> ChannelMap | None:
@@ -171,7 +199,9 @@ def require_bags(bags: Sequence[Path]) -> None:
         if not os.path.exists(bag):
             raise RecordingError(f"{bag} does not exist", WHAT_IS_A_BAG)
         if bag.resolve() in seen:
-            raise RecordingError(f"{bag} is given twice", "Give every recording once, and validate on another.")
+            raise RecordingError(
+                f"{bag} is given twice", "Give every recording once, and validate on another."
+            )
         seen.add(bag.resolve())
 
 
@@ -195,14 +225,20 @@ def read_motion(
 
     telling = MostTelling(robot, most or usual, exact=most is not None)
     arrival = clock is ClockChoice.arrival
-    for part, share in read_parts(path, channels, robot.joint_names, arrival=arrival, namespace=namespace):
+    for part, share in read_parts(
+        path, channels, robot.joint_names, arrival=arrival, namespace=namespace
+    ):
         telling.add(part)
         report(f"reading {path}: {telling.moving:.0f} s of motion", share)
     return _by_clock(telling.recording(), path, robot, clock)
 
 
 def read_by_clock(
-    path: Path, channels: ChannelMap | None, robot: Robot, clock: ClockChoice, namespace: str | None = None
+    path: Path,
+    channels: ChannelMap | None,
+    robot: Robot,
+    clock: ClockChoice,
+    namespace: str | None = None,
 ) -> Recording:
     """Read a recording whose stamps mean what the user demands, with notes on what cannot be right of it.
 

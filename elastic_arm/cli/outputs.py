@@ -46,7 +46,8 @@ def claim_file(path: Path, *, force: bool, option: str = "--out") -> None:
     if path.exists():
         if not force:
             raise OutputError(
-                f"{path} exists already", f"Name another file with {option}, or overwrite it with --force."
+                f"{path} exists already",
+                f"Name another file with {option}, or overwrite it with --force.",
             )
         if not os.access(path, os.W_OK):
             raise OutputError(f"{path} may not be written", f"Name another file with {option}.")
@@ -60,7 +61,10 @@ def claim_bag(path: Path, option: str = "--out") -> None:
     """
     _check_name(path, option)
     if path.exists():
-        raise OutputError(f"{path} exists already", f"Choose another name with {option}: no recording is overwritten.")
+        raise OutputError(
+            f"{path} exists already",
+            f"Choose another name with {option}: no recording is overwritten.",
+        )
     _check_folder(path.parent, option)
 
 
@@ -90,10 +94,13 @@ def _check_folder(folder: Path, option: str) -> None:
         whole = folder.absolute()
     except FileNotFoundError:
         raise OutputError(
-            "the folder that the command runs in was removed", f"Go to another, or name a whole path with {option}."
+            "the folder that the command runs in was removed",
+            f"Go to another, or name a whole path with {option}.",
         ) from None
     present = next(path for path in (whole, *whole.parents) if path.exists())
     if not present.is_dir():
         raise OutputError(f"{present} is a file, not a folder", f"Name another place for {option}.")
     if not os.access(present, os.W_OK | os.X_OK):
-        raise OutputError(f"the folder {present} may not be written", f"Name another place for {option}.")
+        raise OutputError(
+            f"the folder {present} may not be written", f"Name another place for {option}."
+        )

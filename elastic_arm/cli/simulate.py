@@ -17,7 +17,12 @@ from elastic_arm.diagnosis.words import instance_text
 from elastic_arm.dynamics import build_model
 from elastic_arm.effects import Catalogue, EffectInstance, parse
 from elastic_arm.errors import SensorError, SimulationError
-from elastic_arm.excitation import FourierTrajectory, MotionLimits, load_trajectory, random_trajectories
+from elastic_arm.excitation import (
+    FourierTrajectory,
+    MotionLimits,
+    load_trajectory,
+    random_trajectories,
+)
 from elastic_arm.formatting import JointUnits
 from elastic_arm.recording import Recording, write_recording
 from elastic_arm.robot import Robot
@@ -34,9 +39,13 @@ def _list_effects(context: typer.Context, value: bool) -> None:
     if not value:
         return
     table = new_table("effect", "law", "parameters", "sits on", whole=("effect",))
-    for effect in Catalogue.default().with_files(context.params.get("effects_files") or ()).values():
+    for effect in (
+        Catalogue.default().with_files(context.params.get("effects_files") or ()).values()
+    ):
         numbers = [f"{p.name} [{p.unit}]" for p in effect.parameters]
-        choices = [f"{c.name} ({('+' if c.several else '|').join(c.values)})" for c in effect.choices]
+        choices = [
+            f"{c.name} ({('+' if c.several else '|').join(c.values)})" for c in effect.choices
+        ]
         cells = (effect.id, effect.formula, ", ".join([*numbers, *choices]), effect.scope.value)
         table.add_row(*(escape(cell) for cell in cells))
     out.print(table)
@@ -45,36 +54,62 @@ def _list_effects(context: typer.Context, value: bool) -> None:
 
 @reports_errors
 def simulate(
-    out_bag: Annotated[Path, typer.Option("--out", help="Bag to make (a folder that does not exist).")],
+    out_bag: Annotated[
+        Path, typer.Option("--out", help="Bag to make (a folder that does not exist).")
+    ],
     robot_file: Annotated[
-        Path | None, typer.Option("--robot", help="True arm: arm file, URDF or MJCF; the nominal arm by default.")
+        Path | None,
+        typer.Option(
+            "--robot", help="True arm: arm file, URDF or MJCF; the nominal arm by default."
+        ),
     ] = None,
     chain: options.Chain = None,
     at: options.At = None,
     nominal_file: Annotated[
-        Path | None, typer.Option("--nominal", help="What controller and recording believe; the true arm by default.")
+        Path | None,
+        typer.Option(
+            "--nominal", help="What controller and recording believe; the true arm by default."
+        ),
     ] = None,
     trajectory: Annotated[
-        str, typer.Option(help="Trajectory file, or 'default': a random Fourier motion within the limits.")
+        str,
+        typer.Option(
+            help="Trajectory file, or 'default': a random Fourier motion within the limits."
+        ),
     ] = DEFAULT_TRAJECTORY,
     effect: Annotated[
         list[str] | None,
         typer.Option(
-            "--effect", help="EFFECT[:JOINT][:NAME=VALUE,…]; may be repeated.", autocompletion=options.completions
+            "--effect",
+            help="EFFECT[:JOINT][:NAME=VALUE,…]; may be repeated.",
+            autocompletion=options.completions,
         ),
     ] = None,
     effects_files: options.EffectsFiles = None,
     list_effects: Annotated[
-        bool, typer.Option("--list-effects", callback=_list_effects, is_eager=True, help="Show the catalogue.")
+        bool,
+        typer.Option(
+            "--list-effects", callback=_list_effects, is_eager=True, help="Show the catalogue."
+        ),
     ] = False,
     model: options.Model = "mod3",
     bearings: Annotated[bool, typer.Option("--bearings", help="Let the bearings tilt.")] = False,
-    duration: Annotated[float | None, typer.Option(help="s; that of the trajectory by default.")] = None,
-    rate: Annotated[float | None, typer.Option(help="Samples a second; the arm file's by default.")] = None,
+    duration: Annotated[
+        float | None, typer.Option(help="s; that of the trajectory by default.")
+    ] = None,
+    rate: Annotated[
+        float | None, typer.Option(help="Samples a second; the arm file's by default.")
+    ] = None,
     substeps: Annotated[int, typer.Option(help="Integration steps a sample at least; even.")] = 10,
-    sensors: Annotated[str, typer.Option(help="nominal, exact, or real (encoder noise, jitter).")] = "nominal",
-    noise: Annotated[float | None, typer.Option(help="Standard deviation of the torque noise, Nm.")] = None,
-    encoder_noise: Annotated[float | None, typer.Option(help="Standard deviation of the encoders, rad.")] = None,
+    sensors: Annotated[
+        str, typer.Option(help="nominal, exact, or real (encoder noise, jitter).")
+    ] = "nominal",
+    noise: Annotated[
+        float | None, typer.Option(help="Standard deviation of the torque noise, Nm.")
+    ] = None,
+    encoder_noise: Annotated[
+        float | None, typer.Option(help="Standard deviation of the encoders, rad.")
+    ] = None,
     seed: options.Seed = 0,
     json: options.Json = False,
 ) -> None:
@@ -95,22 +130,37 @@ def simulate(
     claim_bag(out_bag)
     catalogue = Catalogue.default().with_files(effects_files or ())
     robot = options.load_arm(robot_file, chain, at, catalogue)
-    nominal = robot.with_(effects=()) if nominal_file is None else options.load_arm(nominal_file, catalogue=catalogue)
+    nominal = (
+        robot.with_(effects=())
+        if nominal_file is None
+        else options.load_arm(nominal_file, catalogue=catalogue)
+    )
     check_same_joints(robot, nominal)
     effects = [parse(text, robot, catalogue) for text in effect or ()]
     motion = _motion(trajectory, nominal, model, seed)
     read = _sensors(sensors, robot, noise, encoder_noise)
     sampled = robot.sample_rate if rate is None else rate
     settings = SimulationSettings(
-        model, bearings, effects, read, nominal=nominal, rate=sampled, substeps=substeps, catalogue=catalogue
+        model,
+        bearings,
+        effects,
+        read,
+        nominal=nominal,
+        rate=sampled,
+        substeps=substeps,
+        catalogue=catalogue,
     )
     begin = time.perf_counter()
-    recording = _simulated(robot, motion, settings, duration=duration, rng=np.random.default_rng(seed))
+    recording = _simulated(
+        robot, motion, settings, duration=duration, rng=np.random.default_rng(seed)
+    )
     seconds = time.perf_counter() - begin
     write_recording(out_bag, recording)
     summary = _summary(recording, effects, seconds, robot.units)
     if json:
-        print_json({"bag": str(out_bag), "robot": robot.name, "model": model, "seed": seed, **summary})
+        print_json(
+            {"bag": str(out_bag), "robot": robot.name, "model": model, "seed": seed, **summary}
+        )
     else:
         _print_summary(effects, summary, out_bag, robot.units)
 
@@ -138,7 +188,8 @@ def _motion(trajectory: str, robot: Robot, model: str, seed: int) -> FourierTraj
         motion = load_trajectory(trajectory)
         if motion.n != robot.n:
             raise SimulationError(
-                f"{trajectory} moves {motion.n} joints, {robot.name} has {robot.n}", "Make one with elastic-arm excite."
+                f"{trajectory} moves {motion.n} joints, {robot.name} has {robot.n}",
+                "Make one with elastic-arm excite.",
             )
         return motion
     rng = np.random.default_rng(seed)
@@ -151,14 +202,18 @@ def _sensors(name: str, robot: Robot, noise: float | None, encoder_noise: float 
     sensors = SENSORS[name]()
     torque = robot.torque_noise_std if noise is None and name != "exact" else noise
     if torque is not None:
-        sensors = replace(sensors, joint_torque=TorqueSensor(torque), motor_torque=TorqueSensor(torque))
+        sensors = replace(
+            sensors, joint_torque=TorqueSensor(torque), motor_torque=TorqueSensor(torque)
+        )
     if encoder_noise is not None:
         encoder: Encoder = replace(sensors.link_encoder, noise=encoder_noise)
         sensors = replace(sensors, link_encoder=encoder, motor_encoder=encoder)
     return sensors
 
 
-def _summary(recording: Recording, effects: list[EffectInstance], seconds: float, units: JointUnits) -> dict[str, Any]:
+def _summary(
+    recording: Recording, effects: list[EffectInstance], seconds: float, units: JointUnits
+) -> dict[str, Any]:
     samples = recording.samples()
     reference = recording.reference
     torque = np.abs(samples.tau_m).max(axis=0) if samples.tau_m is not None else []
@@ -176,20 +231,31 @@ def _summary(recording: Recording, effects: list[EffectInstance], seconds: float
         "peak_motor_torque_nm": [float(value) for value in torque],
         "largest_tracking_error_rad": [float(value) for value in lag],
         # Of these two, where a joint slides.
-        "units": {joint: [units.at(joint, unit) for unit in ("Nm", "rad")] for joint in recording.joints},
+        "units": {
+            joint: [units.at(joint, unit) for unit in ("Nm", "rad")] for joint in recording.joints
+        },
     }
 
 
-def _print_summary(effects: list[EffectInstance], summary: dict[str, Any], bag: Path, units: JointUnits) -> None:
+def _print_summary(
+    effects: list[EffectInstance], summary: dict[str, Any], bag: Path, units: JointUnits
+) -> None:
     out.print(
         f"{summary['duration_s']:g} s of motion, {summary['samples']} samples, simulated in {summary['wall_s']:.2f} s"
     )
     for instance in effects:
         place, words = instance.joint or "the whole arm", instance_text(instance, units)
-        out.print(f"  [bold]{instance.effect.id}[/] on {escape(place)}: {escape(words) or 'no parameters'}")
+        out.print(
+            f"  [bold]{instance.effect.id}[/] on {escape(place)}: {escape(words) or 'no parameters'}"
+        )
     numbers = (f"peak tau_m, {units.over('Nm')}", f"off the reference, {units.over('mrad')}")
     table = new_table("joint", *numbers, right=numbers)
-    rows = zip(summary["joints"], summary["peak_motor_torque_nm"], summary["largest_tracking_error_rad"], strict=True)
+    rows = zip(
+        summary["joints"],
+        summary["peak_motor_torque_nm"],
+        summary["largest_tracking_error_rad"],
+        strict=True,
+    )
     for joint, torque, lag in rows:
         table.add_row(escape(joint), f"{torque:.1f}", f"{1e3 * lag:.2f}")
     out.print(table)

@@ -33,14 +33,18 @@ class CEngine:
 
     def __init__(self, program: Program, shared: Sequence[str]) -> None:
         self._program = program
-        self.library = build_once(block_identity(program, shared), lambda: emit_block(program, shared))
+        self.library = build_once(
+            block_identity(program, shared), lambda: emit_block(program, shared)
+        )
         self.library.dense.argtypes = [ctypes.c_long, _ARRAY, _ARRAY, _ARRAY, ctypes.c_int]
         self.library.prepare_shared.argtypes = [_ARRAY, _ARRAY]
         self.library.prepared_size.restype = ctypes.c_long
         self.library.information.argtypes = [ctypes.c_long, *[_ARRAY] * 6]
         self._is_shared = [name in set(shared) for name, _ in program.inputs]
 
-    def run(self, arrays: Sequence[np.ndarray], outputs: Sequence[np.ndarray], *, fresh: bool) -> None:
+    def run(
+        self, arrays: Sequence[np.ndarray], outputs: Sequence[np.ndarray], *, fresh: bool
+    ) -> None:
         """Fill `outputs` (N, size) from `arrays`: (N, k), or (k,) where shared; `fresh` ones are just allocated.
 
         arrays: (N, k) values of each argument; (k,) where it is shared by all samples; outputs: (N, size) each,
@@ -51,7 +55,9 @@ class CEngine:
 
         def chunk(start: int, stop: int) -> None:
             into = pointers([out[start:stop] for out in outputs])
-            if self.library.dense(stop - start, self.inputs(arrays, start), prepared.ctypes.data, into, way):
+            if self.library.dense(
+                stop - start, self.inputs(arrays, start), prepared.ctypes.data, into, way
+            ):
                 raise MemoryError("no memory for a block of samples")
 
         in_chunks(len(outputs[0]), chunk)
@@ -77,7 +83,9 @@ class CEngine:
             hi[:], lo[:] = 0.0, 0.0
             addresses = [array.ctypes.data for array in (prepared, y[start:stop])]
             into = [array.ctypes.data for array in (hi, lo)]
-            if self.library.information(stop - start, self.inputs(arrays, start), *addresses, accumulate, *into):
+            if self.library.information(
+                stop - start, self.inputs(arrays, start), *addresses, accumulate, *into
+            ):
                 raise MemoryError("no memory for a tile of samples")
             sums[start] = hi, lo
 
@@ -101,7 +109,10 @@ class CEngine:
     def inputs(self, arrays: Sequence[np.ndarray], start: int) -> ctypes.Array[ctypes.c_void_p]:
         """Pointers to the inputs from sample `start` on."""
         return pointers(
-            [array if shared else array[start:] for array, shared in zip(arrays, self._is_shared, strict=True)]
+            [
+                array if shared else array[start:]
+                for array, shared in zip(arrays, self._is_shared, strict=True)
+            ]
         )
 
 
@@ -117,7 +128,11 @@ def _way(outputs: Sequence[np.ndarray], fresh: bool) -> int:
     if fresh and all(out.nbytes >= _CLEARED_BYTES for out in outputs):
         return _ONTO_ZEROS
     aligned = all(out.ctypes.data % _STREAMED_BYTES == 0 for out in outputs)
-    return _PAST_CACHES if aligned and sum(out.nbytes for out in outputs) > _PAST_CACHES_BYTES else _COPY
+    return (
+        _PAST_CACHES
+        if aligned and sum(out.nbytes for out in outputs) > _PAST_CACHES_BYTES
+        else _COPY
+    )
 
 
 def pointers(arrays: Sequence[np.ndarray]) -> ctypes.Array[ctypes.c_void_p]:

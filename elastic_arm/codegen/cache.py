@@ -31,7 +31,9 @@ def cache_folder() -> Path:
     Raises an OSError if no temporary folder can be made either.
     """
     chosen = os.environ.get(CACHE_VARIABLE)
-    folder = (Path(chosen) if chosen else Path(platformdirs.user_cache_dir("elastic_arm"))).absolute()
+    folder = (
+        Path(chosen) if chosen else Path(platformdirs.user_cache_dir("elastic_arm"))
+    ).absolute()
     if folder in _REPLACED:
         return _REPLACED[folder]
     try:
@@ -74,7 +76,9 @@ def is_own_file(path: Path) -> bool:
         return False
     if not stat.S_ISREG(found.st_mode) or found.st_size > LARGEST_FILE:
         return False
-    return not hasattr(os, "getuid") or (found.st_uid == os.getuid() and not found.st_mode & _BY_OTHERS)
+    return not hasattr(os, "getuid") or (
+        found.st_uid == os.getuid() and not found.st_mode & _BY_OTHERS
+    )
 
 
 def _problem(folder: Path) -> str:
@@ -93,7 +97,11 @@ def _problem(folder: Path) -> str:
         if (mode := part.lstat()).st_uid not in (0, os.getuid()):
             return f"is reached by way of {part}, which belongs to another user"
         # Of a folder with the sticky bit, such as /tmp, others cannot take away what is not theirs.
-        if stat.S_ISDIR(mode.st_mode) and mode.st_mode & _BY_OTHERS and not mode.st_mode & stat.S_ISVTX:
+        if (
+            stat.S_ISDIR(mode.st_mode)
+            and mode.st_mode & _BY_OTHERS
+            and not mode.st_mode & stat.S_ISVTX
+        ):
             return f"is reached by way of {part}, to which others may write"
     return ""
 
@@ -126,5 +134,9 @@ def whole(path: Path) -> Iterator[Path]:
 @functools.cache
 def source_digest(*sources: Path) -> str:
     """Digest of Python files, and of all those below folders: what was derived by other source is derived again."""
-    files = [path for source in sources for path in (sorted(source.rglob("*.py")) if source.is_dir() else [source])]
+    files = [
+        path
+        for source in sources
+        for path in (sorted(source.rglob("*.py")) if source.is_dir() else [source])
+    ]
     return hashlib.sha256(b"".join(path.read_bytes() for path in files)).hexdigest()

@@ -12,7 +12,13 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
-from elastic_arm.codegen.cache import CACHE_VARIABLE, cache_folder, is_own_file, replace_folder, whole
+from elastic_arm.codegen.cache import (
+    CACHE_VARIABLE,
+    cache_folder,
+    is_own_file,
+    replace_folder,
+    whole,
+)
 from elastic_arm.errors import KernelError
 
 _TIMEOUT_S = 300.0
@@ -33,7 +39,8 @@ def find_compiler() -> tuple[str, ...] | None:
         commands = [["cc"], ["gcc"], ["clang"]] if asked is None else [shlex.split(asked) or [""]]
     except ValueError as error:
         raise KernelError(
-            f"CC={asked!r} is no command ({error})", "Set CC to a working C compiler, or to nothing to do without"
+            f"CC={asked!r} is no command ({error})",
+            "Set CC to a working C compiler, or to nothing to do without",
         ) from error
     for name, *options in commands:
         if path := shutil.which(name):
@@ -73,10 +80,13 @@ def build_once(
             return _found_or_made(folder / name, source, compiler, flags)
         except OSError as error:  # a disk that is full, may not be written, or runs no programs
             reason = (error.strerror or str(error)).removeprefix(f"{folder / name}: ")
-        return _found_or_made(replace_folder(folder, f"cannot be used ({reason})") / name, source, compiler, flags)
+        return _found_or_made(
+            replace_folder(folder, f"cannot be used ({reason})") / name, source, compiler, flags
+        )
     except OSError as error:
         raise KernelError(
-            f"there is no place for compiled code ({error})", f"Set {CACHE_VARIABLE} to a folder you may write to"
+            f"there is no place for compiled code ({error})",
+            f"Set {CACHE_VARIABLE} to a folder you may write to",
         ) from error
 
 
@@ -86,7 +96,9 @@ def _found_or_made(
     if not _is_whole(library):
         content = _compiled(source(), compiler, flags)
         with whole(library) as passing:
-            passing.write_bytes(content + _digest(content))  # loaders take no notice of what follows the last section
+            passing.write_bytes(
+                content + _digest(content)
+            )  # loaders take no notice of what follows the last section
     return ctypes.CDLL(str(library))
 
 
@@ -98,7 +110,10 @@ def _is_whole(library: Path) -> bool:
         content = library.read_bytes()
     except OSError:
         return False
-    return len(content) > _DIGEST_BYTES and _digest(content[:-_DIGEST_BYTES]) == content[-_DIGEST_BYTES:]
+    return (
+        len(content) > _DIGEST_BYTES
+        and _digest(content[:-_DIGEST_BYTES]) == content[-_DIGEST_BYTES:]
+    )
 
 
 def _digest(content: bytes) -> bytes:
@@ -106,7 +121,9 @@ def _digest(content: bytes) -> bytes:
 
 
 def _key(identity: str, compiler: tuple[str, ...], flags: tuple[str, ...]) -> str:
-    content = "\0".join([identity, *compiler, *_compiler_stamp(compiler[0]), *_FLAGS, *flags, processor()])
+    content = "\0".join(
+        [identity, *compiler, *_compiler_stamp(compiler[0]), *_FLAGS, *flags, processor()]
+    )
     return hashlib.sha256(content.encode()).hexdigest()[:32]
 
 
@@ -138,9 +155,21 @@ def _compiled(source: str, compiler: tuple[str, ...], flags: tuple[str, ...]) ->
         text.write_text(source, encoding="utf-8")
         for variant in _VARIANTS:
             libraries = [name for flag in variant for name in _LIBRARIES.get(flag, ())]
-            command = [*compiler, *_FLAGS, *flags, *variant, str(text), "-o", str(made), *libraries, "-lm"]
+            command = [
+                *compiler,
+                *_FLAGS,
+                *flags,
+                *variant,
+                str(text),
+                "-o",
+                str(made),
+                *libraries,
+                "-lm",
+            ]
             try:
-                done = subprocess.run(command, capture_output=True, text=True, timeout=_TIMEOUT_S, check=False)
+                done = subprocess.run(
+                    command, capture_output=True, text=True, timeout=_TIMEOUT_S, check=False
+                )
             except subprocess.TimeoutExpired as error:
                 raise KernelError(
                     f"{compiler[0]} did not end within {_TIMEOUT_S:g} s", "Run with an empty CC"
@@ -149,4 +178,7 @@ def _compiled(source: str, compiler: tuple[str, ...], flags: tuple[str, ...]) ->
                 return made.read_bytes()
             messages.append(done.stderr.strip())
     first = messages[-1].splitlines()[0] if messages[-1] else "no message"
-    raise KernelError(f"{compiler[0]} failed: {first}", "Set CC to a working C compiler, or to nothing to do without")
+    raise KernelError(
+        f"{compiler[0]} failed: {first}",
+        "Set CC to a working C compiler, or to nothing to do without",
+    )

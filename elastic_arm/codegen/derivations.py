@@ -22,9 +22,13 @@ _READER = Path(__file__).with_name("program.py")
 _UNREADABLE = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, RuntimeError)
 
 
-def cached_program(key: str, derive: Callable[[], casadi.Function], sources: Sequence[Path]) -> Program:
+def cached_program(
+    key: str, derive: Callable[[], casadi.Function], sources: Sequence[Path]
+) -> Program:
     """Return the program of `derive()`, from the cache where it is there; arguments as of `_cached`."""
-    return _cached(key, ".npz", [*sources, _READER], lambda: from_casadi(derive()), Program.load, Program.save)
+    return _cached(
+        key, ".npz", [*sources, _READER], lambda: from_casadi(derive()), Program.load, Program.save
+    )
 
 
 def cached_functions(

@@ -67,7 +67,9 @@ def _source(name: str) -> str:
 def _lane_functions(program: Program, uniform: np.ndarray) -> list[str]:
     """Lane by lane versions of what C has no operator for."""
     lines = []
-    for name in sorted({NAMES[code] for code in program.op[~uniform]} - set(INFIX) - {"input", "const", "neg"}):
+    for name in sorted(
+        {NAMES[code] for code in program.op[~uniform]} - set(INFIX) - {"input", "const", "neg"}
+    ):
         arity = OPERATIONS[name]
         expression = scalar_expression(name, ["x[l]", "y[l]"][:arity])
         lines.append(f"LANEWISE{'2' if arity == 2 else ''}({name}, ({expression}))")
@@ -108,7 +110,11 @@ def _compute(program: Program, uniform: np.ndarray) -> list[str]:
     through ``work``.
     """
     shared = {k: f"shared[{slot}]" for slot, k in enumerate(_handed_over(program, uniform))}
-    shared |= {k: literal(program.constant[k]) for k in range(len(program)) if NAMES[program.op[k]] == "const"}
+    shared |= {
+        k: literal(program.constant[k])
+        for k in range(len(program))
+        if NAMES[program.op[k]] == "const"
+    }
     order = [k for k in range(len(program)) if not uniform[k] and NAMES[program.op[k]] != "input"]
     part_of = {k: position // _PART for position, k in enumerate(order)}
     passed: dict[int, int] = {}
@@ -117,7 +123,9 @@ def _compute(program: Program, uniform: np.ndarray) -> list[str]:
             if v in part_of and part_of[v] < part_of[k]:
                 passed.setdefault(v, len(passed))
     targets: dict[int, list[int]] = {}
-    for position, value in enumerate(np.concatenate([out.values for out in program.outputs]).tolist()):
+    for position, value in enumerate(
+        np.concatenate([out.values for out in program.outputs]).tolist()
+    ):
         targets.setdefault(value, []).append(position)
     signature = "(const double *const *in, const double *shared, v8 *out, long step, v8 *work)"
     lines, calls = [], []
@@ -132,7 +140,9 @@ def _compute(program: Program, uniform: np.ndarray) -> list[str]:
             lines += [f"  out[{position} * step] = t{k};" for position in targets.get(k, ())]
             lines += [f"  work[{passed[k]}] = t{k};"] if k in passed else []
         lines.append("}")
-    lines.append("static void compute(const double *const *in, const double *shared, v8 *out, long step) {")
+    lines.append(
+        "static void compute(const double *const *in, const double *shared, v8 *out, long step) {"
+    )
     lines += [f"  v8 work[{len(passed) + 1}];", *calls]
     for k, positions in targets.items():
         if k not in part_of:
@@ -151,14 +161,18 @@ def _named(program: Program, k: int, names: dict[int, str], passed: dict[int, in
     for v in _operands(program, k):
         if v not in names:
             names[v] = f"t{v}"
-            lines.append(f"  const v8 t{v} = {_load(program, v) if v not in passed else f'work[{passed[v]}]'};")
+            lines.append(
+                f"  const v8 t{v} = {_load(program, v) if v not in passed else f'work[{passed[v]}]'};"
+            )
     return lines
 
 
 def _load(program: Program, k: int) -> str:
     """Element of an input at eight samples."""
     size, base = program.inputs[program.a[k]][1], f"in[{program.a[k]}]"
-    return "(v8){" + ", ".join(f"{base}[{program.b[k] + lane * size}]" for lane in range(LANES)) + "}"
+    return (
+        "(v8){" + ", ".join(f"{base}[{program.b[k] + lane * size}]" for lane in range(LANES)) + "}"
+    )
 
 
 def _lane_expression(program: Program, k: int, uniform: np.ndarray, names: dict[int, str]) -> str:
@@ -202,17 +216,23 @@ def _spread(program: Program) -> list[str]:
         fours, singles = _runs(out, offset)
         for place, run in fours:
             for half in (0, 4):
-                four = ", ".join("nil" if k is None else f"*(const v4 *)(v + {k * LANES + half})" for k in run)
+                four = ", ".join(
+                    "nil" if k is None else f"*(const v4 *)(v + {k * LANES + half})" for k in run
+                )
                 lines.append(f"  store_lanes({four}, to + {place + half * out.size}, {out.size});")
         for place, k in singles:
-            lines += [f"  to[{place + lane * out.size}] = v[{k * LANES + lane}];" for lane in range(LANES)]
+            lines += [
+                f"  to[{place + lane * out.size}] = v[{k * LANES + lane}];" for lane in range(LANES)
+            ]
         lines.append("}")
         offset += len(out.values)
     names = ", ".join(f"spread_{number}" for number in range(len(program.outputs)))
     return [*lines, f"static void (*const spread[])(const double *, double *) = {{{names}}};"]
 
 
-def _runs(out: Output, offset: int) -> tuple[list[tuple[int, list[int | None]]], list[tuple[int, int]]]:
+def _runs(
+    out: Output, offset: int
+) -> tuple[list[tuple[int, list[int | None]]], list[tuple[int, int]]]:
     """Cover an output's places by runs of four, None where null, and by single ones where a run would not pay."""
     value_at = {place: offset + k for k, place in enumerate(out.places.tolist())}
     fours: list[tuple[int, list[int | None]]] = []

@@ -37,7 +37,9 @@ class Engine(Protocol):
     def allocate(self, samples: int, size: int) -> np.ndarray:
         """Memory (samples, size) for an output."""
 
-    def run(self, arrays: Sequence[np.ndarray], outputs: Sequence[np.ndarray], *, fresh: bool) -> None:
+    def run(
+        self, arrays: Sequence[np.ndarray], outputs: Sequence[np.ndarray], *, fresh: bool
+    ) -> None:
         """Fill `outputs` from `arrays`; `fresh` ones come from :meth:`allocate`, others hold anything.
 
         arrays: (N, k) values of each argument; (k,) where it is shared by all samples; outputs: (N, size) each,
@@ -97,12 +99,19 @@ class Kernel:
         return self.engine.row_products(arrays, y, entries, rounded=rounded)
 
     def _shapes(self, samples: int) -> list[tuple[int, ...]]:
-        return [(samples, out.size) if out.shape[1] == 1 else (samples, *out.shape) for out in self.program.outputs]
+        return [
+            (samples, out.size) if out.shape[1] == 1 else (samples, *out.shape)
+            for out in self.program.outputs
+        ]
 
     def _flat(self, given: Sequence[np.ndarray], samples: int) -> list[np.ndarray]:
         shapes = self._shapes(samples)
-        if [(a.shape, a.dtype, a.flags.carray) for a in given] != [(s, np.dtype(float), True) for s in shapes]:
-            raise ValueError(f"out must be contiguous, writable arrays of floats of shapes {shapes}")
+        if [(a.shape, a.dtype, a.flags.carray) for a in given] != [
+            (s, np.dtype(float), True) for s in shapes
+        ]:
+            raise ValueError(
+                f"out must be contiguous, writable arrays of floats of shapes {shapes}"
+            )
         return [array.reshape(samples, -1) for array in given]
 
     def check(self, arrays: Sequence[np.ndarray]) -> tuple[list[np.ndarray], int]:
@@ -118,16 +127,22 @@ class Kernel:
             array = np.ascontiguousarray(given, dtype=float)
             expected = (size,) if name in self.shared else (len(array) if array.ndim else 0, size)
             if array.shape != expected:
-                raise ValueError(f"{name} has shape {array.shape}, but must be {('N', size)[-len(expected) :]}")
+                raise ValueError(
+                    f"{name} has shape {array.shape}, but must be {('N', size)[-len(expected) :]}"
+                )
             if name not in self.shared:
                 if samples not in (None, len(array)):
-                    raise ValueError(f"{name} has {len(array)} samples, the inputs before it {samples}")
+                    raise ValueError(
+                        f"{name} has {len(array)} samples, the inputs before it {samples}"
+                    )
                 samples = len(array)
             ready.append(array)
         return ready, 1 if samples is None else samples
 
 
-def compile(function: casadi.Function, engine: str | None = None, shared: Sequence[str] = ()) -> Kernel:
+def compile(
+    function: casadi.Function, engine: str | None = None, shared: Sequence[str] = ()
+) -> Kernel:
     """Make a kernel of a CasADi SX function.
 
     engine: ``"c"``, ``"numpy"``, or None for the fastest that this machine has; shared: names of inputs that are
@@ -149,7 +164,9 @@ def make(program: Program, engine: str | None = None, shared: Sequence[str] = ()
 
 def _choose(program: Program, engine: str | None, shared: Sequence[str]) -> Engine:
     if engine not in (None, "c", "numpy"):
-        raise KernelError(f"there is no engine {engine!r}", "Choose c or numpy, or None for the faster one")
+        raise KernelError(
+            f"there is no engine {engine!r}", "Choose c or numpy, or None for the faster one"
+        )
     if engine == "numpy":
         return NumpyEngine(program, shared)
     try:

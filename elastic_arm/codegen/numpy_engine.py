@@ -71,7 +71,9 @@ class NumpyEngine:
         self._registers, self._count = _allocate(program, self._uniform)
         self._idle: dict[int, list[_BoundProgram]] = {}
 
-    def run(self, arrays: Sequence[np.ndarray], outputs: Sequence[np.ndarray], *, fresh: bool) -> None:
+    def run(
+        self, arrays: Sequence[np.ndarray], outputs: Sequence[np.ndarray], *, fresh: bool
+    ) -> None:
         """Fill `outputs` (N, size) from `arrays`: (N, k), or (k,) where shared; `fresh` ones hold zeros.
 
         arrays: (N, k) values of each argument; (k,) where it is shared by all samples; outputs: (N, size) each,
@@ -87,7 +89,9 @@ class NumpyEngine:
             try:
                 workspace = idle.pop()
             except IndexError:
-                workspace = _BoundProgram(self._program, self._uniform, self._registers, self._count, width)
+                workspace = _BoundProgram(
+                    self._program, self._uniform, self._registers, self._count, width
+                )
             workspace.run(arrays, outputs, start, stop)
             idle.append(workspace)
 
@@ -103,7 +107,9 @@ class NumpyEngine:
 class _BoundProgram:
     """Memory for the values of `width` samples, with a program's operations bound to it; for one thread at a time."""
 
-    def __init__(self, program: Program, uniform: np.ndarray, registers: np.ndarray, count: int, width: int) -> None:
+    def __init__(
+        self, program: Program, uniform: np.ndarray, registers: np.ndarray, count: int, width: int
+    ) -> None:
         self._width = width
         memory = np.empty((count, width))
         places: dict[int, _Places] = {}
@@ -115,7 +121,10 @@ class _BoundProgram:
         self._steps: list[_Step] = []
         # Values that no sample changes are arrays without dimensions: numpy converts those fastest.
         operands: list[np.ndarray] = []
-        rows = zip(*(v.tolist() for v in (program.op, program.a, program.b, uniform, registers)), strict=True)
+        rows = zip(
+            *(v.tolist() for v in (program.op, program.a, program.b, uniform, registers)),
+            strict=True,
+        )
         for k, (op, a, b, once, register) in enumerate(rows):
             name, mine = NAMES[op], places.get(k, [])
             target = np.array(program.constant[k]) if once else memory[register]
@@ -124,11 +133,15 @@ class _BoundProgram:
                 (self._once if once else self._loads).append(_Load(a, b, target, mine))
             elif name != "const":
                 arguments = (*(operands[t] for t in (a, b)[: OPERATIONS[name]]), target)
-                (self._once if once else self._steps).append(_Step(_UFUNCS[name], arguments, target, mine))
+                (self._once if once else self._steps).append(
+                    _Step(_UFUNCS[name], arguments, target, mine)
+                )
         # What is the same for all samples is not computed before each chunk, but stored.
         self._constants = [(operands[k], places[k]) for k in places if uniform[k]]
 
-    def run(self, arrays: Sequence[np.ndarray], outputs: Sequence[np.ndarray], start: int, stop: int) -> None:
+    def run(
+        self, arrays: Sequence[np.ndarray], outputs: Sequence[np.ndarray], start: int, stop: int
+    ) -> None:
         """Fill samples `start` to `stop` of `outputs`."""
         for task in self._once:
             if isinstance(task, _Load):
@@ -143,7 +156,9 @@ class _BoundProgram:
             for first in range(start, stop, self._width):
                 self._run_chunk(arrays, outputs, slice(first, min(first + self._width, stop)))
 
-    def _run_chunk(self, arrays: Sequence[np.ndarray], outputs: Sequence[np.ndarray], part: slice) -> None:
+    def _run_chunk(
+        self, arrays: Sequence[np.ndarray], outputs: Sequence[np.ndarray], part: slice
+    ) -> None:
         size = part.stop - part.start
         for number, element, target, places in self._loads:
             target[:size] = arrays[number][part, element]

@@ -33,7 +33,9 @@ def threads() -> int:
     """Cores this thread may share work out to: OMP_NUM_THREADS bounds them, and there is one within shared work."""
     if getattr(_OF_POOL, "value", False):
         return 1
-    available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    available = (
+        len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    )
     asked = os.environ.get("OMP_NUM_THREADS", "")
     return max(1, min(available, int(asked))) if asked.isdigit() else available
 

@@ -19,10 +19,16 @@ if TYPE_CHECKING:
 OPERATIONS: dict[str, int] = {
     "input": 0,
     "const": 0,
-    **dict.fromkeys(("add", "sub", "mul", "div", "pow", "fmod", "copysign", "fmin", "fmax", "atan2", "hypot"), 2),
+    **dict.fromkeys(
+        ("add", "sub", "mul", "div", "pow", "fmod", "copysign", "fmin", "fmax", "atan2", "hypot"), 2
+    ),
     **dict.fromkeys(("lt", "le", "eq", "ne", "and", "or", "if_else_zero"), 2),
-    **dict.fromkeys(("neg", "exp", "log", "log1p", "expm1", "sqrt", "fabs", "sign", "floor", "ceil", "not"), 1),
-    **dict.fromkeys(("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "erf"), 1),
+    **dict.fromkeys(
+        ("neg", "exp", "log", "log1p", "expm1", "sqrt", "fabs", "sign", "floor", "ceil", "not"), 1
+    ),
+    **dict.fromkeys(
+        ("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "erf"), 1
+    ),
     **dict.fromkeys(("asinh", "acosh", "atanh"), 1),
 }
 NAMES = tuple(OPERATIONS)
@@ -65,7 +71,9 @@ class Program:
         """(K,) bool: values that no sample changes, because they come from constants and `shared` inputs alone."""
         is_shared = np.array([name in set(shared) for name, _ in self.inputs])
         result = np.zeros(len(self), dtype=bool)
-        for k, (code, a, b) in enumerate(zip(self.op.tolist(), self.a.tolist(), self.b.tolist(), strict=True)):
+        for k, (code, a, b) in enumerate(
+            zip(self.op.tolist(), self.a.tolist(), self.b.tolist(), strict=True)
+        ):
             arity = OPERATIONS[NAMES[code]]
             if NAMES[code] == "input":
                 result[k] = is_shared[a]
@@ -81,7 +89,10 @@ class Program:
             if out.name == output:
                 row, column = np.divmod(out.places, out.shape[1])
                 kept = np.isin(column, list(position))
-                places = [r * len(position) + position[c] for r, c in zip(row[kept], column[kept], strict=True)]
+                places = [
+                    r * len(position) + position[c]
+                    for r, c in zip(row[kept], column[kept], strict=True)
+                ]
                 order = np.argsort(places)
                 out = Output(
                     out.name,
@@ -109,13 +120,23 @@ class Program:
         # A leaf's operands index inputs, not values.
         a, b = (np.where(leaf, v, new[np.where(leaf, 0, v)])[needed] for v in (self.a, self.b))
         outputs = tuple(replace(out, values=new[out.values]) for out in self.outputs)
-        return replace(self, outputs=outputs, op=self.op[needed], a=a, b=b, constant=self.constant[needed])
+        return replace(
+            self, outputs=outputs, op=self.op[needed], a=a, b=b, constant=self.constant[needed]
+        )
 
     def digest(self) -> str:
         """Hash of inputs, outputs and operations."""
         names = [self.inputs, [(out.name, out.shape) for out in self.outputs]]
-        arrays = [self.op, self.a, self.b, self.constant, *(v for o in self.outputs for v in (o.values, o.places))]
-        content = json.dumps(names).encode() + b"".join(np.ascontiguousarray(array).tobytes() for array in arrays)
+        arrays = [
+            self.op,
+            self.a,
+            self.b,
+            self.constant,
+            *(v for o in self.outputs for v in (o.values, o.places)),
+        ]
+        content = json.dumps(names).encode() + b"".join(
+            np.ascontiguousarray(array).tobytes() for array in arrays
+        )
         return hashlib.sha256(content).hexdigest()
 
     def save(self, path: Path) -> None:
@@ -124,7 +145,15 @@ class Program:
         arrays: dict[str, Any] = {f"values_{k}": o.values for k, o in enumerate(self.outputs)}
         arrays |= {f"places_{k}": o.places for k, o in enumerate(self.outputs)}
         with path.open("wb") as file:
-            np.savez(file, meta=json.dumps(meta), op=self.op, a=self.a, b=self.b, constant=self.constant, **arrays)
+            np.savez(
+                file,
+                meta=json.dumps(meta),
+                op=self.op,
+                a=self.a,
+                b=self.b,
+                constant=self.constant,
+                **arrays,
+            )
 
     @classmethod
     def load(cls, path: Path) -> Program:
@@ -169,7 +198,9 @@ class _Builder:
             case "assign", [a, *_]:
                 return a
         if name not in OPERATIONS:
-            raise NotImplementedError(f"operation {name} has no straight-line form; express it by others")
+            raise NotImplementedError(
+                f"operation {name} has no straight-line form; express it by others"
+            )
         return self.value(name, *operands[: OPERATIONS[name]])
 
 
@@ -178,7 +209,9 @@ def _casadi_names() -> dict[int, str]:
     """Return the name of each of CasADi's operations by its number."""
     import casadi
 
-    return {getattr(casadi, name): name[3:].lower() for name in dir(casadi) if name.startswith("OP_")}
+    return {
+        getattr(casadi, name): name[3:].lower() for name in dir(casadi) if name.startswith("OP_")
+    }
 
 
 def from_casadi(function: casadi.Function) -> Program:

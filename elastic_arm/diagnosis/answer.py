@@ -13,7 +13,13 @@ from threadpoolctl import threadpool_limits
 
 from elastic_arm.arrays import Array
 from elastic_arm.diagnosis.changes import changes_between
-from elastic_arm.diagnosis.confirmation import Confirmation, has_size, held_out, share_without, takes_over
+from elastic_arm.diagnosis.confirmation import (
+    Confirmation,
+    has_size,
+    held_out,
+    share_without,
+    takes_over,
+)
 from elastic_arm.diagnosis.context import DiagnosisContext
 from elastic_arm.diagnosis.estimates import ParameterEstimate, averaged, estimated
 from elastic_arm.diagnosis.events import Event, blocks_of, events_of
@@ -61,11 +67,15 @@ from elastic_arm.recording.recording import recordings_of
 
 LAW = "law"
 AGAIN = 3  # times that recordings are explained anew without the events that are found
-MOUNTED = float(np.radians(STEP))  # rad, to which a mounting is known where no tilt is found beside it
+MOUNTED = float(
+    np.radians(STEP)
+)  # rad, to which a mounting is known where no tilt is found beside it
 Name = tuple[str, str | None]  # effect and joint: the same law on two sides is one cause
 
 
-@threadpool_limits.wrap(limits=1, user_api="blas")  # more wait for each other, and take thirty times as long
+@threadpool_limits.wrap(
+    limits=1, user_api="blas"
+)  # more wait for each other, and take thirty times as long
 def diagnose(
     recordings: Sequence[Recording],
     question: Question,
@@ -120,12 +130,16 @@ class Answer:
     by_all: bool = False  # whether sizes are those by all recordings, not by the fitted ones alone
     # what was likely by the fit and gains nothing on the recordings that judge, with its share there
     refused: tuple[tuple[Name, float | None], ...] = ()
-    confirmations: Mapping[Key, Confirmation] = field(default_factory=dict)  # of the terms of the best set
+    confirmations: Mapping[Key, Confirmation] = field(
+        default_factory=dict
+    )  # of the terms of the best set
 
     @staticmethod
     def of(prepared: Prepared, question: Question, watch: Watch | None = None) -> Answer:
         """Explain what was prepared."""
-        return Answer(prepared, explain(prepared.problem, refit=question.refit, watch=watch), question)
+        return Answer(
+            prepared, explain(prepared.problem, refit=question.refit, watch=watch), question
+        )
 
     @property
     def best(self) -> Fit:
@@ -165,7 +179,10 @@ class Answer:
                 for look, own in zip(looks, problem.indices, strict=True)
                 if number in own
                 for blocks in blocks_of(
-                    look.judging.data, look.after, own.index(number), whole.prepared.begins[look.which][source]
+                    look.judging.data,
+                    look.after,
+                    own.index(number),
+                    whole.prepared.begins[look.which][source],
                 )
             ]
             found += events_of(parts, source, self.places, problem.layout.live)
@@ -179,7 +196,11 @@ class Answer:
         ordinary = total - fit.far_off
         fitted = set(self.prepared.problem.indices[0])
         numbers = self.prepared.problem.numbers
-        own = [k for k, p in enumerate(numbers) if p.recording is not None and p.recording not in fitted]
+        own = [
+            k
+            for k, p in enumerate(numbers)
+            if p.recording is not None and p.recording not in fitted
+        ]
         if own:
             left = self.judging.data.white - self.judging.numbers @ (total - linear.values)
             left -= self._white_causes(fit.terms)
@@ -194,7 +215,9 @@ class Answer:
         found = np.zeros(len(self.judging.data.white))
         for t in terms:
             if t.kind in ("effect", "stated"):
-                found += self.judging.data.whiten([more[:, :, None] for more in self._added(t)])[:, 0]
+                found += self.judging.data.whiten([more[:, :, None] for more in self._added(t)])[
+                    :, 0
+                ]
         return found
 
     def _coefficients(self, term: Term) -> Array:
@@ -206,7 +229,11 @@ class Answer:
             return [X @ self.best.beta(term) for X in self._columns(term)]
         if term.kind == CHANGE:
             common = next(t for t in self.best.terms if t.key == term.what)
-            columns = self.judging.data.plain(common.feature.by_size) if bends(common) else self._columns(common)
+            columns = (
+                self.judging.data.plain(common.feature.by_size)
+                if bends(common)
+                else self._columns(common)
+            )
             each = self.best.raw(term).reshape(-1, columns[0].shape[2])
             each = each - each[: term.fitted].mean(axis=0)
             each = each * (self.prepared.problem.held_back or self.which == FITTED)
@@ -217,7 +244,9 @@ class Answer:
         beta = term.mean if stated and term.trusted else self._coefficients(term)
         columns = self._columns(term)
         added = [X @ beta for X in columns]
-        if term.trusted and term.what is not None:  # what its columns do not show of its law as stated
+        if (
+            term.trusted and term.what is not None
+        ):  # what its columns do not show of its law as stated
             laws = zip(added, self.judging.data.plain(*term.what), columns, strict=True)
             return [more + W.sum(axis=2) - X @ term.mean for more, W, X in laws]
         return added
@@ -252,7 +281,10 @@ class Answer:
         ordinary = self._numbers[1]
         at = ordinary if self.question.refit else np.where(self._of_one, ordinary, 0.0)
         step = self._described + self._shares * at
-        left = [y - N @ step for y, N in zip(self.judging.data.y, self.judging.plain_numbers, strict=True)]
+        left = [
+            y - N @ step
+            for y, N in zip(self.judging.data.y, self.judging.plain_numbers, strict=True)
+        ]
         return _minus(left, [self._added(t, stated=True) for t in self._always])
 
     @property
@@ -262,7 +294,9 @@ class Answer:
     @property
     def _of_one(self) -> NDArray[np.bool_]:
         """Which numbers are of one recording."""
-        return np.array([p.recording is not None for p in self.prepared.problem.numbers], dtype=bool)
+        return np.array(
+            [p.recording is not None for p in self.prepared.problem.numbers], dtype=bool
+        )
 
     @cached_property
     def numbers_added(self) -> list[Array]:
@@ -344,12 +378,18 @@ class Answer:
     def places(self) -> list[tuple[str, str]]:
         """Joint and side of each residual."""
         layout = self.prepared.problem.layout
-        return [(joint, side) for side in layout.sides for joint in self.prepared.problem.robot.joint_names]
+        return [
+            (joint, side)
+            for side in layout.sides
+            for joint in self.prepared.problem.robot.joint_names
+        ]
 
     def causes(self) -> list[tuple[Cause, list[Array]]]:
         """Return the effects that are likelier there than not, most important first, each with what it leaves alone."""
         found = []
-        names = dict.fromkeys(_name(k) for _, fit in self.sets for k in fit.keys if k[0] not in (LAW, CHANGE))
+        names = dict.fromkeys(
+            _name(k) for _, fit in self.sets for k in fit.keys if k[0] not in (LAW, CHANGE)
+        )
         # One that the recording does not tell from others is there where they are together likelier than not.
         best = {_name(k) for k in self.best.keys}
         refused = {name for name, _ in self.refused} - best
@@ -365,18 +405,37 @@ class Answer:
         mounting, effect = self.prepared.mounting, EFFECTS[TILT]
         assert mounting is not None
         rest = next((one for one in found if one[0].effect == TILT), None)
-        small = {"x": ParameterEstimate(0.0, MOUNTED, "rad"), "y": ParameterEstimate(0.0, MOUNTED, "rad")}
+        small = {
+            "x": ParameterEstimate(0.0, MOUNTED, "rad"),
+            "y": ParameterEstimate(0.0, MOUNTED, "rad"),
+        }
         if rest is not None:
             found.remove(rest)
             small = dict(rest[0].parameters)
         x, y = mounting.tilted(small["x"].value, small["y"].value)
-        values = {"x": ParameterEstimate(x, small["x"].std, "rad"), "y": ParameterEstimate(y, small["y"].std, "rad")}
+        values = {
+            "x": ParameterEstimate(x, small["x"].std, "rad"),
+            "y": ParameterEstimate(y, small["y"].std, "rad"),
+        }
         instance = EffectInstance(effect, None, {"x": x, "y": y})
-        cause = Cause(TILT, None, effect.sides, effect.regime, values, 0.0, 1.0 - CHANCE, (), instance, is_number=True)
+        cause = Cause(
+            TILT,
+            None,
+            effect.sides,
+            effect.regime,
+            values,
+            0.0,
+            1.0 - CHANCE,
+            (),
+            instance,
+            is_number=True,
+        )
         return cause, self.before
 
     def _cause(self, name: Name, probability: float) -> tuple[Cause, list[Array]]:
-        every = ((p, fit, t) for p, fit in self.sets for t in fit.optional if t.kind not in (LAW, CHANGE))
+        every = (
+            (p, fit, t) for p, fit in self.sets for t in fit.optional if t.kind not in (LAW, CHANGE)
+        )
         holding = [(p, fit, t) for p, fit, t in every if _name(t.key) == name]
         _, fit, term = holding[0]
         problem = self.prepared.problem
@@ -384,12 +443,25 @@ class Answer:
         each: list[tuple[float, dict[str, ParameterEstimate]]] = []
         _, instance = estimated(fit.model.of_fitted(fit), term, problem.numbers, values)
         for p, one, t in holding:
-            if p < LISTED * probability or t.key != term.key or (t.kind, t.count) != (term.kind, term.count):
+            if (
+                p < LISTED * probability
+                or t.key != term.key
+                or (t.kind, t.count) != (term.kind, term.count)
+            ):
                 continue
             sized = one.model.of_fitted(one)
             each.append((p, estimated(sized, t, problem.numbers, values)[0]))
-        sides = dict.fromkeys(side for p, _, t in holding if p > 0.05 * probability for side in t.feature.sides)
-        stated = next((i for _, i in problem.known if term.kind == "stated" and (i.effect.id, i.joint) == name), None)
+        sides = dict.fromkeys(
+            side for p, _, t in holding if p > 0.05 * probability for side in t.feature.sides
+        )
+        stated = next(
+            (
+                i
+                for _, i in problem.known
+                if term.kind == "stated" and (i.effect.id, i.joint) == name
+            ),
+            None,
+        )
         here = next((t for t in self.best.optional if _name(t.key) == name), None)
         alone = self.before if here is None else _minus(self.before, [self.added[here.ident]])
         share = shrink(self.gaps[0], Gap.of(self.judging.data, alone)).share
@@ -427,7 +499,9 @@ class Answer:
         words = {c.effect: c.separated_by for c in term.feature.effect.confusions}
         for other, p in sorted(found.items(), key=lambda one: -one[1]):
             if p >= LISTED:
-                yield Alternative(*other, p, words.get(other[0], no_separation(term.feature.effect.id, other[0])))
+                yield Alternative(
+                    *other, p, words.get(other[0], no_separation(term.feature.effect.id, other[0]))
+                )
 
     def laws(self) -> list[tuple[float, Term]]:
         """Return the laws without a form that are likelier there than not."""
@@ -441,7 +515,11 @@ class Answer:
         at_place: dict[tuple[Any, ...], list[tuple[float, Term]]] = {}
         for p, t in found.values():
             at_place.setdefault((t.what.joint, t.what.side), []).append((p, t))
-        return [max(each, key=lambda one: one[0]) for each in at_place.values() if sum(p for p, _ in each) > 0.5]
+        return [
+            max(each, key=lambda one: one[0])
+            for each in at_place.values()
+            if sum(p for p, _ in each) > 0.5
+        ]
 
     def open_rows(self) -> list[int]:
         """Return the residuals that keep more power than their sensors may have as noise, and much of their own gap.
@@ -453,7 +531,10 @@ class Answer:
         fitted, judging = model.bands, Bands(data)
         causes = [self.added[t.ident] for t in self.best.optional if t.kind != "law"]
         acting = _minus([np.zeros_like(y) for y in self.before], causes)
-        white = [data.whiten([r[:, :, None] for r in one])[:, 0] for one in (self.before, self.after, acting)]
+        white = [
+            data.whiten([r[:, :, None] for r in one])[:, 0]
+            for one in (self.before, self.after, acting)
+        ]
         of_fitted = [fitted.n * fit.found.v for fit in (model.fit(()), self.best)]
         of_judging = [judging.powers(w) for w in white]
         found = []
@@ -465,7 +546,9 @@ class Answer:
             # Mean powers, in those of the sensors' noise: without any term, with those of the best set, of the causes.
             first, left = (float(power[own].sum()) / n - 1.0 for power in of_fitted)
             before, after, moved = (float(power[other].sum()) / m for power in of_judging)
-            follows = left > max(NOISY, LEFT * first) and _is_structured(fitted, self.white_left, own)
+            follows = left > max(NOISY, LEFT * first) and _is_structured(
+                fitted, self.white_left, own
+            )
             noise = NOISY**2 * max(1.0, left + 1.0)  # it is known to NOISY in either recording
             if follows or (moved > NOISY and after - 1.0 > max(noise, LEFT * (before - 1.0))):
                 found.append(row)
@@ -484,7 +567,10 @@ class Answer:
         """Return what the recordings say of each number."""
         problem, total = self.prepared.problem, self._numbers[0]
         stds = np.sqrt(np.maximum(np.diag(self.best.number_covariance), 0.0))
-        off = sum((np.abs(t.what).sum(axis=1) for t in self.best.optional if t.kind == "number"), np.zeros(len(total)))
+        off = sum(
+            (np.abs(t.what).sum(axis=1) for t in self.best.optional if t.kind == "number"),
+            np.zeros(len(total)),
+        )
         sources = problem.sources
         return tuple(
             Imperfection(
@@ -506,7 +592,10 @@ class Answer:
     def known(self) -> list[tuple[EffectInstance, dict[str, ParameterEstimate]]]:
         """The known effects as they came out."""
         values = self.explanation.linear.values
-        return [estimated(self.best, t, self.prepared.problem.numbers, values)[::-1] for t in self._always]
+        return [
+            estimated(self.best, t, self.prepared.problem.numbers, values)[::-1]
+            for t in self._always
+        ]
 
     def result(self) -> Diagnosis:
         """Return the diagnosis."""
@@ -514,14 +603,18 @@ class Answer:
         causes, laws, rows = self.causes(), self.laws(), self.open_rows()
         before, after = self.gaps
         unexplained = self._unexplained(laws, rows)
-        unexplained += [UnexplainedResidual(e.joint, e.side, "event", e.rmse) for e in prepared.events]
+        unexplained += [
+            UnexplainedResidual(e.joint, e.side, "event", e.rmse) for e in prepared.events
+        ]
         verdict = "unknown" if unexplained else "explained" if causes else "none"
         share = self.shrink.share
         if share is None and causes:
             share = self._whitened_share()
         data, names = self.judging.data, problem.robot.joint_names
         live = problem.layout.live
-        named = lambda values: {p: float(v) for p, v, there in zip(self.places, values, live, strict=True) if there}  # noqa: E731
+        named = lambda values: {
+            p: float(v) for p, v, there in zip(self.places, values, live, strict=True) if there
+        }  # noqa: E731
         noise, over = named(np.sqrt(before.noise.sum(axis=1))), named(after.rmse)
         left = {place[0] for place, size in over.items() if size > SURE * noise[place]}
         ratios = [self._gear_ratios(row) for row in range(len(self.places))]
@@ -541,8 +634,12 @@ class Answer:
             before=ResidualSizes(named(before.rmse), named(before.peak)),
             after=ResidualSizes(named(after.rmse), named(after.peak)),
             shrink=None if verdict == "none" else share,
-            shrink_interval=None if verdict == "none" or share is None else self.shrink.interval or (share, share),
-            shrink_by_place={p: (None if np.isnan(v) else v) for p, v in named(self.shrink.by_row).items()},
+            shrink_interval=None
+            if verdict == "none" or share is None
+            else self.shrink.interval or (share, share),
+            shrink_by_place={
+                p: (None if np.isnan(v) else v) for p, v in named(self.shrink.by_row).items()
+            },
             causes=tuple(cause for cause, _ in causes),
             not_confirmed=self.not_confirmed(),
             unexplained=tuple(unexplained),
@@ -566,14 +663,18 @@ class Answer:
                 before=self.before,
                 after=self.after,
                 alone=[alone for _, alone in causes],
-                regimes=[shares(data, self.before, row, ratios[row]) for row in range(len(self.places))],
+                regimes=[
+                    shares(data, self.before, row, ratios[row]) for row in range(len(self.places))
+                ],
                 known=tuple(instance for instance, _ in self.known),
                 unseen=prepared.unseen,
                 held_back=problem.held_back,
             ),
         )
 
-    def _notes(self, laws: Sequence[tuple[float, Term]], rows: Sequence[int], left: Set[str]) -> Iterator[str]:
+    def _notes(
+        self, laws: Sequence[tuple[float, Term]], rows: Sequence[int], left: Set[str]
+    ) -> Iterator[str]:
         """Yield what the reader should know besides: of laws, of rows that are open, and of joints that keep much."""
         prepared, problem = self.prepared, self.prepared.problem
         if not self.explanation.is_whole:
@@ -582,8 +683,14 @@ class Answer:
         yield from (shape_note(*self.places[row]) for row in rows)
         yield from event_notes(prepared.events)
         if left and not problem.robot.elastic:
-            found = resonances(problem.robot, problem.model, [o.pieces for o in problem.observed[0]])
-            yield from (ringing_note(joint, frequency) for joint, frequency in found.items() if joint in left)
+            found = resonances(
+                problem.robot, problem.model, [o.pieces for o in problem.observed[0]]
+            )
+            yield from (
+                ringing_note(joint, frequency)
+                for joint, frequency in found.items()
+                if joint in left
+            )
         yield from prepared.notes
         if not prepared.independent_motion:
             yield REPEATED_MOTION
@@ -592,13 +699,20 @@ class Answer:
         """Return the share of the whitened power over the noise that is gone, where no octave shows a gap by itself."""
         model, fit = self.best.model, self.best
         empty = model.fit(())
-        first, left = (float(np.sum(np.maximum(f.found.left - model.bands.n, 0.0))) for f in (empty, fit))
+        first, left = (
+            float(np.sum(np.maximum(f.found.left - model.bands.n, 0.0))) for f in (empty, fit)
+        )
         return 1.0 - left / first if first else 0.0
 
-    def _unexplained(self, laws: Sequence[tuple[float, Term]], rows: Sequence[int]) -> list[UnexplainedResidual]:
+    def _unexplained(
+        self, laws: Sequence[tuple[float, Term]], rows: Sequence[int]
+    ) -> list[UnexplainedResidual]:
         names, sides = self.prepared.problem.robot.joint_names, self.prepared.problem.layout.sides
         of_laws = [
-            self.places.index((names[t.what.joint], t.what.side if t.what.side in sides else sides[0])) for _, t in laws
+            self.places.index(
+                (names[t.what.joint], t.what.side if t.what.side in sides else sides[0])
+            )
+            for _, t in laws
         ]
         result = []
         for row in dict.fromkeys([*of_laws, *rows]):

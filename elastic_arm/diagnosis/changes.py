@@ -63,11 +63,16 @@ def sizes_of(explanation: Explanation, problem: Problem, fit: Fit, term: Term) -
     together[:, base] = 1.0
     for k in range(len(together)):
         together[k, own + k * size] = 1.0
-    values, covariance = at + scale * (together @ fit.found.x), scale**2 * (together @ fit.found.S @ together.T)
+    values, covariance = (
+        at + scale * (together @ fit.found.x),
+        scale**2 * (together @ fit.found.S @ together.T),
+    )
     return SizedTerm(common.key[0], common.key[1], name, first.unit, values, covariance)
 
 
-def _change(explanation: Explanation, problem: Problem, fit: Fit, term: Term, confidence: float) -> Change:
+def _change(
+    explanation: Explanation, problem: Problem, fit: Fit, term: Term, confidence: float
+) -> Change:
     sized = sizes_of(explanation, problem, fit, term)
     sources = [one.source for one in problem.observed[0]]
     values = tuple(zip(sources, sized.values.tolist(), sized.stds.tolist(), strict=True))

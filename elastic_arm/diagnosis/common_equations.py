@@ -11,7 +11,9 @@ from elastic_arm.estimation.equations import EquationSet
 from elastic_arm.estimation.observation import Observation, widest_band
 from elastic_arm.robot import Robot
 
-ONE_ENCODER = 5.0  # Hz; above it the deflection that a single encoder does not show changes the motion
+ONE_ENCODER = (
+    5.0  # Hz; above it the deflection that a single encoder does not show changes the motion
+)
 # Of a band's edge, Hz, times the length of a stretch, s: below, its filters leave too little. They take 4.2 and 3.6
 # over the edge; half of what the first leaves must be longer than the second.
 NARROW = 12.0
@@ -25,15 +27,20 @@ def common_equations(observations: Sequence[Observation], model: Model) -> tuple
     layouts = [EquationSet.of(o.pieces[0], model) for o in observations]
     if any(layout != layouts[0] for layout in layouts):
         raise DiagnosisError(
-            "the recordings do not hold the same channels", "Diagnose those with equal channels together"
+            "the recordings do not hold the same channels",
+            "Diagnose those with equal channels together",
         )
     rate = min(o.rate for o in observations)
-    longest = min(max(len(piece) / o.rate - 2.0 * o.margin for piece in o.pieces) for o in observations)
+    longest = min(
+        max(len(piece) / o.rate - 2.0 * o.margin for piece in o.pieces) for o in observations
+    )
     torque_band = max(min(o.torque_band for o in observations), NARROW / max(longest, 1e-3))
     return layouts[0], common_band(layouts[0], model, rate, torque_band)
 
 
-def common_band(layout: EquationSet, model: Model, rate: float, torque_band: float = np.inf) -> Band:
+def common_band(
+    layout: EquationSet, model: Model, rate: float, torque_band: float = np.inf
+) -> Band:
     """Return the band in which residuals are compared.
 
     torque_band: hz, from which on torques were low-passed before they were recorded: above, they are not those of

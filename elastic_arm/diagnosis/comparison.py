@@ -38,7 +38,11 @@ class SizeFound:
     def text(self) -> str:
         """Return size and probability in words."""
         size = estimates_text(self.parameters) if self.probability >= LISTED else ""
-        return f"{size} ({probability_text(self.probability)})" if size else probability_text(self.probability)
+        return (
+            f"{size} ({probability_text(self.probability)})"
+            if size
+            else probability_text(self.probability)
+        )
 
 
 @dataclass(frozen=True)
@@ -53,7 +57,13 @@ class ComparedEffect:
     @property
     def where(self) -> str:
         """In which recording it is: "real", "simulated" or "both"."""
-        return "both" if self.real.there and self.simulated.there else "real" if self.real.there else "simulated"
+        return (
+            "both"
+            if self.real.there and self.simulated.there
+            else "real"
+            if self.real.there
+            else "simulated"
+        )
 
     @property
     def agrees(self) -> bool | None:
@@ -72,7 +82,10 @@ class ComparedEffect:
             "where": self.where,
             "agrees": self.agrees,
             **{
-                name: {"confidence": float(f"{f.probability:.7g}"), "parameters": plain_parameters(f.parameters)}
+                name: {
+                    "confidence": float(f"{f.probability:.7g}"),
+                    "parameters": plain_parameters(f.parameters),
+                }
                 for name, f in findings.items()
             },
         }
@@ -129,9 +142,15 @@ def compare(
     """
     other = diagnose([simulated], question)
     if set(other.before.rmse) != set(real.before.rmse):
-        raise DiagnosisError("the recordings do not hold the same channels", "Record the same topics of both")
-    names = dict.fromkeys((cause.effect, cause.joint) for found in (real, other) for cause in found.causes)
-    effects = tuple(ComparedEffect(*name, _finding(real, name), _finding(other, name)) for name in names)
+        raise DiagnosisError(
+            "the recordings do not hold the same channels", "Record the same topics of both"
+        )
+    names = dict.fromkeys(
+        (cause.effect, cause.joint) for found in (real, other) for cause in found.causes
+    )
+    effects = tuple(
+        ComparedEffect(*name, _finding(real, name), _finding(other, name)) for name in names
+    )
     return SimulationComparison(simulated.source, difference, effects)
 
 
@@ -141,12 +160,16 @@ def _finding(found: Diagnosis, name: Name) -> SizeFound:
             return SizeFound(cause.confidence, cause.parameters)
     assert found.context is not None
     explanation = found.context.explanation
-    sets = [fit for keys, fit in explanation.search.met.items() if any(key[:2] == name for key in keys)]
+    sets = [
+        fit for keys, fit in explanation.search.met.items() if any(key[:2] == name for key in keys)
+    ]
     if not sets:
         return SizeFound(0.0, {})
     fit = max(sets, key=lambda one: one.score)
     term = next(t for t in fit.optional if t.key[:2] == name)
-    parameters, _ = estimated(fit, term, explanation.linear.problem.numbers, explanation.linear.values)
+    parameters, _ = estimated(
+        fit, term, explanation.linear.problem.numbers, explanation.linear.values
+    )
     return SizeFound(explanation.search.probability(lambda key: key[:2] == name), parameters)
 
 

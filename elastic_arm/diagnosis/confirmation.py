@@ -33,7 +33,9 @@ class Confirmation:
     nats: float  # of log-likelihood
     share: float | None  # of the gap at its places; None where no place has a gap
     has_size: bool = True  # whether its size is beyond two deviations of none
-    taken_over: bool = False  # whether numbers beyond their ordinary deviations stand for it where it is taken out
+    taken_over: bool = (
+        False  # whether numbers beyond their ordinary deviations stand for it where it is taken out
+    )
 
     @property
     def confirms(self) -> bool:

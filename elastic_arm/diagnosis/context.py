@@ -23,8 +23,12 @@ class DiagnosisContext:
     # before, after: residuals (N', R) of each stretch of these
     before: Sequence[Array]
     after: Sequence[Array]
-    alone: Sequence[Sequence[Array]]  # residuals of each stretch with one cause alone added, by position in the causes
-    regimes: Sequence[dict[str, float]]  # (R,) share of each residual's power that follows each regime, before
+    alone: Sequence[
+        Sequence[Array]
+    ]  # residuals of each stretch with one cause alone added, by position in the causes
+    regimes: Sequence[
+        dict[str, float]
+    ]  # (R,) share of each residual's power that follows each regime, before
     # known, unseen: what counted as part of the model, and known effects that act in no recorded equation
     known: tuple[EffectInstance, ...]
     unseen: tuple[EffectInstance, ...]
@@ -39,7 +43,11 @@ class DiagnosisContext:
         """Return times (N') s from where a recording begins to judge, and its residuals (N', R) before and after."""
         own = [k for k, part in enumerate(self.validate.parts) if part.recording == recording]
         t = np.concatenate([self.validate.parts[k].stretch.t for k in own])
-        return t, np.concatenate([self.before[k] for k in own]), np.concatenate([self.after[k] for k in own])
+        return (
+            t,
+            np.concatenate([self.before[k] for k in own]),
+            np.concatenate([self.after[k] for k in own]),
+        )
 
     @cached_property
     def found(self) -> Linearisation:
@@ -61,5 +69,8 @@ class DiagnosisContext:
         """Return angles, rates and accelerations (at most about `samples`, n) of the recordings that judge, rad, s."""
         quiet = [part.stretch.quiet for part in self.validate.parts]
         every = max(1, sum(len(one.t) for one in quiet) // samples)
-        q, dq, ddq = (np.concatenate([getattr(one, name)[::every] for one in quiet]) for name in ("q", "dq", "ddq"))
+        q, dq, ddq = (
+            np.concatenate([getattr(one, name)[::every] for one in quiet])
+            for name in ("q", "dq", "ddq")
+        )
         return q, dq, ddq

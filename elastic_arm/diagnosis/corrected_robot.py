@@ -20,7 +20,9 @@ def repaired_robot(robot: Robot, diagnosis: Diagnosis, taken_back: Collection[st
     and a simulated zero would run away with it. taken_back: joints, and effects of the whole arm, as described.
     """
     context = diagnosis.context
-    written = [cause for cause in diagnosis.causes if (cause.joint or cause.effect) not in taken_back]
+    written = [
+        cause for cause in diagnosis.causes if (cause.joint or cause.effect) not in taken_back
+    ]
     causes = [cause.instance.to_dict() for cause in written if cause.held_as == "effect"]
     own = {(one["effect"], one["joint"]) for one in causes}
     known = robot.effects if context is None else _known(context)

@@ -25,7 +25,9 @@ def with_common_zeros(recordings: Sequence[Recording], robot: Robot) -> list[Rec
     both = [r for r in recordings if _has_both_encoders(r)]
     if len(both) < 2 or len(both) < len(recordings) or not robot.elastic:
         return list(recordings)
-    stiffness = np.array([joint.transmission.stiffness if joint.transmission else np.inf for joint in robot.joints])
+    stiffness = np.array(
+        [joint.transmission.stiffness if joint.transmission else np.inf for joint in robot.joints]
+    )
     equations = ArmEquations(robot)
     found = [_zeros(recording, stiffness, equations) for recording in both]
     zeros, largest = (np.array(column) for column in zip(*found, strict=True))
@@ -33,7 +35,9 @@ def with_common_zeros(recordings: Sequence[Recording], robot: Robot) -> list[Rec
     if not moved.any():
         return list(recordings)
     notes = tuple(_note(robot.joint_names[j], zeros[:, j]) for j in np.flatnonzero(moved))
-    return [_shifted(r, np.where(moved, own, 0.0), notes) for r, own in zip(both, zeros, strict=True)]
+    return [
+        _shifted(r, np.where(moved, own, 0.0), notes) for r, own in zip(both, zeros, strict=True)
+    ]
 
 
 def _has_both_encoders(recording: Recording) -> bool:
@@ -53,9 +57,13 @@ def _zeros(recording: Recording, stiffness: Array, equations: ArmEquations) -> t
     apart = samples.q - samples.theta + load / stiffness
     apart[:, [joint for channel, joint in samples.lacking if channel in ("q", "theta")]] = 0.0
     speed = np.gradient(samples.theta, samples.t, axis=0)
-    slope = np.sum((speed - speed.mean(axis=0)) * apart, axis=0) / np.maximum(np.sum(speed**2, axis=0), 1e-300)
+    slope = np.sum((speed - speed.mean(axis=0)) * apart, axis=0) / np.maximum(
+        np.sum(speed**2, axis=0), 1e-300
+    )
     rest = np.zeros((len(load), 2 * recording.n))  # a torque may be recorded without the weight
-    _, pull = equations.moved_and_pulled(np.hstack([samples.q, samples.theta]), rest, rest, motors=False)
+    _, pull = equations.moved_and_pulled(
+        np.hstack([samples.q, samples.theta]), rest, rest, motors=False
+    )
     largest = np.fmax(np.abs(load).max(axis=0), np.abs(pull @ equations.robot.gravity).max(axis=0))
     return np.asarray(np.mean(apart - slope * speed, axis=0)), largest
 
@@ -63,7 +71,11 @@ def _zeros(recording: Recording, stiffness: Array, equations: ArmEquations) -> t
 def _shifted(recording: Recording, zeros: Array, notes: tuple[str, ...]) -> Recording:
     link = recording.link
     assert link is not None and link.position is not None
-    return replace(recording, link=replace(link, position=link.position - zeros), notes=(*recording.notes, *notes))
+    return replace(
+        recording,
+        link=replace(link, position=link.position - zeros),
+        notes=(*recording.notes, *notes),
+    )
 
 
 def _note(joint: str, zeros: Array) -> str:

@@ -45,7 +45,11 @@ def estimated(
         rows[:, fit.slices[known.ident]] += np.eye(len(rows))
     # The scale of the torques that a controller makes is that of its effects, and of laws that are made of masses.
     scaled = term.feature.fixed or isinstance(term.feature.effect, ControllerEffect)
-    scale = [k for k, p in enumerate(parameters) if scaled and (p.what, p.joint) == (SCALE, term.feature.joint)]
+    scale = [
+        k
+        for k, p in enumerate(parameters)
+        if scaled and (p.what, p.joint) == (SCALE, term.feature.joint)
+    ]
     rows, n = np.vstack([rows, fit.moves[scale]]), term.count
     x, covariance = rows @ fit.found.x, rows @ fit.found.S @ rows.T
     x[n:], covariance[n:, n:] = fit.numbers[scale], fit.number_covariance[np.ix_(scale, scale)]
@@ -54,7 +58,9 @@ def estimated(
 
     def found(x: Array) -> dict[str, Any]:
         own, there = _effect_values(term, x[:n]), zip(scale, x[n:], strict=True)
-        ratio = np.prod([parameters[k].value(values[k] + d) / parameters[k].value(values[k]) for k, d in there])
+        ratio = np.prod(
+            [parameters[k].value(values[k] + d) / parameters[k].value(values[k]) for k, d in there]
+        )
         torques = [p.name for p in term.feature.effect.parameters if p.unit.startswith("Nm")]
         return own | {name: np.multiply(ratio, own[name]).tolist() for name in torques}
 
@@ -65,7 +71,9 @@ def within(x: Array, covariance: Array, low: Array, high: Array) -> tuple[Array,
     """Return mean (k,) and covariance (k, k) of a Gaussian within bounds, one coefficient after the other."""
     for k in np.flatnonzero(np.isfinite(low) | np.isfinite(high)):
         std = float(np.sqrt(covariance[k, k]))
-        mean, variance = truncnorm.stats((low[k] - x[k]) / std, (high[k] - x[k]) / std, loc=x[k], scale=std)
+        mean, variance = truncnorm.stats(
+            (low[k] - x[k]) / std, (high[k] - x[k]) / std, loc=x[k], scale=std
+        )
         gain = covariance[:, k] / std**2
         x = x + gain * (mean - x[k])
         covariance = covariance - np.outer(gain, covariance[k]) * (1.0 - variance / std**2)
@@ -88,7 +96,9 @@ def _number_values(term: Term, parameters: Sequence[Number], x: Array) -> dict[s
     by_name = {p.what: float(v) * p.prior_std for p, v in zip(parameters, x, strict=True)}
     if "com" in found and "link_com_x" in by_name:
         found["com"] = tuple(by_name[f"link_com_{axis}"] for axis in "xyz")
-        found["inertia"] = 1.0 + float(np.mean([by_name[f"link_inertia_{axis}"] for axis in ("xx", "yy", "zz")]))
+        found["inertia"] = 1.0 + float(
+            np.mean([by_name[f"link_inertia_{axis}"] for axis in ("xx", "yy", "zz")])
+        )
     return found
 
 
@@ -96,7 +106,9 @@ def _of(
     term: Term, values: Callable[[Array], dict[str, Any]], x: Array, covariance: Array
 ) -> tuple[dict[str, ParameterEstimate], EffectInstance]:
     feature, names = term.feature, term.feature.effect.parameters
-    flat = lambda found: np.concatenate([np.atleast_1d(np.asarray(found[p.name], dtype=float)) for p in names])  # noqa: E731
+    flat = lambda found: np.concatenate(
+        [np.atleast_1d(np.asarray(found[p.name], dtype=float)) for p in names]
+    )  # noqa: E731
     here = values(x)
     if not names:
         return {}, EffectInstance(feature.effect, feature.joint, dict(feature.choices))
@@ -118,9 +130,15 @@ def _of(
         own = deviations[at : at + p.size]
         at += p.size
         value = list(here[p.name]) if p.size > 1 else float(here[p.name])
-        known = None if p.integer or not own.any() else ([float(v) for v in own] if p.size > 1 else float(own[0]))
+        known = (
+            None
+            if p.integer or not own.any()
+            else ([float(v) for v in own] if p.size > 1 else float(own[0]))
+        )
         found[p.name] = ParameterEstimate(
-            value, known if known is not None else ([None] * p.size if p.size > 1 else None), feature.unit(p)
+            value,
+            known if known is not None else ([None] * p.size if p.size > 1 else None),
+            feature.unit(p),
         )
     bounded = {p.name: _physical(p, here[p.name]) for p in names}
     return found, EffectInstance(feature.effect, feature.joint, {**bounded, **feature.choices})
@@ -131,17 +149,27 @@ def _physical(parameter: Any, value: Any) -> Any:
     if not np.isfinite(parameter.above):
         return value
     least = parameter.above + 1e-12 * max(1.0, abs(parameter.high))
-    return tuple(max(v, least) for v in value) if isinstance(value, list | tuple) else max(float(value), least)
+    return (
+        tuple(max(v, least) for v in value)
+        if isinstance(value, list | tuple)
+        else max(float(value), least)
+    )
 
 
-def averaged(found: Sequence[tuple[float, Mapping[str, ParameterEstimate]]]) -> dict[str, ParameterEstimate]:
+def averaged(
+    found: Sequence[tuple[float, Mapping[str, ParameterEstimate]]],
+) -> dict[str, ParameterEstimate]:
     """Return mean and deviation of parameters over sets, (probability, parameters) each, the most probable first."""
     weights, result = np.array([w for w, _ in found]), dict(found[0][1])
     for name, first in found[0][1].items():
-        values, stds = (np.array([getattr(one[name], x) for _, one in found], float) for x in ("value", "std"))
+        values, stds = (
+            np.array([getattr(one[name], x) for _, one in found], float) for x in ("value", "std")
+        )
         known = np.isfinite(stds.reshape(len(found), -1)).all(axis=1)
         if known[0]:
             mean = np.average(values[known], axis=0, weights=weights[known])
-            variance = np.average(stds[known] ** 2 + (values[known] - mean) ** 2, axis=0, weights=weights[known])
+            variance = np.average(
+                stds[known] ** 2 + (values[known] - mean) ** 2, axis=0, weights=weights[known]
+            )
             result[name] = ParameterEstimate(mean.tolist(), np.sqrt(variance).tolist(), first.unit)
     return result

@@ -24,7 +24,9 @@ from elastic_arm.estimation.whitening import EDGE, WhitenedData
 from elastic_arm.evidence.priors import EVENT, LARGER
 
 BLOCK = 0.3  # s: a contact lasts longer
-SPREADS = np.geomspace(0.5, 1e4, 40)[:, None]  # a that are tried: from powers of any size to equal ones
+SPREADS = np.geomspace(0.5, 1e4, 40)[
+    :, None
+]  # a that are tried: from powers of any size to equal ones
 NOISE = (1e4, 1e4)  # a, b of blocks of the sensors' noise alone
 STEPS = 50  # of b for each, and of runs and b in turns; numerical
 
@@ -54,7 +56,9 @@ class Blocks(NamedTuple):
     square: Array  # (M, R) mean squares, Nm²
 
 
-def blocks_of(data: WhitenedData, left: Sequence[Array], recording: int, offset: float) -> Iterator[Blocks]:
+def blocks_of(
+    data: WhitenedData, left: Sequence[Array], recording: int, offset: float
+) -> Iterator[Blocks]:
     """Yield what is left (N', R) of each stretch of a recording in blocks, by times that begin at `offset` s."""
     for part, own, share in zip(data.parts, left, data.shares(), strict=True):
         if part.recording != recording:
@@ -63,16 +67,25 @@ def blocks_of(data: WhitenedData, left: Sequence[Array], recording: int, offset:
         f, inner = np.fft.rfftfreq(len(own), 1 / band.kept_rate), slice(EDGE, len(own) - EDGE)
         noise = np.real(np.einsum("frr->fr", part.noise.covariance)) / band.step
         gain = np.stack([np.interp(f, part.noise.f, one**-0.5) for one in noise.T], axis=1)
-        white = irfft(rfft(own, axis=0) * gain * (f <= band.cutoff)[:, None], len(own), axis=0)[inner]
+        white = irfft(rfft(own, axis=0) * gain * (f <= band.cutoff)[:, None], len(own), axis=0)[
+            inner
+        ]
         t, own = part.stretch.t[inner] + offset, own[inner]
         edges = np.linspace(0, len(t), max(1, round((t[-1] - t[0]) / BLOCK)) + 1).astype(int)
-        sums = [np.add.reduceat(one, edges[:-1], axis=0) for one in (share[inner], white**2, own**2)]
+        sums = [
+            np.add.reduceat(one, edges[:-1], axis=0) for one in (share[inner], white**2, own**2)
+        ]
         independent = sums[0] * 2.0 * band.cutoff / band.kept_rate
-        yield Blocks(t[edges[:-1]], t[edges[1:] - 1], independent, sums[1], sums[2] / np.diff(edges)[:, None])
+        yield Blocks(
+            t[edges[:-1]], t[edges[1:] - 1], independent, sums[1], sums[2] / np.diff(edges)[:, None]
+        )
 
 
 def events_of(
-    stretches: Sequence[Blocks], recording: str, places: Sequence[tuple[str, str]], live: NDArray[np.bool_]
+    stretches: Sequence[Blocks],
+    recording: str,
+    places: Sequence[tuple[str, str]],
+    live: NDArray[np.bool_],
 ) -> list[Event]:
     """Return the most probable events in the stretches of a recording, by joint and side of each row."""
     if not stretches:

@@ -41,23 +41,32 @@ class Gap:
         """Measure residuals (N', R) of each stretch of recordings."""
         octaves, rows = len(OCTAVES) + 1, data.layout.rows
         power, noise, count = (np.zeros((rows, octaves)) for _ in range(3))
-        for own, part, pure, left in zip(residuals, data.parts, data.pure, data.shares(), strict=True):
+        for own, part, pure, left in zip(
+            residuals, data.parts, data.pure, data.shares(), strict=True
+        ):
             rate = part.stretch.band.kept_rate
             share, told = len(own) / rate / data.seconds, left.mean(axis=0)
             f, density = periodogram(own, rate, window="hann", detrend=False, axis=0)
             octave = np.searchsorted(OCTAVES, f, side="right")
             step = f[1] - f[0]
             sensors = np.stack(
-                [np.interp(f, pure.f, np.real(pure.covariance[:, r, r])) for r in range(rows)], axis=1
+                [np.interp(f, pure.f, np.real(pure.covariance[:, r, r])) for r in range(rows)],
+                axis=1,
             ) * (2.0 / pure.rate)
             for o in range(octaves):
-                there = (octave == o) & (f <= data.band.cutoff)  # above, the band's filter takes a part
+                there = (octave == o) & (
+                    f <= data.band.cutoff
+                )  # above, the band's filter takes a part
                 power[:, o] += share * density[there].sum(axis=0) * step
                 noise[:, o] += share * told * sensors[there].sum(axis=0) * step
                 count[:, o] += told * 2.0 * there.sum() / 1.5  # a Hann window correlates neighbours
         values = np.concatenate(list(residuals))
         return Gap(
-            power, noise, np.maximum(count, 1.0), np.sqrt(np.mean(values**2, axis=0)), np.abs(values).max(axis=0)
+            power,
+            noise,
+            np.maximum(count, 1.0),
+            np.sqrt(np.mean(values**2, axis=0)),
+            np.abs(values).max(axis=0),
         )
 
     @property
@@ -93,7 +102,9 @@ def shrink(before: Gap, after: Gap) -> Shrink:
     total = float(first.sum())
     if total == 0.0:
         return Shrink(None, None, by_row)
-    error = np.where(where, np.hypot(after.power * np.sqrt(2.0 / after.count), 0.5 * KNOWN * after.noise), 0.0)
+    error = np.where(
+        where, np.hypot(after.power * np.sqrt(2.0 / after.count), 0.5 * KNOWN * after.noise), 0.0
+    )
     std = float(np.sqrt(np.sum(error**2))) / total
     share = 1.0 - float(left.sum()) / total
     return Shrink(share, (share - 2.0 * std, min(1.0, share + 2.0 * std)), by_row)

@@ -75,7 +75,14 @@ class Course:
     def change(self, recordings: Sequence[str]) -> Change:
         """Return it as a change of what these recordings show."""
         one = self.sized
-        return Change(one.effect, one.joint, one.parameter, one.unit, tuple(self.sizes(recordings)), self.changed)
+        return Change(
+            one.effect,
+            one.joint,
+            one.parameter,
+            one.unit,
+            tuple(self.sizes(recordings)),
+            self.changed,
+        )
 
     def to_dict(self, recordings: tuple[str, ...]) -> dict[str, Any]:
         """Return it as in `history.json`."""
@@ -85,7 +92,9 @@ class Course:
             "joint": one.joint,
             "parameter": one.parameter,
             "unit": one.unit,
-            "values": [{"recording": r, "value": v, "std": s} for r, v, s in self.sizes(recordings)],
+            "values": [
+                {"recording": r, "value": v, "std": s} for r, v, s in self.sizes(recordings)
+            ],
             "changed": self.changed,
             "step": None
             if step is None
@@ -98,13 +107,21 @@ class Course:
         }
 
 
-def together(found: Sequence[Diagnosis], refused: Sequence[str] = ()) -> tuple[Diagnosis, tuple[Course, ...]]:
+def together(
+    found: Sequence[Diagnosis], refused: Sequence[str] = ()
+) -> tuple[Diagnosis, tuple[Course, ...]]:
     """Return diagnoses of one recording each as one, and every number; `refused`: why other recordings allowed none."""
     if len(found) < 2:
-        raise DiagnosisError("; ".join((FEW, *refused[:1])), "Name them, or the folder that they are in.")
+        raise DiagnosisError(
+            "; ".join((FEW, *refused[:1])), "Name them, or the folder that they are in."
+        )
     recordings, followed = tuple(one.identify[0] for one in found), courses_of_each(found)
     verdicts = {one.verdict for one in found}
-    doubtful = [f"{one.identify[0]} is unknown: its sizes count little" for one in found if one.verdict == "unknown"]
+    doubtful = [
+        f"{one.identify[0]} is unknown: its sizes count little"
+        for one in found
+        if one.verdict == "unknown"
+    ]
     places = set().union(*(one.noise for one in found))
     lacking = [
         f"{one.identify[0]} lacks channels that others hold: what shows there alone is not compared"
@@ -114,7 +131,9 @@ def together(found: Sequence[Diagnosis], refused: Sequence[str] = ()) -> tuple[D
     whole = replace(
         found[0],
         identify=recordings,
-        verdict=next(verdict for verdict in ("unknown", "explained", "none") if verdict in verdicts),
+        verdict=next(
+            verdict for verdict in ("unknown", "explained", "none") if verdict in verdicts
+        ),
         causes=tuple(cause for one in found for cause in one.causes),
         unexplained=tuple(place for one in found for place in one.unexplained),
         notes=(*refused, *doubtful, *lacking, *(note for one in found for note in one.notes)),
@@ -124,7 +143,9 @@ def together(found: Sequence[Diagnosis], refused: Sequence[str] = ()) -> tuple[D
 
 def with_steps(found: Diagnosis, followed: Sequence[Course]) -> Diagnosis:
     """Return a diagnosis whose changes are these steps."""
-    return replace(found, changes=tuple(one.change(found.identify) for one in followed if one.step is not None))
+    return replace(
+        found, changes=tuple(one.change(found.identify) for one in followed if one.step is not None)
+    )
 
 
 def courses_of_each(found: Sequence[Diagnosis]) -> tuple[Course, ...]:
@@ -132,10 +153,16 @@ def courses_of_each(found: Sequence[Diagnosis]) -> tuple[Course, ...]:
     sizes: dict[tuple[str, str | None, str, str], dict[int, tuple[float, float]]] = {}
     for k, one in enumerate(found):
         causes = [(c.effect, c.joint, plain_parameters(c.parameters)) for c in one.causes]
-        for effect, joint, parameters in [*((o["effect"], o["joint"], o["parameters"]) for o in one.known), *causes]:
+        for effect, joint, parameters in [
+            *((o["effect"], o["joint"], o["parameters"]) for o in one.known),
+            *causes,
+        ]:
             for name, size in list(parameters.items())[:1]:
                 if size["std"] and not np.ndim(size["std"]):
-                    sizes.setdefault((effect, joint, name, size["unit"]), {})[k] = size["value"], size["std"]
+                    sizes.setdefault((effect, joint, name, size["unit"]), {})[k] = (
+                        size["value"],
+                        size["std"],
+                    )
     result, places = [], [set(one.noise) for one in found]
     for key, own in sizes.items():
         values, stds = np.full((2, len(found)), np.nan)
@@ -146,9 +173,13 @@ def courses_of_each(found: Sequence[Diagnosis]) -> tuple[Course, ...]:
             hidden = std * np.sqrt(2.0 * np.log(relative / ODDS))
             # What lacks a channel at which the others show it may have it all the same.
             seen = [any(places[j] <= there for j in own) for there in places]
-            values, stds = (np.where(np.isnan(v) & seen, to, v) for v, to in ((values, absent), (stds, hidden)))
+            values, stds = (
+                np.where(np.isnan(v) & seen, to, v) for v, to in ((values, absent), (stds, hidden))
+            )
         result.append(SizedTerm(*key, values, np.diag(stds**2)))
-    wrong = np.array([UNSURE if one.verdict == "unknown" else ODDS / max(1, len(result)) for one in found])
+    wrong = np.array(
+        [UNSURE if one.verdict == "unknown" else ODDS / max(1, len(result)) for one in found]
+    )
     return _followed(result, wrong, 1.0)
 
 
@@ -186,19 +217,27 @@ def course_of(sized: SizedTerm, wrong: Array, by: float, odds: float) -> Course:
     n, absent = len(shown), _absent(sized.effect, sized.parameter) or 0.0
     if n < 2:
         return Course(sized, odds / (1.0 + odds), None)
-    x, C, q = sized.values[shown] - absent, sized.covariance[np.ix_(shown, shown)], wrong[shown, None]
+    x, C, q = (
+        sized.values[shown] - absent,
+        sized.covariance[np.ix_(shown, shown)],
+        wrong[shown, None],
+    )
     S = np.diag(C)
     common = float(np.clip((C.sum() - S.sum()) / (n * (n - 1)), 0.0, 0.999 * S.min()))
     S = (S - common)[:, None]
     R = max(float(np.abs(x).max()), float(np.sqrt(S.max())))
-    away = np.concatenate([np.arange(0.0, 2.0, 0.25), np.geomspace(2.0, 4.0 * R / np.sqrt(S.min()), 40)])
+    away = np.concatenate(
+        [np.arange(0.0, 2.0, 0.25), np.geomspace(2.0, 4.0 * R / np.sqrt(S.min()), 40)]
+    )
     near = x[:, None] + np.sqrt(S) * np.concatenate([-away, away])
     grid = np.unique(np.quantile(near, np.linspace(0.0, 1.0, 1000)))
     prior = _log_normal(grid, R**2) + np.log(np.gradient(grid))
     none, before, after = -np.inf, *np.full((2, n - 1, len(grid)), -np.inf)
     for t, width in zip(TIMES, np.gradient(TIMES), strict=True):
         v, left = S + t**2 * (S + (SCATTER * R) ** 2), x[:, None] - grid
-        each = np.logaddexp(np.log1p(-q) + _log_normal(left, v), np.log(q) + _log_normal(left, v + (by * R) ** 2))
+        each = np.logaddexp(
+            np.log1p(-q) + _log_normal(left, v), np.log(q) + _log_normal(left, v + (by * R) ** 2)
+        )
         until = np.cumsum(each, axis=0)
         first, second = until[:-1] + prior, until[-1] - until[:-1] + prior
         weight = np.log(width) - t
@@ -211,7 +250,8 @@ def course_of(sized: SizedTerm, wrong: Array, by: float, odds: float) -> Course:
         return Course(sized, changed, None)
     m = int(np.argmax(steps))
     a, b = (
-        (absent + level, float(np.sqrt(var + common))) for level, var in (_moments(grid, w[m]) for w in (before, after))
+        (absent + level, float(np.sqrt(var + common)))
+        for level, var in (_moments(grid, w[m]) for w in (before, after))
     )
     probability = float(np.exp(steps[m] - logsumexp(steps)))
     return Course(sized, changed, Step(int(shown[m]), int(shown[m + 1]), *a, *b, probability))

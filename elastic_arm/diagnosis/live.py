@@ -36,9 +36,18 @@ class Window:
     """
 
     def __init__(
-        self, joints: Sequence[str], length: float = 15.0, source: str = "live", currents: Sequence[str] = ()
+        self,
+        joints: Sequence[str],
+        length: float = 15.0,
+        source: str = "live",
+        currents: Sequence[str] = (),
     ) -> None:
-        self.joints, self.length, self.source, self.currents = tuple(joints), length, source, tuple(currents)
+        self.joints, self.length, self.source, self.currents = (
+            tuple(joints),
+            length,
+            source,
+            tuple(currents),
+        )
         self._batches: deque[Samples] = deque()
 
     def add(self, samples: Samples) -> None:
@@ -77,12 +86,16 @@ class Window:
         Raises a DiagnosisError if there is nothing.
         """
         if not self._batches:
-            raise DiagnosisError("no samples yet", "Start the arm, or look for it on /joint_states and /motor_states")
+            raise DiagnosisError(
+                "no samples yet", "Start the arm, or look for it on /joint_states and /motor_states"
+            )
         stamps = np.concatenate([batch.stamp_ns for batch in self._batches])
         channels: dict[str, dict[str, Array]] = {}
         for name in self._batches[0].recorded():
             side, channel = SAMPLED[name]
-            channels.setdefault(side, {})[channel] = np.concatenate([getattr(batch, name) for batch in self._batches])
+            channels.setdefault(side, {})[channel] = np.concatenate(
+                [getattr(batch, name) for batch in self._batches]
+            )
         sides: dict[str, Any] = {side: Side(stamps, **own) for side, own in channels.items()}
         return Recording(self.joints, **sides, source=self.source, currents=self.currents)
 
@@ -133,13 +146,22 @@ class Sizes:
                     continue
                 level = self._levels.setdefault((one["effect"], one["joint"], name), Level())
                 if not level.takes(value, std):
-                    before, now = (size_text(v, s, size["unit"]) for v, s in ((level.mean, level.std), (value, std)))
-                    said.append(f"{name} of {effect_at(one['effect'], one['joint'])} changed from {before} to {now}")
+                    before, now = (
+                        size_text(v, s, size["unit"])
+                        for v, s in ((level.mean, level.std), (value, std))
+                    )
+                    said.append(
+                        f"{name} of {effect_at(one['effect'], one['joint'])} changed from {before} to {now}"
+                    )
         return said
 
 
 def answering(
-    robot: str | None, model: str, known: Sequence[str], refit: bool, effects_files: Sequence[str] = ()
+    robot: str | None,
+    model: str,
+    known: Sequence[str],
+    refit: bool,
+    effects_files: Sequence[str] = (),
 ) -> Callable[[Recording], dict[str, Any]]:
     """Return what diagnoses recordings in a process of its own: each gives the content of `diagnosis.json`.
 

@@ -72,7 +72,9 @@ class CompetingEffect:
 AmbiguousPair = tuple[CompetingEffect, CompetingEffect, tuple[CompetingEffect, ...]]
 
 
-def propose(context: DiagnosisContext, causes: Sequence[Cause], *, rng: np.random.Generator) -> Proposal | None:
+def propose(
+    context: DiagnosisContext, causes: Sequence[Cause], *, rng: np.random.Generator
+) -> Proposal | None:
     """Return the motion that separates causes from their alternatives best; None where there are no alternatives."""
     ambiguous = _ambiguous_pairs(context, causes)
     if not ambiguous:
@@ -130,7 +132,11 @@ def _separations(ambiguous: Sequence[AmbiguousPair], columns: Columns) -> list[f
 
 def _unexplained(target: Array, columns: Array) -> float:
     """Sum of squares of what least squares on the columns leaves of the target."""
-    u, s, _ = np.linalg.svd(columns, full_matrices=False) if columns.size else (columns, np.zeros(0), None)
+    u, s, _ = (
+        np.linalg.svd(columns, full_matrices=False)
+        if columns.size
+        else (columns, np.zeros(0), None)
+    )
     basis = u[:, s > DEPENDENT * s[0]] if len(s) else np.zeros((len(target), 0))
     target = target - basis @ (basis.T @ target)
     return float(target @ target)
@@ -165,9 +171,14 @@ def _criterion(values: Sequence[float]) -> float:
     return float(np.sum(np.log1p(values)))
 
 
-def _moved(motion: FourierTrajectory, limits: MotionLimits, rng: np.random.Generator) -> FourierTrajectory:
+def _moved(
+    motion: FourierTrajectory, limits: MotionLimits, rng: np.random.Generator
+) -> FourierTrajectory:
     """Return the motion after a random step of amplitudes and centre, within the limits."""
-    a, b = (values + STRIDE * np.std(values) * rng.standard_normal(values.shape) for values in (motion.a, motion.b))
+    a, b = (
+        values + STRIDE * np.std(values) * rng.standard_normal(values.shape)
+        for values in (motion.a, motion.b)
+    )
     q0 = motion.q0 + CENTRE_STRIDE * limits.half_range * rng.standard_normal(motion.n)
     q0 = np.clip(q0, limits.position_min, limits.position_max)
     moved = FourierTrajectory(motion.omega, a, b, q0, motion.duration, motion.ramp, motion.joints)
@@ -177,7 +188,9 @@ def _moved(motion: FourierTrajectory, limits: MotionLimits, rng: np.random.Gener
 def _ambiguous_pairs(context: DiagnosisContext, causes: Sequence[Cause]) -> list[AmbiguousPair]:
     """Return causes and alternatives, most probable alternatives first."""
     best = context.explanation.best
-    own = {(t.key[0], t.key[1]): _competing(best, t) for t in best.optional if t.feature is not None}
+    own = {
+        (t.key[0], t.key[1]): _competing(best, t) for t in best.optional if t.feature is not None
+    }
     found: list[tuple[float, AmbiguousPair]] = []
     for cause in causes:
         name = (cause.effect, cause.joint)
@@ -218,5 +231,8 @@ def _competing(fit: Fit, term: Term) -> CompetingEffect:
         if not p.integer:
             low, high = axis(p)
             step = NEIGHBOUR * (high - low)
-            points += [(*theta[:j], moved(p, theta[j], sign * step), *theta[j + 1 :]) for sign in (-1.0, 1.0)]
+            points += [
+                (*theta[:j], moved(p, theta[j], sign * step), *theta[j + 1 :])
+                for sign in (-1.0, 1.0)
+            ]
     return CompetingEffect(term.key[0], term.key[1], feature, theta, beta, tuple(points))

@@ -32,7 +32,9 @@ class ExperimentConditions:
     def of(model: Model, data: WhitenedData) -> ExperimentConditions:
         """Take them from the longest stretch of a data set."""
         part = max(data.parts, key=lambda p: len(p.stretch.t))
-        return ExperimentConditions(model, data.layout, part.noise, data.band.cutoff, part.signals.cutoff)
+        return ExperimentConditions(
+            model, data.layout, part.noise, data.band.cutoff, part.signals.cutoff
+        )
 
 
 class PredictedExperiment:
@@ -41,7 +43,9 @@ class PredictedExperiment:
     trajectory: of the motor side; the links follow as far as the drives' stiffness makes them.
     """
 
-    def __init__(self, conditions: ExperimentConditions, trajectory: FourierTrajectory, rate: float) -> None:
+    def __init__(
+        self, conditions: ExperimentConditions, trajectory: FourierTrajectory, rate: float
+    ) -> None:
         self._conditions = conditions
         model = conditions.model
         self._rate = min(rate, conditions.noise.rate)
@@ -52,7 +56,10 @@ class PredictedExperiment:
         motion.tau_m[:] = -raw_residuals(model, motion)[:, 2 * model.n :]
         still = np.full(model.n, SLOWEST)
         self._signals = Signals.of(
-            motion, (still, still), elastic=model.robot.elastic, cutoff=conditions.acceleration_cutoff
+            motion,
+            (still, still),
+            elastic=model.robot.elastic,
+            cutoff=conditions.acceleration_cutoff,
         )
 
     def white(self, feature: Feature, searched: Sequence[float]) -> Array:
@@ -63,7 +70,10 @@ class PredictedExperiment:
         acting = np.any(rows.any(axis=0), axis=1)
         f = np.fft.rfftfreq(len(rows), 1.0 / self._rate)
         inside = f <= conditions.cutoff
-        spectrum = conditions.noise.whitener(f[inside])[:, :, acting] @ np.fft.rfft(rows[:, acting], axis=0)[inside]
+        spectrum = (
+            conditions.noise.whitener(f[inside])[:, :, acting]
+            @ np.fft.rfft(rows[:, acting], axis=0)[inside]
+        )
         # Parseval, with both signs of every f but 0; the noise is that of a sample of the recording.
         spectrum *= np.sqrt(2.0 / len(rows) * conditions.noise.rate / self._rate)
         spectrum[0] /= np.sqrt(2.0)

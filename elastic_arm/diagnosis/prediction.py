@@ -62,11 +62,17 @@ class Prediction:
     @staticmethod
     def from_dict(data: Mapping[str, Any]) -> Prediction:
         """Return what :meth:`to_dict` wrote."""
-        before, after = (None if data[name] is None else _flat(data[name]) for name in ("before", "after"))
-        return Prediction(tuple(data["horizons_s"]), data["starts"], before, after, data["reason"] or "")
+        before, after = (
+            None if data[name] is None else _flat(data[name]) for name in ("before", "after")
+        )
+        return Prediction(
+            tuple(data["horizons_s"]), data["starts"], before, after, data["reason"] or ""
+        )
 
 
-def _flat(nested: Mapping[str, Mapping[str, Sequence[float | None]]]) -> dict[Place, tuple[float, ...]]:
+def _flat(
+    nested: Mapping[str, Mapping[str, Sequence[float | None]]],
+) -> dict[Place, tuple[float, ...]]:
     values = {(joint, side): v for joint, by_side in nested.items() for side, v in by_side.items()}
     return {place: tuple(np.nan if v is None else v for v in row) for place, row in values.items()}
 
@@ -74,43 +80,59 @@ def _flat(nested: Mapping[str, Mapping[str, Sequence[float | None]]]) -> dict[Pl
 def _nested(size: Mapping[Place, tuple[float, ...]]) -> dict[str, dict[str, list[float | None]]]:
     found: dict[str, dict[str, list[float | None]]] = {}
     for (joint, side), values in size.items():
-        found.setdefault(joint, {})[side] = [float(f"{v:.4g}") if np.isfinite(v) else None for v in values]
+        found.setdefault(joint, {})[side] = [
+            float(f"{v:.4g}") if np.isfinite(v) else None for v in values
+        ]
     return found
 
 
-def predict(context: DiagnosisContext, causes: Sequence[EffectInstance], starts: int = STARTS) -> Prediction:
+def predict(
+    context: DiagnosisContext, causes: Sequence[EffectInstance], starts: int = STARTS
+) -> Prediction:
     """Measure the short-horizon prediction error on the validation data, without and with the causes.
 
     context: of the diagnosis; what counted as part of the model acts in both predictions; starts: instants from
     which is predicted, spread evenly over the validation data.
     """
     if context.model.robot.elastic and "motor" not in context.validate.layout.sides:
-        return Prediction(reason="motor torque and motor angle are not both recorded: there is nothing to drive with")
+        return Prediction(
+            reason="motor torque and motor angle are not both recorded: there is nothing to drive with"
+        )
     if bare := _undriven(context):
         return Prediction(reason=f"the torque that drives {', '.join(bare)} was not recorded")
     if context.seen[0].made_by:
-        return Prediction(reason="no torque was measured that could drive it; `elastic-arm replay` takes the commands")
+        return Prediction(
+            reason="no torque was measured that could drive it; `elastic-arm replay` takes the commands"
+        )
     begins = _begins(context, starts)
     if not any(len(b) for b in begins):
         return Prediction(reason=f"no stretch of the validation data is {HORIZONS[-1]:g} s long")
     if light := _without_inertia(context):
-        return Prediction(reason=f"the model has no inertia for {', '.join(light)}: it would accelerate without limit")
+        return Prediction(
+            reason=f"the model has no inertia for {', '.join(light)}: it would accelerate without limit"
+        )
     first = context.seen[0].pieces[0]
-    sides = [s for s, recorded in (("link", first.q), ("motor", first.theta)) if recorded is not None]
+    sides = [
+        s for s, recorded in (("link", first.q), ("motor", first.theta)) if recorded is not None
+    ]
     if not context.model.robot.elastic:
         sides = sides[:1]
     before = _errors(context, (), causes, begins, sides)
     after = _errors(context, causes, (), begins, sides) if causes else before
     horizons = _horizons(1.0 / context.seen[0].rate)
     units = context.model.robot.units
-    reason = _left(before, horizons, "the model", units) or _left(after, horizons, "the model with the causes", units)
+    reason = _left(before, horizons, "the model", units) or _left(
+        after, horizons, "the model with the causes", units
+    )
     return Prediction(horizons, sum(len(b) for b in begins), before, after, reason)
 
 
 def _undriven(context: DiagnosisContext) -> list[str]:
     """Return the joints without the torque that a prediction is driven by, while others have it."""
     channel = "tau_m" if "motor" in context.validate.layout.sides else "tau_J"
-    lacking = {joint for piece in context.seen[0].pieces for own, joint in piece.lacking if own == channel}
+    lacking = {
+        joint for piece in context.seen[0].pieces for own, joint in piece.lacking if own == channel
+    }
     return [context.model.robot.joint_names[joint] for joint in sorted(lacking)]
 
 
@@ -121,12 +143,22 @@ def _without_inertia(context: DiagnosisContext) -> list[str]:
         return []
     poses = context.validate.parts[0].stretch.quiet.q[:1]
     heaviness = np.diagonal(model.mass_matrix(poses)[0])
-    return [name for name, own in zip(model.robot.joint_names, heaviness, strict=True) if own < BARE * heaviness.max()]
+    return [
+        name
+        for name, own in zip(model.robot.joint_names, heaviness, strict=True)
+        if own < BARE * heaviness.max()
+    ]
 
 
-def _left(size: Mapping[Place, tuple[float, ...]], horizons: Sequence[float], what: str, units: JointUnits) -> str:
+def _left(
+    size: Mapping[Place, tuple[float, ...]], horizons: Sequence[float], what: str, units: JointUnits
+) -> str:
     """Return where the model leaves the motion, in words; empty where it follows everywhere."""
-    first = {place: int(np.argmax(np.isnan(values))) for place, values in size.items() if np.isnan(values).any()}
+    first = {
+        place: int(np.argmax(np.isnan(values)))
+        for place, values in size.items()
+        if np.isnan(values).any()
+    }
     if not first:
         return ""
     (joint, side), k = min(first.items(), key=lambda found: found[1])
@@ -158,7 +190,9 @@ def _errors(
 
     A lag or a gain among the causes that are lacking is in the channels again, where the calibration took it out.
     """
-    own = {(one.effect.id, one.joint) for one in causes}  # in the place of what the description states of them
+    own = {
+        (one.effect.id, one.joint) for one in causes
+    }  # in the place of what the description states of them
     known = [one for one in context.known if (one.effect.id, one.joint) not in own]
     plant = _with(Plant(context.model.robot, Sensors.exact()), (*known, *causes))
     taken = taken_out(context, _with(plant, lacking).sensors)
@@ -181,7 +215,11 @@ def _errors(
         found["motor"].append(theta - motion.theta[ends])
     names = context.model.robot.joint_names
     rms = {side: _rms(found[side]) for side in sides}
-    return {(joint, side): tuple(rms[side][:, i].tolist()) for i, joint in enumerate(names) for side in sides}
+    return {
+        (joint, side): tuple(rms[side][:, i].tolist())
+        for i, joint in enumerate(names)
+        for side in sides
+    }
 
 
 def _with(plant: Plant, effects: Sequence[EffectInstance]) -> Plant:
@@ -200,7 +238,10 @@ def taken_out(context: DiagnosisContext, sensors: Sensors) -> dict[str, tuple[Ar
     for channel in ("joint_torque", "motor_torque", "link_encoder"):
         own = getattr(sensors, channel)
         delayed, scaled = own.row("delay", n) != 0.0, getattr(own, "gain", 1.0) != np.ones(n)
-        gain, late = context.seen[0].gains.get(SENSED[channel], 1.0), context.judging.late.get(channel, 0.0)
+        gain, late = (
+            context.seen[0].gains.get(SENSED[channel], 1.0),
+            context.judging.late.get(channel, 0.0),
+        )
         found[channel] = np.where(scaled, gain, 1.0), np.where(delayed, late, 0.0)
     return found
 
@@ -238,7 +279,9 @@ def _nominal(model: Model) -> Array:
 
 
 def corrected(
-    motion: CompletedMotion, sensors: Sensors, taken: Mapping[str, tuple[Array, Array]] | None = None
+    motion: CompletedMotion,
+    sensors: Sensors,
+    taken: Mapping[str, tuple[Array, Array]] | None = None,
 ) -> CompletedMotion:
     """Return what the channels would be without the gains, offsets, eccentricities and delays of these sensors.
 
@@ -250,12 +293,17 @@ def corrected(
         if not delay.any():
             return values
         columns = zip(values.T, delay, strict=True)
-        return np.stack([CubicSpline(motion.t, column)(motion.t + late) for column, late in columns], axis=1)
+        return np.stack(
+            [CubicSpline(motion.t, column)(motion.t + late) for column, late in columns], axis=1
+        )
 
     def torque(values: Array, name: str) -> Array:
         sensor = getattr(sensors, name)
         gain, late = taken.get(name, (1.0, 0.0))
-        return early((values * gain - sensor.row("offset", n)) / sensor.row("gain", n), sensor.row("delay", n) - late)
+        return early(
+            (values * gain - sensor.row("offset", n)) / sensor.row("gain", n),
+            sensor.row("delay", n) - late,
+        )
 
     encoder = sensors.link_encoder
     delay = encoder.row("delay", n) - taken.get("link_encoder", (1.0, 0.0))[1]

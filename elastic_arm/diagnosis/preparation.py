@@ -54,7 +54,9 @@ class Prepared:
 
     problem: Problem  # recordings, equations, numbers, effects
     unseen: tuple[EffectInstance, ...]  # known effects that act in no recorded equation
-    sources: tuple[tuple[str, ...], tuple[str, ...]]  # where the recordings of either part come from
+    sources: tuple[
+        tuple[str, ...], tuple[str, ...]
+    ]  # where the recordings of either part come from
     # recording -> where each part that is fitted or judges begins in it, s, and from when to when it judges
     begins: tuple[dict[str, float], dict[str, float]]
     judged: dict[str, tuple[float, float]]
@@ -69,15 +71,27 @@ class Prepared:
         names = self.problem.robot.joint_names
 
         def lacking(which: int, one: Observation) -> Observation:
-            first, there = self.begins[which][one.source], (e for e in events if e.recording == one.source)
-            at = ((SIDES.index(e.side), names.index(e.joint), e.begin - first, e.end - first) for e in there)
+            first, there = (
+                self.begins[which][one.source],
+                (e for e in events if e.recording == one.source),
+            )
+            at = (
+                (SIDES.index(e.side), names.index(e.joint), e.begin - first, e.end - first)
+                for e in there
+            )
             return replace(one, events=tuple(at))
 
-        first, rest = (tuple(lacking(k, one) for one in part) for k, part in enumerate(self.problem.observed))
-        return replace(self, problem=replace(self.problem, observed=(first, rest)), events=tuple(events))
+        first, rest = (
+            tuple(lacking(k, one) for one in part) for k, part in enumerate(self.problem.observed)
+        )
+        return replace(
+            self, problem=replace(self.problem, observed=(first, rest)), events=tuple(events)
+        )
 
 
-def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], question: Question) -> Prepared:
+def prepare(
+    recordings: Sequence[Recording], validate: Sequence[Recording], question: Question
+) -> Prepared:
     """Split, clear and observe recordings, and find what may be off and what may be there.
 
     validate: what judges them; the last third of the recordings' motion where none is given.
@@ -88,14 +102,21 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
     names, held_back = question.robot.joint_names, not validate
     least = SHORTEST / HELD_BACK if held_back else SHORTEST
     moving = [
-        [(part, r.start_ns) for r in some for part in of_one_rate(without_standstill(r.select(names)), least)]
+        [
+            (part, r.start_ns)
+            for r in some
+            for part in of_one_rate(without_standstill(r.select(names)), least)
+        ]
         for some in (recordings, validate)
     ]
     chosen = [by_motor_encoders(r, question.robot) for r, _ in chain.from_iterable(moving)]
     alike = with_common_zeros(share_out(usable, chosen), question.robot)
     alike = [with_made_torque(one, question.robot) for one in alike]
     parts = split(alike[: len(moving[0])], alike[len(moving[0]) :])
-    starts = [start for _, start in moving[0]], [start for _, start in moving[0 if held_back else 1]]
+    starts = (
+        [start for _, start in moving[0]],
+        [start for _, start in moving[0 if held_back else 1]],
+    )
     begins = [
         {r.source: (r.start_ns - start) * 1e-9 for r, start in zip(part, own, strict=True)}
         for part, own in zip(parts, starts, strict=True)
@@ -105,23 +126,45 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
     motored = all(piece.tau_m is not None for one in observed[0] for piece in one.pieces)
     robot = robot.with_armatures() if motored else robot
     observed = _turning_over(robot, parts[0], observed)
-    currents = sorted({channel for part in parts for recording in part for channel in recording.currents})
+    currents = sorted(
+        {channel for part in parts for recording in part for channel in recording.currents}
+    )
     made = tuple(name for name in names if name in parts[0][0].made_by)
     priors = question.priors.of_currents(currents)
-    layout, band = common_equations([*observed[0], *observed[1]], build_model(robot, question.model))
+    layout, band = common_equations(
+        [*observed[0], *observed[1]], build_model(robot, question.model)
+    )
     _check_memory(observed[0], layout, band)
     still = [joint for joint in names if all(joint in standing(r) for r in parts[0])]
     equations = ArmEquations(robot, question.model)
     own = {(instance.effect.id, instance.joint) for instance in question.known}
-    stated = [i for i in robot_effects(robot, question.catalogue) if (i.effect.id, i.joint) not in own]
-    acting = [[i for i in part if feature_of(i, equations).acts] for part in (stated, question.known)]
+    stated = [
+        i for i in robot_effects(robot, question.catalogue) if (i.effect.id, i.joint) not in own
+    ]
+    acting = [
+        [i for i in part if feature_of(i, equations).acts] for part in (stated, question.known)
+    ]
     seen = [tuple(i for i in part if _is_seen(feature_of(i, equations), layout)) for part in acting]
-    unseen = tuple(i for part, kept in zip(acting, seen, strict=True) for i in part if i not in kept)
+    unseen = tuple(
+        i for part, kept in zip(acting, seen, strict=True) for i in part if i not in kept
+    )
     largest = _largest_torques(observed[0], robot.n)
     given = {i.effect.id for i in question.known}
-    uncertain = [e for e in question.catalogue.values() if (e.prior is not None or e.number) and e.id not in given]
+    uncertain = [
+        e
+        for e in question.catalogue.values()
+        if (e.prior is not None or e.number) and e.id not in given
+    ]
     numbers, directions = uncertain_numbers(
-        robot, question.model, observed, layout, uncertain, [*seen[0], *seen[1]], largest, priors, held_back
+        robot,
+        question.model,
+        observed,
+        layout,
+        uncertain,
+        [*seen[0], *seen[1]],
+        largest,
+        priors,
+        held_back,
     )
     candidates = _candidates(question, equations, still, layout, numbers, observed[0][0], seen)
     problem = Problem(
@@ -144,14 +187,20 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
     notes += [*_low_passed(parts), *(standing_note(joint) for joint in still)]
     bare = [names[j] for j in layout.without_rows]
     notes += [*([bare_note(bare)] if bare else []), *unseen_notes(unseen, bare)]
-    gains = ", ".join(f"{100 * priors.sensors[f'{channel}_gain']:.2g} % of {channel}" for channel in currents)
-    notes += [f"Torques are currents times a torque constant, believed to {gains}."] if currents else []
+    gains = ", ".join(
+        f"{100 * priors.sensors[f'{channel}_gain']:.2g} % of {channel}" for channel in currents
+    )
+    notes += (
+        [f"Torques are currents times a torque constant, believed to {gains}."] if currents else []
+    )
     return Prepared(
         problem=problem,
         unseen=unseen,
         sources=(tuple(r.source for r in parts[0]), tuple(r.source for r in parts[1])),
         begins=(begins[0], begins[1]),
-        judged={r.source: (begins[1][r.source], begins[1][r.source] + r.duration) for r in parts[1]},
+        judged={
+            r.source: (begins[1][r.source], begins[1][r.source] + r.duration) for r in parts[1]
+        },
         independent_motion=independent(*parts),
         notes=tuple(notes),
         mounting=mounting,
@@ -175,7 +224,9 @@ def _largest_torques(observed: Sequence[Observation], n: int) -> Array:
     """Return the largest torque (n,) Nm that each joint carries."""
     pieces = [piece for one in observed for piece in one.pieces]
     torques = [t for piece in pieces for t in (piece.tau_m, piece.tau_J) if t is not None]
-    found = np.nanmax([np.nanmax(np.abs(t), axis=0, initial=0.0) for t in torques] or [np.ones(n)], axis=0)
+    found = np.nanmax(
+        [np.nanmax(np.abs(t), axis=0, initial=0.0) for t in torques] or [np.ones(n)], axis=0
+    )
     return np.maximum(found, 1e-3 * max(float(found.max()), 1e-9))
 
 
@@ -198,12 +249,16 @@ def _mounted(question: Question, observed: Sequence[Observation]) -> tuple[Robot
     asked = any(effect.id == TILT for effect in question.candidates)
     if not asked or any(instance.effect.id == TILT for instance in known):
         return question.robot, None
-    found = other_mounting(question.robot, question.model, [piece for one in observed for piece in one.pieces])
+    found = other_mounting(
+        question.robot, question.model, [piece for one in observed for piece in one.pieces]
+    )
     return (question.robot, None) if found is None else (found.of(question.robot), found)
 
 
 def _turning_over(
-    robot: Robot, recordings: Sequence[Recording], observed: tuple[tuple[Observation, ...], tuple[Observation, ...]]
+    robot: Robot,
+    recordings: Sequence[Recording],
+    observed: tuple[tuple[Observation, ...], tuple[Observation, ...]],
 ) -> tuple[tuple[Observation, ...], tuple[Observation, ...]]:
     """Return the observations with the speeds at which dry friction turns over.
 
@@ -266,6 +321,10 @@ def _candidates(
     shown = recorded_features(features(equations, question.candidates), observed.pieces[0])
     if question.robot.n == 1:  # its one joint is the whole arm
         shown = [f for f in shown if f.joint is not None or f.effect.scope is not Scope.EACH_OR_ARM]
-    free = [f for f in shown if (f.effect.id, f.joint) not in held and not (f.joint is None and f.effect.id in wholly)]
+    free = [
+        f
+        for f in shown
+        if (f.effect.id, f.joint) not in held and not (f.joint is None and f.effect.id in wholly)
+    ]
     visible = (f for f in free if _is_seen(f, layout) and f.key not in known)
     return [f for f in visible if f.joint not in still or not needs_motion(f)]

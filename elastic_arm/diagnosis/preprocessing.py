@@ -25,7 +25,10 @@ PASSES = 3  # of estimating and removing a drift
 DIFFERENCE = 1e-3  # of the velocities' spread: equal to differences of positions up to rounding
 # Means over a recording from which a clock's drift can be told: several times what is fitted to them.
 FEWEST_MEANS = 50
-TORQUES = {"link": "joint torque (effort of the link side)", "motor": "motor torque (effort of the motor side)"}
+TORQUES = {
+    "link": "joint torque (effort of the link side)",
+    "motor": "motor torque (effort of the motor side)",
+}
 
 
 def usable(recording: Recording) -> Recording:
@@ -44,7 +47,11 @@ def standing(recording: Recording) -> list[str]:
     side = recording.motor or recording.link
     if side is None or side.position is None:
         return []
-    return [j for j, span in zip(recording.joints, np.ptp(side.position, axis=0), strict=True) if span < STILL]
+    return [
+        j
+        for j, span in zip(recording.joints, np.ptp(side.position, axis=0), strict=True)
+        if span < STILL
+    ]
 
 
 def needs_motion(feature: Feature) -> bool:
@@ -75,8 +82,13 @@ def _live(recording: Recording) -> Recording:
             f"every torque channel of {where} is empty: {' and '.join(dead)} hold one number throughout",
             "Record the effort of /motor_states, of /joint_states, or both",
         )
-    notes += [f"{where}: {channel} holds one number throughout: taken as not recorded." for channel in dead]
-    return replace(recording, link=sides["link"], motor=sides["motor"], notes=(*recording.notes, *notes))
+    notes += [
+        f"{where}: {channel} holds one number throughout: taken as not recorded."
+        for channel in dead
+    ]
+    return replace(
+        recording, link=sides["link"], motor=sides["motor"], notes=(*recording.notes, *notes)
+    )
 
 
 def _without_differences(recording: Recording) -> Recording:
@@ -100,7 +112,9 @@ def _without_differences(recording: Recording) -> Recording:
     if not found:
         return recording
     words = f"{where}: {' and '.join(found)} velocities are differences of the positions: left out."
-    return replace(recording, link=sides["link"], motor=sides["motor"], notes=(*recording.notes, words))
+    return replace(
+        recording, link=sides["link"], motor=sides["motor"], notes=(*recording.notes, words)
+    )
 
 
 def _one_clock(recording: Recording) -> Recording:
@@ -166,13 +180,17 @@ def _mean(drifts: Array, stds: Array) -> float:
 def _drift_of(samples: Samples, j: int, averaging: float) -> tuple[float, float]:
     """Return the drift that one joint shows, and its standard deviation: the lag's part that grows with time."""
     assert samples.q is not None and samples.theta is not None
-    t, q, theta = (_averaged(samples.t, v, averaging) for v in (samples.t, samples.q[:, j], samples.theta[:, j]))
+    t, q, theta = (
+        _averaged(samples.t, v, averaging)
+        for v in (samples.t, samples.q[:, j], samples.theta[:, j])
+    )
     torques = [c for c in (samples.tau_J, samples.tau_m) if c is not None][:1]
     loads = [_averaged(samples.t, c[:, j], averaging) for c in torques]
     v = np.gradient(theta, t)
     later = (t - t.mean()) * v
     columns = np.stack(
-        [later, v, np.sign(v), np.gradient(v, t), np.ones_like(t), *loads, *(c**3 for c in loads)], axis=1
+        [later, v, np.sign(v), np.gradient(v, t), np.ones_like(t), *loads, *(c**3 for c in loads)],
+        axis=1,
     )
     scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
     beta, *_ = np.linalg.lstsq(columns / scale, theta - q, rcond=1e-10)

@@ -41,7 +41,9 @@ class Question:
 
     def __post_init__(self) -> None:
         require_robot(self.robot)
-        known = read_effects(self.given, lambda text: known_effects([text], self.robot, self.catalogue))
+        known = read_effects(
+            self.given, lambda text: known_effects([text], self.robot, self.catalogue)
+        )
         object.__setattr__(self, "given", known)
         if self.effects is not None:
             found = tuple(self.catalogue.find(e) if isinstance(e, str) else e for e in self.effects)
@@ -50,7 +52,11 @@ class Question:
     @property
     def candidates(self) -> tuple[Effect, ...]:
         """What may explain the gap."""
-        asked = [e for e in self.catalogue.values() if e.searched] if self.effects is None else self.effects
+        asked = (
+            [e for e in self.catalogue.values() if e.searched]
+            if self.effects is None
+            else self.effects
+        )
         return tuple(e for e in asked if isinstance(e, Effect))
 
     @property

@@ -35,7 +35,9 @@ REGIMES = (
 )
 
 
-def shares(data: WhitenedData, values: Sequence[Array], row: int, ratios: tuple[float, float]) -> dict[str, float]:
+def shares(
+    data: WhitenedData, values: Sequence[Array], row: int, ratios: tuple[float, float]
+) -> dict[str, float]:
     """Share of one residual's power that follows each regime.
 
     values: residuals (N', R) of each stretch, Nm; row: which residual; its joint and side follow from the layout.
@@ -47,7 +49,9 @@ def shares(data: WhitenedData, values: Sequence[Array], row: int, ratios: tuple[
     found: dict[str, float] = {}
     power = float(np.mean(r**2)) or 1.0
     for regime in parts[0]:
-        basis = np.concatenate([part.stretch.in_band(p[regime]) for p, part in zip(parts, data.parts, strict=True)])
+        basis = np.concatenate(
+            [part.stretch.in_band(p[regime]) for p, part in zip(parts, data.parts, strict=True)]
+        )
         beta = np.linalg.lstsq(basis, r, rcond=1e-8)[0]
         left = float(np.mean((r - basis @ beta) ** 2))
         # A fit with more columns explains more by chance alone.
@@ -67,7 +71,9 @@ def regime(found: dict[str, float]) -> str:
     return next(name for name in REGIMES if found.get(name, 0.0) > ALIKE * best)
 
 
-def bases(signals: Signals, side: str, i: int, n: int, ratios: tuple[float, float]) -> dict[str, Array]:
+def bases(
+    signals: Signals, side: str, i: int, n: int, ratios: tuple[float, float]
+) -> dict[str, Array]:
     """Return the columns (N, k) at the recording's rate that a residual of joint i would follow, by regime.
 
     side: "link", or another: which velocity and sign the residual follows.
@@ -81,7 +87,9 @@ def bases(signals: Signals, side: str, i: int, n: int, ratios: tuple[float, floa
     theta, q, load = v["x"][:, motor + i], v["x"][:, i], v["tau_J"][:, i]
     # Of the load clear of noise: that of the encoders is in the residuals, too, and differentiating raises it. The load
     # itself is the one of which the columns of nuisance parameters are made, so that these hold what is theirs.
-    rate = signals.once("rates of the clear load", lambda: rates_of(signals.t, signals.model_torques["clear"]))[:, i]
+    rate = signals.once(
+        "rates of the clear load", lambda: rates_of(signals.t, signals.model_torques["clear"])
+    )[:, i]
     typical = float(np.sqrt(np.mean(w**2))) or 1.0
     waves = [f(k * ratios[0] * theta) for k in ORDERS for f in (np.sin, np.cos)]
     turns = [f(k * ratios[1] * theta) for k in ORDERS for f in (np.sin, np.cos)]

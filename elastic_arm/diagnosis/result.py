@@ -60,7 +60,9 @@ class Cause:
     alternatives: tuple[Alternative, ...]  # what may be there instead
     instance: EffectInstance  # as the simulator takes it
     stated: Mapping[str, Any] | None = None
-    is_number: bool = False  # whether it is a number of the arm, which the corrected arm holds as that
+    is_number: bool = (
+        False  # whether it is a number of the arm, which the corrected arm holds as that
+    )
     # share of the gap at its places that comes back where it is taken out and the rest is refitted, on the recordings
     # that judge; None where no place has a gap
     shrink_without: float | None = None
@@ -84,7 +86,9 @@ class Cause:
         own = self.effect, self.joint
         which = [(own, (a.effect, a.joint)) in decided for a in self.alternatives]
         pairs = zip(self.alternatives, which, strict=True)
-        return replace(self, alternatives=tuple(replace(a, file=SEPARATING) if yes else a for a, yes in pairs))
+        return replace(
+            self, alternatives=tuple(replace(a, file=SEPARATING) if yes else a for a, yes in pairs)
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as in `diagnosis.json`."""
@@ -104,7 +108,9 @@ class Cause:
             "shrink": _plain(self.shrink),
             "confidence": _plain(self.confidence),
             "shrink_without": None if self.shrink_without is None else _plain(self.shrink_without),
-            "from": None if self.stated is None else {name: _plain(value) for name, value in self.stated.items()},
+            "from": None
+            if self.stated is None
+            else {name: _plain(value) for name, value in self.stated.items()},
             "to": None if self.stated is None else found,
             "held_as": self.held_as,
             "alternatives": [
@@ -184,7 +190,9 @@ class Change:
             "joint": self.joint,
             "parameter": self.parameter,
             "unit": self.unit,
-            "values": [{"recording": r, "value": _plain(v), "std": _plain(s)} for r, v, s in self.values],
+            "values": [
+                {"recording": r, "value": _plain(v), "std": _plain(s)} for r, v, s in self.values
+            ],
             "confidence": _plain(self.confidence),
         }
 
@@ -225,9 +233,15 @@ class PairSeparation:
         return {
             **{
                 name: {"effect": effect, "joint": joint}
-                for name, (effect, joint) in (("cause", self.cause), ("alternative", self.alternative))
+                for name, (effect, joint) in (
+                    ("cause", self.cause),
+                    ("alternative", self.alternative),
+                )
             },
-            "log_likelihood": {"this_recording": float(f"{self.here:.4g}"), "proposed": float(f"{self.expected:.4g}")},
+            "log_likelihood": {
+                "this_recording": float(f"{self.here:.4g}"),
+                "proposed": float(f"{self.expected:.4g}"),
+            },
             "decides": self.decides,
         }
 
@@ -249,7 +263,11 @@ class Proposal:
     @property
     def decided(self) -> set[tuple[tuple[str, str | None], tuple[str, str | None]]]:
         """Cause and alternative of each pair on which the motion is expected to decide."""
-        return set() if self.trajectory is None else {(p.cause, p.alternative) for p in self.pairs if p.decides}
+        return (
+            set()
+            if self.trajectory is None
+            else {(p.cause, p.alternative) for p in self.pairs if p.decides}
+        )
 
     @property
     def worthwhile(self) -> bool:
@@ -365,11 +383,15 @@ class Diagnosis(Result):
         scales = {joint: found[joint] for joint in self.made if joint in found}
         return {joint: ParameterEstimate(one.value, one.std, "1") for joint, one in scales.items()}
 
-    def with_closed_loop(self, errors: Mapping[str, ClosedLoopError], taken_back: Sequence[str]) -> Diagnosis:
+    def with_closed_loop(
+        self, errors: Mapping[str, ClosedLoopError], taken_back: Sequence[str]
+    ) -> Diagnosis:
         """Return it with how a commanded arm moves: where a joint moves worse as found, it is not explained."""
         refused = any(one.refused is not None for one in errors.values())
         verdict = "unknown" if refused and self.verdict == "explained" else self.verdict
-        return replace(self, verdict=verdict, closed_loop=dict(errors), taken_back=tuple(taken_back))
+        return replace(
+            self, verdict=verdict, closed_loop=dict(errors), taken_back=tuple(taken_back)
+        )
 
     def tables(self) -> dict[str, Sequence[Row]]:
         """Return "causes", a row a parameter; "gap", a row a residual; "parameters", and "residuals" over time."""
@@ -382,22 +404,39 @@ class Diagnosis(Result):
         sizes = {"rmse_before": self.before.rmse, "rmse_after": self.after.rmse, "max_before": self.before.peak,
                  "max_after": self.after.peak, "own_gap_gone": self.shrink_by_place}  # fmt: skip
         gap = [
-            {"joint": joint, "side": side, "noise": noise, **{k: v.get((joint, side)) for k, v in sizes.items()}}
+            {
+                "joint": joint,
+                "side": side,
+                "noise": noise,
+                **{k: v.get((joint, side)) for k, v in sizes.items()},
+            }
             for (joint, side), noise in self.noise.items()
         ]
         parameters = [{"recording": None, **one.to_dict()} for one in self.imperfections]
-        return {"causes": causes, "gap": gap, "parameters": parameters, "residuals": self._residuals()}
+        return {
+            "causes": causes,
+            "gap": gap,
+            "parameters": parameters,
+            "residuals": self._residuals(),
+        }
 
     def _residuals(self) -> list[Row]:
         if self.context is None:
             return []
         rows: list[Row] = []
-        places = [f"{joint}.{side}" for side in self.context.validate.layout.sides for joint in self.joints]
+        places = [
+            f"{joint}.{side}"
+            for side in self.context.validate.layout.sides
+            for joint in self.joints
+        ]
         names = [f"{place}.{when}" for when in ("before", "after") for place in places]
         for k, (source, (begin, _)) in enumerate(self.judged.items()):
             t, *residuals = self.context.over_time(k)
             values = zip((begin + t).tolist(), np.hstack(residuals).tolist(), strict=True)
-            rows += [{"recording": source, "t": at, **dict(zip(names, row, strict=True))} for at, row in values]
+            rows += [
+                {"recording": source, "t": at, **dict(zip(names, row, strict=True))}
+                for at, row in values
+            ]
         return rows
 
     def residual_sides(self, source: str, start_ns: int) -> dict[str, Side]:
@@ -412,7 +451,9 @@ class Diagnosis(Result):
                 stamps = start_ns + np.round(1e9 * (begin + t)).astype(np.int64)
                 for when, values in zip(("before", "after"), residuals, strict=True):
                     for side, own in zip(sides, np.hsplit(values, len(sides)), strict=True):
-                        found.setdefault(f"/residuals/{side}/{when}", []).append(Side(stamps, effort=own))
+                        found.setdefault(f"/residuals/{side}/{when}", []).append(
+                            Side(stamps, effort=own)
+                        )
         return {topic: joined_sides(parts) for topic, parts in found.items()}
 
     def to_dict(self) -> dict[str, Any]:
@@ -441,15 +482,19 @@ class Diagnosis(Result):
             **self._commanded(),
             "changes": [one.to_dict() for one in self.changes],
             "unexplained": [
-                {"joint": p.joint, "side": p.side, "regime": p.regime, "rmse": _plain(p.rmse)} for p in self.unexplained
+                {"joint": p.joint, "side": p.side, "regime": p.regime, "rmse": _plain(p.rmse)}
+                for p in self.unexplained
             ],
             "not_confirmed": [one.to_dict() for one in self.not_confirmed],
             "known": [dict(one) for one in self.known],
             "events": [
-                {**vars(one), **{k: _plain(getattr(one, k)) for k in ("begin", "end", "rmse")}} for one in self.events
+                {**vars(one), **{k: _plain(getattr(one, k)) for k in ("begin", "end", "rmse")}}
+                for one in self.events
             ],
             "notes": list(self.notes),
-            "prediction": None if self.prediction is None else self.prediction.to_dict(self.units.over("rad")),
+            "prediction": None
+            if self.prediction is None
+            else self.prediction.to_dict(self.units.over("rad")),
             "next_motion": None if self.proposal is None else self.proposal.to_dict(SEPARATING),
         }
 
@@ -457,7 +502,10 @@ class Diagnosis(Result):
         """Return what only an arm has whose torques were made of commands."""
         if not self.made:
             return {}
-        scales = {name: {"value": _plain(e.value), "std": _plain(e.std)} for name, e in self.torque_scale.items()}
+        scales = {
+            name: {"value": _plain(e.value), "std": _plain(e.std)}
+            for name, e in self.torque_scale.items()
+        }
         found: dict[str, Any] = {"torque_scale": scales}
         if self.closed_loop:
             found["closed_loop"] = {name: one.to_dict() for name, one in self.closed_loop.items()}
@@ -486,24 +534,36 @@ class Diagnosis(Result):
         if not isinstance(data, dict) or data.get("schema") != SCHEMA:
             raise DiagnosisError(f"{path} is no diagnosis", f"Its schema must be {SCHEMA}.")
         try:
-            return from_dict(data, Path(path).parent, Catalogue.default() if catalogue is None else catalogue)
+            return from_dict(
+                data, Path(path).parent, Catalogue.default() if catalogue is None else catalogue
+            )
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             what = f"{path} is no whole diagnosis ({type(error).__name__}: {error})"
             raise DiagnosisError(what, remedy) from None
 
     def _table(self, values: Mapping[Place, float | None]) -> dict[str, Any]:
-        return {joint: {side: _plain(values.get((joint, side))) for side in SIDES} for joint in self.joints}
+        return {
+            joint: {side: _plain(values.get((joint, side))) for side in SIDES}
+            for joint in self.joints
+        }
 
     def _sizes(self, size: ResidualSizes) -> dict[str, Any]:
         def cell(place: Place) -> dict[str, Any] | None:
-            return {"rmse": _plain(size.rmse[place]), "max": _plain(size.peak[place])} if place in size.rmse else None
+            return (
+                {"rmse": _plain(size.rmse[place]), "max": _plain(size.peak[place])}
+                if place in size.rmse
+                else None
+            )
 
         return {joint: {side: cell((joint, side)) for side in SIDES} for joint in self.joints}
 
 
 def plain_parameters(parameters: Mapping[str, ParameterEstimate]) -> dict[str, Any]:
     """Return parameters as in `diagnosis.json`."""
-    return {name: {"value": _plain(e.value), "std": _plain(e.std), "unit": e.unit} for name, e in parameters.items()}
+    return {
+        name: {"value": _plain(e.value), "std": _plain(e.std), "unit": e.unit}
+        for name, e in parameters.items()
+    }
 
 
 def _plain(value: Any) -> Any:
@@ -522,15 +582,25 @@ def from_dict(data: Mapping[str, Any], folder: Path, catalogue: Catalogue) -> Di
     from elastic_arm.diagnosis.prediction import Prediction
 
     def places(nested: Mapping[str, Any]) -> dict[Place, Any]:
-        return {(joint, side): v for joint, by_side in nested.items() for side, v in by_side.items()}
+        return {
+            (joint, side): v for joint, by_side in nested.items() for side, v in by_side.items()
+        }
 
     def sizes(when: str) -> ResidualSizes:
         there = {place: v for place, v in places(data["gap"][when]).items() if v is not None}
-        return ResidualSizes({p: v["rmse"] for p, v in there.items()}, {p: v["max"] for p, v in there.items()})
+        return ResidualSizes(
+            {p: v["rmse"] for p, v in there.items()}, {p: v["max"] for p, v in there.items()}
+        )
 
     noise = {place: v for place, v in places(data["noise"]).items() if v is not None}
-    recordings, interval, prediction = data["recordings"], data["shrink_interval"], data["prediction"]
-    changes = [{**one, "values": tuple(map(_change_value, one["values"]))} for one in data["changes"]]
+    recordings, interval, prediction = (
+        data["recordings"],
+        data["shrink_interval"],
+        data["prediction"],
+    )
+    changes = [
+        {**one, "values": tuple(map(_change_value, one["values"]))} for one in data["changes"]
+    ]
     return Diagnosis(
         **{name: data[name] for name in ("model", "robot", "verdict", "trust", "shrink")},
         joints=tuple(data["noise"]),
@@ -544,13 +614,20 @@ def from_dict(data: Mapping[str, Any], folder: Path, catalogue: Catalogue) -> Di
         before=sizes("before"),
         after=sizes("after"),
         shrink_interval=None if interval is None else tuple(interval),
-        shrink_by_place={place: v for place, v in places(data["shrink_by_place"]).items() if place in noise},
+        shrink_by_place={
+            place: v for place, v in places(data["shrink_by_place"]).items() if place in noise
+        },
         causes=tuple(_cause(one, catalogue) for one in data["causes"]),
         unexplained=tuple(UnexplainedResidual(**one) for one in data["unexplained"]),
         not_confirmed=tuple(UnconfirmedCause(**one) for one in data.get("not_confirmed", ())),
-        imperfections=tuple(Imperfection(**one, neutral=float(one["unit"] == "1")) for one in data["imperfections"]),
+        imperfections=tuple(
+            Imperfection(**one, neutral=float(one["unit"] == "1")) for one in data["imperfections"]
+        ),
         made=tuple(data.get("torque_scale", ())),
-        closed_loop={name: ClosedLoopError.from_dict(one) for name, one in data.get("closed_loop", {}).items()},
+        closed_loop={
+            name: ClosedLoopError.from_dict(one)
+            for name, one in data.get("closed_loop", {}).items()
+        },
         taken_back=tuple(data.get("taken_back", ())),
         changes=tuple(Change(**one) for one in changes),
         known=tuple(data["known"]),
@@ -563,12 +640,16 @@ def from_dict(data: Mapping[str, Any], folder: Path, catalogue: Catalogue) -> Di
 
 def _cause(one: Mapping[str, Any], catalogue: Catalogue) -> Cause:
     effect, given = catalogue.find(one["effect"]), one["parameters"]
-    values = {name: tuple(v) if isinstance(v := p["value"], list) else v for name, p in given.items()}
+    values = {
+        name: tuple(v) if isinstance(v := p["value"], list) else v for name, p in given.items()
+    }
     side = {"side": one["sides"][0]} if "side" in effect.names else {}
     return Cause(
         **{name: one[name] for name in ("effect", "joint", "regime", "shrink", "confidence")},
         sides=tuple(one["sides"]),
-        parameters={p.name: ParameterEstimate(**given[p.name]) for p in effect.parameters if p.name in given},
+        parameters={
+            p.name: ParameterEstimate(**given[p.name]) for p in effect.parameters if p.name in given
+        },
         alternatives=tuple(Alternative(**a) for a in one["alternatives"]),
         instance=EffectInstance(effect, one["joint"], {**values, **side}),
         stated=one["from"],
@@ -590,6 +671,14 @@ def _proposal(data: Mapping[str, Any], folder: Path) -> Proposal:
     pairs = []
     for pair in data["pairs"]:
         here, expected = (pair["log_likelihood"][name] for name in ("this_recording", "proposed"))
-        pairs.append(PairSeparation(place(pair["cause"]), place(pair["alternative"]), here, expected, pair["decides"]))
-    trajectory = load_trajectory(folder / data["file"]) if data["file"] and (folder / data["file"]).exists() else None
+        pairs.append(
+            PairSeparation(
+                place(pair["cause"]), place(pair["alternative"]), here, expected, pair["decides"]
+            )
+        )
+    trajectory = (
+        load_trajectory(folder / data["file"])
+        if data["file"] and (folder / data["file"]).exists()
+        else None
+    )
     return Proposal(trajectory, tuple(pairs), data["candidates"], tuple(data["notes"]))

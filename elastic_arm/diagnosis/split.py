@@ -19,7 +19,9 @@ ROWS, SHARED = (
 )  # of a judging recording, looked for in what is fitted; share that may be found: noise repeats none
 
 
-def split(recordings: Sequence[Recording], validate: Sequence[Recording]) -> tuple[list[Recording], list[Recording]]:
+def split(
+    recordings: Sequence[Recording], validate: Sequence[Recording]
+) -> tuple[list[Recording], list[Recording]]:
     """Return recordings to fit and to judge: the last third of each where no validation recording is given.
 
     Holes, as those of standstill, count for nothing.
@@ -53,7 +55,9 @@ def split(recordings: Sequence[Recording], validate: Sequence[Recording]) -> tup
 
 def _course_of_time(recording: Recording) -> tuple[Array, Array]:
     """Return the stamps (N,) of a side, s from the recording's first, and how much was recorded until then, s."""
-    stamps = next(side for side in (recording.motor, recording.link) if side is not None and len(side)).stamp_ns
+    stamps = next(
+        side for side in (recording.motor, recording.link) if side is not None and len(side)
+    ).stamp_ns
     times = np.asarray((stamps - recording.start_ns) * 1e-9)
     steps = np.diff(times, prepend=0.0)
     return times, np.cumsum(np.where(steps > HOLE, 0.0, steps))
@@ -62,14 +66,18 @@ def _course_of_time(recording: Recording) -> tuple[Array, Array]:
 def independent(identify: Sequence[Recording], validate: Sequence[Recording]) -> bool:
     """Whether the judging motion is another one than the fitted ones, not a repetition at another time."""
     rate, alike = RATE, REPEATED
-    return not any(_repeats(_course(v, rate), _course(r, rate), alike) for v in validate for r in identify)
+    return not any(
+        _repeats(_course(v, rate), _course(r, rate), alike) for v in validate for r in identify
+    )
 
 
 def _course(recording: Recording, rate: float) -> Array:
     samples = recording.samples()
     position = samples.theta if samples.theta is not None else samples.q
     if position is None:
-        raise DiagnosisError(f"{recording.source or 'the recording'} holds no positions", "Record positions")
+        raise DiagnosisError(
+            f"{recording.source or 'the recording'} holds no positions", "Record positions"
+        )
     lasts = np.cumsum(np.where((steps := np.diff(samples.t, prepend=0.0)) > HOLE, 0.0, steps))
     t = np.arange(0.0, lasts[-1], 1.0 / rate)
     return np.stack([np.interp(t, lasts, column) for column in position.T], axis=1)
@@ -85,7 +93,9 @@ def _repeats(part: Array, whole: Array, alike: float) -> bool:
     if spread == 0.0 or len(part) < 2:
         return True
     size = len(whole) + len(part)
-    product = np.fft.irfft(np.fft.rfft(whole, size, axis=0) * np.fft.rfft(part[::-1], size, axis=0), size, axis=0)
+    product = np.fft.irfft(
+        np.fft.rfft(whole, size, axis=0) * np.fft.rfft(part[::-1], size, axis=0), size, axis=0
+    )
     shifts = slice(len(part) - 1, len(whole))
     energy = np.cumsum(np.vstack([np.zeros(whole.shape[1]), whole**2]), axis=0)
     windows = energy[len(part) :] - energy[: len(energy) - len(part)]
@@ -95,7 +105,9 @@ def _repeats(part: Array, whole: Array, alike: float) -> bool:
 
 def _contains(recording: Recording, part: Recording) -> bool:
     """Whether much of `part` was taken from `recording`, whatever its stamps: noise does not repeat itself."""
-    sides = [(a, b) for a, b in ((recording.motor, part.motor), (recording.link, part.link)) if a and b]
+    sides = [
+        (a, b) for a, b in ((recording.motor, part.motor), (recording.link, part.link)) if a and b
+    ]
     # Steps of one channel repeat where it is coarse or at rest, those of both sides do not.
     return bool(sides) and all(_shares(_rows(whole), _rows(own)) for whole, own in sides)
 

@@ -28,7 +28,9 @@ LOW_PASSED = (
     "residuals are compared below that, as the motion's torques are missing above, with noise of 0.5 % of the torque, "
     "as the recording shows none"
 )
-REPEATED_MOTION = "The validation data repeat the motion of the fit: it is not an independent motion."
+REPEATED_MOTION = (
+    "The validation data repeat the motion of the fit: it is not an independent motion."
+)
 
 
 def effect_at(effect: str, joint: str | None) -> str:
@@ -38,13 +40,18 @@ def effect_at(effect: str, joint: str | None) -> str:
 
 def estimates_text(parameters: Mapping[str, ParameterEstimate], between: str = ", ") -> str:
     """Return parameters with standard deviations and units as text; what is whole or given has no deviation."""
-    return between.join(f"{name} {size_text(e.value, e.std, e.unit)}" for name, e in parameters.items())
+    return between.join(
+        f"{name} {size_text(e.value, e.std, e.unit)}" for name, e in parameters.items()
+    )
 
 
 def instance_text(instance: EffectInstance, units: JointUnits) -> str:
     """Return all that an effect was given, with the units at its joint."""
     given, joint = instance.parameters, instance.joint
-    numbers = [f"{p.name} {size_text(given[p.name], 0.0, units.at(joint, p.unit))}" for p in instance.effect.parameters]
+    numbers = [
+        f"{p.name} {size_text(given[p.name], 0.0, units.at(joint, p.unit))}"
+        for p in instance.effect.parameters
+    ]
     choices = [f"{c.name} {chosen(given[c.name])}" for c in instance.effect.choices]
     return ", ".join([*numbers, *choices])
 
@@ -121,7 +128,9 @@ def event_notes(events: Sequence[Event]) -> list[str]:
 
 def bare_note(joints: Sequence[str]) -> str:
     """Return the note on joints without a torque."""
-    words = "without a torque, and so without an equation: nothing is said of what it alone would show"
+    words = (
+        "without a torque, and so without an equation: nothing is said of what it alone would show"
+    )
     return f"{', '.join(joints)}: {words}."
 
 
@@ -134,11 +143,15 @@ def unseen_notes(instances: Sequence[EffectInstance], bare: Sequence[str]) -> li
     for instance in instances:
         of_motor = "motor torque" if set(instance.sides) == {"motor"} else "channel that shows them"
         missing = "torque of the joint" if instance.joint in bare else of_motor
-        places.setdefault(missing, {}).setdefault(instance.effect.id, []).append(str(instance.joint))
+        places.setdefault(missing, {}).setdefault(instance.effect.id, []).append(
+            str(instance.joint)
+        )
     found = []
     for missing, joints in places.items():
         names = "; ".join(effect_at(effect, ", ".join(at)) for effect, at in joints.items())
-        found.append(f"Known, but not seen, as no {missing} was recorded: {names}. They stay as stated.")
+        found.append(
+            f"Known, but not seen, as no {missing} was recorded: {names}. They stay as stated."
+        )
     return found
 
 
@@ -170,7 +183,9 @@ def no_separation(effect: str, other: str) -> str:
 
 def scale_sentence(found: Diagnosis) -> str:
     """Return what anchors the scale of torques that were made of commands, and where it is off."""
-    known = ", ".join(f"{100 * e.std / abs(e.value):.2g} % at {joint}" for joint, e in found.torque_scale.items())
+    known = ", ".join(
+        f"{100 * e.std / abs(e.value):.2g} % at {joint}" for joint, e in found.torque_scale.items()
+    )
     off = [
         f"{e.value:.3g} ± {e.std:.2g} times the described one at {joint}"
         for joint, e in found.torque_scale.items()
@@ -191,20 +206,26 @@ def closed_loop_sentences(found: Diagnosis) -> list[str]:
     refused = {joint: one for joint, one in found.closed_loop.items() if one.refused is not None}
     if not refused:
         return []
-    ordered = sorted(refused, key=lambda joint: -(refused[joint].refused or 0.0) / refused[joint].described)
+    ordered = sorted(
+        refused, key=lambda joint: -(refused[joint].refused or 0.0) / refused[joint].described
+    )
     moved = []
     for joint in ordered:
         one = refused[joint]
         worse = one.refused or 0.0
         sizes = (
-            f"by {_short(worse, one.unit)}" if np.isfinite(worse) else "in no simulator, which takes no such numbers"
+            f"by {_short(worse, one.unit)}"
+            if np.isfinite(worse)
+            else "in no simulator, which takes no such numbers"
         )
         moved.append(f"{joint} {sizes} instead of {_short(one.described, one.unit)}")
     if len(found.taken_back) >= len(found.joints):
         written = "No correction is written"
     else:
         written = f"The correction of {listed(found.taken_back)} is not written"
-    return [f"With all that was found the arm errs more under the recorded commands: {listed(moved)}. {written}."]
+    return [
+        f"With all that was found the arm errs more under the recorded commands: {listed(moved)}. {written}."
+    ]
 
 
 def closed_loop_sentence(found: Diagnosis) -> str:
@@ -228,8 +249,16 @@ def summary(found: Diagnosis) -> list[str]:
     ]
     causes = [cause_sentence(cause, found.model) for cause in found.causes]
     worse = closed_loop_sentences(found)
-    first, *more = [*worse, *causes, _verdict_sentence(found, "the motor inertia" if inertias else "")]
-    more += [f"Motor inertia, which the description does not state: {listed(inertias)}."] if inertias else []
+    first, *more = [
+        *worse,
+        *causes,
+        _verdict_sentence(found, "the motor inertia" if inertias else ""),
+    ]
+    more += (
+        [f"Motor inertia, which the description does not state: {listed(inertias)}."]
+        if inertias
+        else []
+    )
     more += [closed] if (closed := closed_loop_sentence(found)) else []
     return [f"{found.verdict}: {first}", *more]
 
@@ -237,14 +266,18 @@ def summary(found: Diagnosis) -> list[str]:
 def _verdict_sentence(found: Diagnosis, beside: str) -> str:
     if found.verdict == "none":
         gaps = any(share is not None for share in found.shrink_by_place.values())
-        usual = ", with numbers of the arm and its sensors no further off than is usual" if gaps else ""
+        usual = (
+            ", with numbers of the arm and its sensors no further off than is usual" if gaps else ""
+        )
         return f"recording and model{beside and f' with {beside}'} agree within the noise of the sensors{usual}."
     if not found.causes:
         places = ", ".join(f"{p.joint} ({p.side} side)" for p in found.unexplained[:3])
         return f"recording and model differ, and no effect of the catalogue explains it; most at {places}."
     causes = "it" if len(found.causes) == 1 else f"these {len(found.causes)} causes"
     motion = "on another motion" if found.independent_motion else "when the motion is repeated"
-    joint, side = place = max(found.before.rmse, key=lambda p: found.before.rmse[p] / (found.noise.get(p) or np.inf))
+    joint, side = place = max(
+        found.before.rmse, key=lambda p: found.before.rmse[p] / (found.noise.get(p) or np.inf)
+    )
     before, after, noise = found.before.rmse[place], found.after.rmse[place], found.noise.get(place)
     unit, verb = found.units.at(joint, "Nm"), "falls" if after < before else "rises"
     where = f"at {joint} ({side} side{f', noise {noise:.3g} {unit}' if noise else ''})"
@@ -255,13 +288,18 @@ def _verdict_sentence(found: Diagnosis, beside: str) -> str:
         f"With {added}, the model's error {motion} {verb} from {before:.3g} to {after:.3g} {unit} {where}, "
         f"where it exceeds the noise most; {gone}"
     )
-    return f"{sentence}, and what is left has another cause." if found.unexplained else f"{sentence}."
+    return (
+        f"{sentence}, and what is left has another cause." if found.unexplained else f"{sentence}."
+    )
 
 
 def cause_sentence(cause: Cause, model: str) -> str:
     """Return in plain words what the arm or its recording has that the model lacks, and what it may be instead."""
     effect, values, told = cause.instance.effect, cause.instance.parameters, _told(cause)
-    texts = {n: (size_text(e.value, e.std, e.unit), _short(e.value, e.unit)) for n, e in cause.parameters.items()}
+    texts = {
+        n: (size_text(e.value, e.std, e.unit), _short(e.value, e.unit))
+        for n, e in cause.parameters.items()
+    }
     sizes = {name: both[told[name]] for name, both in texts.items()}
     given = {c.name: chosen(values[c.name]).replace("_", " ") for c in effect.choices}
     given |= {p.name: _short(values[p.name], p.unit) for p in effect.parameters}
@@ -277,16 +315,25 @@ def cause_sentence(cause: Cause, model: str) -> str:
         what += " (this recording tells that it is there, and not its size)"
     other = max(cause.alternatives, key=lambda a: a.confidence, default=None)
     if other is not None and other.confidence >= WORTH_A_LINE:
-        what += f" (or {effect_at(other.effect, other.joint)}: this recording does not separate them)"
+        what += (
+            f" (or {effect_at(other.effect, other.joint)}: this recording does not separate them)"
+        )
     subject = (cause.joint or "the arm").replace("_", " ")
     return f"{subject[:1].upper()}{subject[1:]} {what}."
 
 
 def _told(cause: Cause) -> dict[str, bool]:
     """Return whether each size of a cause is further from none, or from what is stated, than its own deviation."""
-    none = {p.name: p.neutral or 0.0 for p in cause.instance.effect.parameters} | dict(cause.stated or {})
-    found = {n: (np.array(e.value, float), np.array(e.std, float)) for n, e in cause.parameters.items()}
-    return {n: not bool(np.all(np.abs(value - none.get(n, 0.0)) <= std)) for n, (value, std) in found.items()}
+    none = {p.name: p.neutral or 0.0 for p in cause.instance.effect.parameters} | dict(
+        cause.stated or {}
+    )
+    found = {
+        n: (np.array(e.value, float), np.array(e.std, float)) for n, e in cause.parameters.items()
+    }
+    return {
+        n: not bool(np.all(np.abs(value - none.get(n, 0.0)) <= std))
+        for n, (value, std) in found.items()
+    }
 
 
 def _short(value: Any, unit: str) -> str:
@@ -309,8 +356,12 @@ def _richer(cause: Cause) -> str:
 
 
 def _stated_text(cause: Cause) -> str:
-    stated = [(name, value) for name, value in (cause.stated or {}).items() if name in cause.parameters]
-    return ", ".join(f"{name} {size_text(value, 0.0, cause.parameters[name].unit)}" for name, value in stated)
+    stated = [
+        (name, value) for name, value in (cause.stated or {}).items() if name in cause.parameters
+    ]
+    return ", ".join(
+        f"{name} {size_text(value, 0.0, cause.parameters[name].unit)}" for name, value in stated
+    )
 
 
 def trust_text(trust: Mapping[str, float]) -> str:
@@ -348,8 +399,13 @@ def listed_alternatives(cause: Cause) -> tuple[list[Alternative], str]:
     faint = [other for other in cause.alternatives if other.confidence < WORTH_A_LINE]
     if len(faint) < 2:
         return [*likely, *faint], ""
-    names = listed([effect_at(other.effect, other.joint) for other in faint[:NAMED]], len(faint) - NAMED)
-    return likely, f"{names} ({probability_text(sum(other.confidence for other in faint))} together)"
+    names = listed(
+        [effect_at(other.effect, other.joint) for other in faint[:NAMED]], len(faint) - NAMED
+    )
+    return (
+        likely,
+        f"{names} ({probability_text(sum(other.confidence for other in faint))} together)",
+    )
 
 
 def gap_at(found: Diagnosis, joint: str, side: str) -> str:
@@ -392,13 +448,18 @@ def prediction_sentence(found: Diagnosis, prediction: Prediction) -> str:
 
 def _prefix(value: float) -> tuple[str, float]:
     """Return the prefix that suits a size, and by what numbers are multiplied for it."""
-    return next(((p, f) for p, f in (("", 1.0), ("m", 1e3)) if value * f >= 1.0 or value == 0.0), ("µ", 1e6))
+    return next(
+        ((p, f) for p, f in (("", 1.0), ("m", 1e3)) if value * f >= 1.0 or value == 0.0), ("µ", 1e6)
+    )
 
 
 def change_text(change: Change) -> str:
     """Return in a sentence how a size differs between recordings."""
     what = change.effect.replace("_", " ")
-    sizes = "; ".join(f"{size_text(value, std, change.unit)} in {recording}" for recording, value, std in change.values)
+    sizes = "; ".join(
+        f"{size_text(value, std, change.unit)} in {recording}"
+        for recording, value, std in change.values
+    )
     return f"{what} of {change.joint or 'the whole arm'} changed: {sizes} ({probability_text(change.confidence)})"
 
 

@@ -116,7 +116,14 @@ class Bodies:
             self.dof,
             [self.link_side, self.motor_side],
             [
-                [f.parent, f.before.tolist(), f.axis, f.coordinate, f.after.tolist(), *(["slides"] if f.slides else [])]
+                [
+                    f.parent,
+                    f.before.tolist(),
+                    f.axis,
+                    f.coordinate,
+                    f.after.tolist(),
+                    *(["slides"] if f.slides else []),
+                ]
                 for f in self.frames
             ],
             [[b.frame, b.placement.tolist(), b.parameters] for b in self.bodies],
@@ -138,7 +145,11 @@ def moved(parameters: np.ndarray, placement: np.ndarray) -> np.ndarray:
         tensor = tensor + 2.0 * (p @ moment) * np.eye(3) - np.outer(p, moment) - np.outer(moment, p)
         tensor = tensor + mass * ((p @ p) * np.eye(3) - np.outer(p, p))
         result[:, k] = [mass, *(moment + mass * p), *(tensor[index] for index in TENSOR)]
-    return snap(result).reshape(parameters.shape) if parameters.ndim == 2 else result.reshape(parameters.shape)
+    return (
+        snap(result).reshape(parameters.shape)
+        if parameters.ndim == 2
+        else result.reshape(parameters.shape)
+    )
 
 
 def inertial_parameters(body: Inertia) -> np.ndarray:

@@ -48,7 +48,9 @@ class _Assembly:
     springs: list[Spring] = field(default_factory=list)
     parameters: list[ModelParameter] = field(default_factory=list)
 
-    def add_parameters(self, prefix: str, names: tuple[str, ...], units: tuple[str, ...], values: np.ndarray) -> range:
+    def add_parameters(
+        self, prefix: str, names: tuple[str, ...], units: tuple[str, ...], values: np.ndarray
+    ) -> range:
         start = len(self.parameters)
         self.parameters += [
             ModelParameter(f"{prefix}.{name}", unit, float(value))
@@ -73,21 +75,27 @@ class _Assembly:
         indices = self.add_parameters(joint.link_name, LINK_PARAMETERS, LINK_UNITS, values)
         self.bodies.append(Body(joint.link_name, self.link_frames[i], np.eye(4), tuple(indices)))
 
-    def add_solid(self, i: int, what: str, component: Component, ratio: float, spin_on: Callable[[int], int]) -> None:
+    def add_solid(
+        self, i: int, what: str, component: Component, ratio: float, spin_on: Callable[[int], int]
+    ) -> None:
         """Add a component of transmission i: a body on its carrier, and a spin on what `spin_on` makes of that."""
         joint = self.robot.joints[i]
         values = np.array([component.mass, 0.0, component.ixx, component.izz])
         indices = self.add_parameters(f"{joint.name}.{what}", SOLID_PARAMETERS, SOLID_UNITS, values)
         frame, placement = self.seat(i, component)
         self.bodies.append(Body(f"{joint.name}.{what}", frame, placement, tuple(indices)))
-        self.spins.append(Spin(spin_on(frame), placement[:3, 2], ((self.robot.n + i, ratio),), indices[-1]))
+        self.spins.append(
+            Spin(spin_on(frame), placement[:3, 2], ((self.robot.n + i, ratio),), indices[-1])
+        )
 
     def seat(self, i: int, component: Component) -> tuple[int, np.ndarray]:
         """Carrier's frame of a component of transmission i, and the component's placement in it."""
         joint = self.robot.joints[i]
         if component.carrier == joint.link_name:
             return self.link_frames[i], on_link(joint, component)
-        return (self.link_frames[i - 1] if i else GROUND), joint.before @ placed(position=component.position)
+        return (self.link_frames[i - 1] if i else GROUND), joint.before @ placed(
+            position=component.position
+        )
 
     def add_springs(self, bearings: bool) -> None:
         n = self.robot.n
@@ -95,7 +103,9 @@ class _Assembly:
             t = joint.transmission
             if t is not None:
                 units = joint.unit("Nm/rad"), joint.unit("Nm s/rad")
-                K, D = self.add_parameters(joint.name, ("K", "D"), units, np.array([t.stiffness, t.damping]))
+                K, D = self.add_parameters(
+                    joint.name, ("K", "D"), units, np.array([t.stiffness, t.damping])
+                )
                 self.springs.append(Spring(K, D, i, n + i))
         for i, joint in enumerate(self.robot.joints if bearings else ()):
             bearing = _bearing(joint)
@@ -124,7 +134,11 @@ def compose(robot: Robot, name: str, *, bearings: bool = False) -> Bodies:
     (COMPOSITIONS[name] if robot.elastic else _rigid)(arm)
     arm.add_springs(bearings)
     n = robot.n
-    kinds = ("q_{}", *(("theta_{}",) if robot.elastic else ()), *(("q_{}x", "q_{}y") if bearings else ()))
+    kinds = (
+        "q_{}",
+        *(("theta_{}",) if robot.elastic else ()),
+        *(("q_{}x", "q_{}y") if bearings else ()),
+    )
     motor_side = range(n, 2 * n) if robot.elastic else range(0)
     return Bodies(
         gravity=snap(robot.base_placement[:3, :3].T @ robot.gravity),
@@ -151,7 +165,9 @@ def _rigid(arm: _Assembly) -> None:
     for i, joint in enumerate(arm.robot.joints):
         if joint.armature is not None:
             unit = "kg" if joint.prismatic else "kg m^2"
-            (inertia,) = arm.add_parameters(joint.name, (ARMATURE,), (unit,), np.array([joint.armature]))
+            (inertia,) = arm.add_parameters(
+                joint.name, (ARMATURE,), (unit,), np.array([joint.armature])
+            )
             arm.spins.append(Spin(GROUND, np.array([0.0, 0.0, 1.0]), ((i, 1.0),), inertia))
 
 
@@ -187,7 +203,9 @@ def _components(robot: Robot) -> Iterator[tuple[int, str, Component, float]]:
 
 def _bearing(joint: Joint) -> Bearing:
     if joint.transmission is None or joint.transmission.bearing is None:
-        raise RobotError(f"{joint.name} has no bearing", "Describe its bearing, or lock the bearings")
+        raise RobotError(
+            f"{joint.name} has no bearing", "Describe its bearing, or lock the bearings"
+        )
     return joint.transmission.bearing
 
 
@@ -201,7 +219,9 @@ def with_spline(joint: Joint) -> Inertia:
     if joint.transmission is None:
         return joint.link
     spline = joint.transmission.spline
-    solid = np.array([spline.mass, 0.0, 0.0, 0.0, spline.ixx, 0.0, 0.0, spline.ixx, 0.0, spline.izz])
+    solid = np.array(
+        [spline.mass, 0.0, 0.0, 0.0, spline.ixx, 0.0, 0.0, spline.ixx, 0.0, spline.izz]
+    )
     return inertia_from(inertial_parameters(joint.link) + moved(solid, on_link(joint, spline)))
 
 
@@ -218,7 +238,9 @@ def inertia_from(ten: np.ndarray) -> Inertia:
     """
     mass = float(ten[0])
     if mass <= 0.0:
-        raise RobotError(f"mass is {mass:g} kg, but must be positive", "Identify with physical consistency")
+        raise RobotError(
+            f"mass is {mass:g} kg, but must be positive", "Identify with physical consistency"
+        )
     com = ten[1:4] / mass
     tensor = tensor_of(ten[4:]) - mass * ((com @ com) * np.eye(3) - np.outer(com, com))
     return Inertia(mass, com, tensor)

@@ -18,14 +18,18 @@ class Symbols:
     """The variables of a mechanism: x, dx, ddx, f (dof,) and Psi (P,)."""
 
     def __init__(self, bodies: Bodies) -> None:
-        self.x, self.dx, self.ddx, self.f = (ca.SX.sym(name, bodies.dof) for name in ("x", "dx", "ddx", "f"))
+        self.x, self.dx, self.ddx, self.f = (
+            ca.SX.sym(name, bodies.dof) for name in ("x", "dx", "ddx", "f")
+        )
         self.Psi = ca.SX.sym("Psi", len(bodies.parameters))
 
 
 def inverse_dynamics(bodies: Bodies) -> ca.Function:
     """(x, dx, ddx, Psi) -> f, the left side of (1)."""
     s = Symbols(bodies)
-    return _function("inverse_dynamics", s, ("x", "dx", "ddx", "Psi"), {"f": _forces(bodies, s, s.dx, s.ddx)})
+    return _function(
+        "inverse_dynamics", s, ("x", "dx", "ddx", "Psi"), {"f": _forces(bodies, s, s.dx, s.ddx)}
+    )
 
 
 def regressor(bodies: Bodies) -> ca.Function:
@@ -88,7 +92,8 @@ def terms(bodies: Bodies) -> ca.Function:
 
 
 DERIVATIONS: dict[str, Callable[[Bodies], ca.Function]] = {
-    f.__name__: f for f in (inverse_dynamics, regressor, mass_matrix, bias, forward_dynamics, energy, terms)
+    f.__name__: f
+    for f in (inverse_dynamics, regressor, mass_matrix, bias, forward_dynamics, energy, terms)
 }
 
 
@@ -99,7 +104,10 @@ def solve(matrix: ca.SX, right: ca.SX) -> ca.SX:
     """
     n = matrix.shape[0]
     entries = {
-        (i, j): matrix[i, j] for i in range(n) for j in range(n) if matrix[i, j].nnz() and not matrix[i, j].is_zero()
+        (i, j): matrix[i, j]
+        for i in range(n)
+        for j in range(n)
+        if matrix[i, j].nnz() and not matrix[i, j].is_zero()
     }
     solution = [right[i] for i in range(n)]
     order: list[int] = []
@@ -117,7 +125,9 @@ def solve(matrix: ca.SX, right: ca.SX) -> ca.SX:
             for j in neighbours:
                 if j >= i:
                     update = factors[i, pivot] * entries[pivot, j]
-                    entries[i, j] = entries[j, i] = entries[i, j] - update if (i, j) in entries else -update
+                    entries[i, j] = entries[j, i] = (
+                        entries[i, j] - update if (i, j) in entries else -update
+                    )
     for i in reversed(order):
         solution[i] = solution[i] / entries[i, i]
         for j in range(n):
@@ -143,7 +153,9 @@ def _rigid(
 ) -> list[ca.SX | float]:
     """Forces without springs; `ddx` zero when None."""
     acceleration: Sequence[ca.SX | float] = [0.0] * bodies.dof if ddx is None else ddx
-    return recursion.inverse_dynamics(bodies, _list(s.x), dx, acceleration, _list(s.Psi), TRIG, gravity)
+    return recursion.inverse_dynamics(
+        bodies, _list(s.x), dx, acceleration, _list(s.Psi), TRIG, gravity
+    )
 
 
 def _forces(bodies: Bodies, s: Symbols, dx: ca.SX, ddx: ca.SX | None) -> ca.SX:
@@ -163,7 +175,9 @@ def _mass_matrix(bodies: Bodies, s: Symbols) -> ca.SX:
     return ca.tril2symm(ca.tril(whole))
 
 
-def _function(name: str, s: Symbols, inputs: tuple[str, ...], outputs: dict[str, ca.SX]) -> ca.Function:
+def _function(
+    name: str, s: Symbols, inputs: tuple[str, ...], outputs: dict[str, ca.SX]
+) -> ca.Function:
     dense = ca.cse([ca.sparsify(value) for value in outputs.values()])
     return ca.Function(name, [getattr(s, i) for i in inputs], dense, list(inputs), list(outputs))
 

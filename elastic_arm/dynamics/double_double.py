@@ -84,11 +84,17 @@ def _cholesky_by_numpy(hi: Array, lo: Array) -> Array:
     R = np.zeros_like(hi)
     for i in range(k):
         real = hi[..., i, i] > NOTHING * size[..., i]
-        pivot = np.where(real, hi[..., i, i], 1.0)[..., None], np.where(real, lo[..., i, i], 0.0)[..., None]
+        pivot = (
+            np.where(real, hi[..., i, i], 1.0)[..., None],
+            np.where(real, lo[..., i, i], 0.0)[..., None],
+        )
         R[..., i, i:] = hi[..., i, i:] * (real[..., None] / np.sqrt(pivot[0]))
         row = hi[..., i, i + 1 :] * real[..., None], lo[..., i, i + 1 :] * real[..., None]
         share = divide(row, pivot)
-        products = multiply((-share[0][..., None], -share[1][..., None]), (row[0][..., None, :], row[1][..., None, :]))
+        products = multiply(
+            (-share[0][..., None], -share[1][..., None]),
+            (row[0][..., None, :], row[1][..., None, :]),
+        )
         rest = add((hi[..., i + 1 :, i + 1 :], lo[..., i + 1 :, i + 1 :]), products)
         hi[..., i + 1 :, i + 1 :], lo[..., i + 1 :, i + 1 :] = rest
     return R

@@ -48,7 +48,9 @@ class Information:
         self._rounded = rounded
         row, column = np.divmod(out.places, self.columns)
         self._support = [np.append(column[row == r], self.columns) for r in range(self.rows)]
-        self._places = np.concatenate([_places(r, support) for r, support in enumerate(self._support)], axis=1)
+        self._places = np.concatenate(
+            [_places(r, support) for r, support in enumerate(self._support)], axis=1
+        )
         self._hi, self._lo = np.zeros((2, self._places.shape[1]))
 
     def add(self, *arrays: np.ndarray, y: np.ndarray) -> None:
@@ -61,7 +63,11 @@ class Information:
         if measured.shape != (samples, self.rows):
             raise ValueError(f"y has shape {measured.shape}, but must be {(samples, self.rows)}")
         lanes = self._kernel.row_products(ready, measured, len(self._hi), rounded=self._rounded)
-        parts = self._sum_numpy(arrays, measured) if lanes is None else [_sum_lanes(functools.reduce(add, lanes))]
+        parts = (
+            self._sum_numpy(arrays, measured)
+            if lanes is None
+            else [_sum_lanes(functools.reduce(add, lanes))]
+        )
         self._hi, self._lo = functools.reduce(add, parts, (self._hi, self._lo))
         self.samples += samples
 
@@ -90,7 +96,9 @@ class Information:
         sums = []
         for start in range(0, len(y), _STORED):
             part = slice(start, start + _STORED)
-            result = self._kernel(*(a if s else a[part] for a, s in zip(arrays, shared, strict=True)))
+            result = self._kernel(
+                *(a if s else a[part] for a, s in zip(arrays, shared, strict=True))
+            )
             Phi = result[0] if isinstance(result, tuple) else result
             Phi = Phi.reshape(-1, self.rows, self.columns)
             hi, lo = [], []

@@ -22,11 +22,15 @@ if TYPE_CHECKING:
 
 Columns = Sequence[int] | NDArray[np.intp]
 # What shapes a derived program besides the bodies.
-_DERIVED_BY = tuple(Path(__file__).with_name(f"{name}.py") for name in ("bodies", "recursion", "derivation"))
+_DERIVED_BY = tuple(
+    Path(__file__).with_name(f"{name}.py") for name in ("bodies", "recursion", "derivation")
+)
 TERMS = ("M", "S", "B", "c", "c1", "c2", "g")
 
 
-def build_model(robot: Robot, name: str = "mod3", *, bearings: bool = False, engine: str | None = None) -> Model:
+def build_model(
+    robot: Robot, name: str = "mod3", *, bearings: bool = False, engine: str | None = None
+) -> Model:
     """Model `name` of `robot`.
 
     Parameters
@@ -116,7 +120,9 @@ class Model:
         """
         kernel = self.kernel("regressor", columns)
         width = len(self.parameters) if columns is None else len(columns)
-        return np.asarray(kernel(x, dx, ddx, out=None if out is None else [out])).reshape(len(x), self.dof, width)
+        return np.asarray(kernel(x, dx, ddx, out=None if out is None else [out])).reshape(
+            len(x), self.dof, width
+        )
 
     def mass_matrix(self, x: np.ndarray, Psi: np.ndarray | None = None) -> np.ndarray:
         """Whole matrix of (1), (N, dof, dof), in the order of x."""
@@ -129,16 +135,24 @@ class Model:
         """
         return self._run("bias", x, dx, self._psi(Psi))[0]
 
-    def terms(self, x: np.ndarray, dx: np.ndarray, Psi: np.ndarray | None = None) -> dict[str, np.ndarray]:
+    def terms(
+        self, x: np.ndarray, dx: np.ndarray, Psi: np.ndarray | None = None
+    ) -> dict[str, np.ndarray]:
         """M, S, B, c, c1, c2, g of (1) by name, samples first; the tilts count as link side.
 
         x, dx: (N, dof) rad and rad/s; Psi: (P,) parameters; the description's when None.
         """
         values = self._run("terms", x, dx, self._psi(Psi))
         rows, columns = len(self.bodies.link_side), len(self.bodies.motor_side)
-        shapes = {"M": (rows, rows), "S": (rows, columns), "B": (columns, columns), "c2": (columns,)}
+        shapes = {
+            "M": (rows, rows),
+            "S": (rows, columns),
+            "B": (columns, columns),
+            "c2": (columns,),
+        }
         return {
-            name: value.reshape(len(x), *shapes.get(name, (rows,))) for name, value in zip(TERMS, values, strict=True)
+            name: value.reshape(len(x), *shapes.get(name, (rows,)))
+            for name, value in zip(TERMS, values, strict=True)
         }
 
     def forward_dynamics(
@@ -151,7 +165,9 @@ class Model:
         """
         return self._run("forward_dynamics", x, dx, f, self._psi(Psi))[0]
 
-    def energy(self, x: np.ndarray, dx: np.ndarray, Psi: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+    def energy(
+        self, x: np.ndarray, dx: np.ndarray, Psi: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Kinetic and potential energy, (N,) each, J; springs included, gravity counted from the ground's origin.
 
         x, dx: (N, dof) rad and rad/s; Psi: (P,) parameters; the description's when None.
@@ -167,7 +183,12 @@ class Model:
         return Information(self.kernel("regressor", columns), rounded=rounded)
 
     def information(
-        self, x: np.ndarray, dx: np.ndarray, ddx: np.ndarray, y: np.ndarray, columns: Columns | None = None
+        self,
+        x: np.ndarray,
+        dx: np.ndarray,
+        ddx: np.ndarray,
+        y: np.ndarray,
+        columns: Columns | None = None,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Sum over samples of [Phi_r, y_r]T [Phi_r, y_r] of every equation r; Phi is never stored.
 
@@ -192,7 +213,9 @@ class Model:
         """Compiled function of that name; of the regressor, only `columns`."""
         key = (name, None if columns is None else tuple(int(c) for c in columns))
         if key not in self._kernels:
-            program = cached_program(f"{name}:{self.bodies.fingerprint()}", lambda: self.function(name), _DERIVED_BY)
+            program = cached_program(
+                f"{name}:{self.bodies.fingerprint()}", lambda: self.function(name), _DERIVED_BY
+            )
             if key[1] is not None:
                 program = program.columns("Phi", key[1])
             self._kernels[key] = kernels.make(program, self._engine, shared=("Psi",))

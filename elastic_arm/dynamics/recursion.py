@@ -87,7 +87,9 @@ def inverse_dynamics(
     return _inward(bodies, motions, wrenches, forces)
 
 
-def spring_forces(bodies: Bodies, x: Sequence[Scalar], dx: Sequence[Scalar], Psi: Sequence[Scalar]) -> list[Scalar]:
+def spring_forces(
+    bodies: Bodies, x: Sequence[Scalar], dx: Sequence[Scalar], Psi: Sequence[Scalar]
+) -> list[Scalar]:
     """K (q - theta) + D (dq - dtheta) on the link side of (1), the opposite on the motor side; bearings likewise."""
     forces: list[Scalar] = [0.0] * bodies.dof
     for s in bodies.springs:
@@ -111,12 +113,18 @@ def energy(
     carried: list[tuple[Vec, Vec, Vec, Scalar]] = []
     root = ([0.0] * 3, [0.0] * 3, list(bodies.gravity), bodies.base_height)
     for frame, inertia in zip(bodies.frames, frame_inertias(bodies, Psi), strict=True):
-        w, v, g, height = _carry_energy(frame, root if frame.parent == GROUND else carried[frame.parent], x, dx, trig)
+        w, v, g, height = _carry_energy(
+            frame, root if frame.parent == GROUND else carried[frame.parent], x, dx, trig
+        )
         carried.append((w, v, g, height))
         angular.append(w)
         if inertia is not None:
             m, h, tensor = inertia
-            kinetic = kinetic + 0.5 * (m * _dot(v, v) + _dot(w, _tensor_times(tensor, w))) + _dot(v, _cross(w, h))
+            kinetic = (
+                kinetic
+                + 0.5 * (m * _dot(v, v) + _dot(w, _tensor_times(tensor, w)))
+                + _dot(v, _cross(w, h))
+            )
             potential = potential - (m * height + _dot(g, h))
     for spin in bodies.spins:
         speed = _sum([_times(r, dx[k]) for k, r in spin.gears])
@@ -141,7 +149,12 @@ def frame_inertias(bodies: Bodies, Psi: Sequence[Scalar]) -> list[tuple[Scalar, 
 
 
 def _outward(
-    bodies: Bodies, x: Sequence[Scalar], dx: Sequence[Scalar], ddx: Sequence[Scalar], a0: Vec, trig: Trig
+    bodies: Bodies,
+    x: Sequence[Scalar],
+    dx: Sequence[Scalar],
+    ddx: Sequence[Scalar],
+    a0: Vec,
+    trig: Trig,
 ) -> list[_FrameMotion]:
     """Motion of every frame, from the base outward."""
     motions: list[_FrameMotion] = []
@@ -159,7 +172,9 @@ def _outward(
             w, dw, a = _turned(_FrameMotion(w, dw, a), frame.axis, turn, (dx[k], ddx[k]))
         a = _add(a, _point_acceleration(w, dw, frame.after[:3, 3]))
         w, dw, a = (_matrix_times(frame.after[:3, :3].T, v) for v in (w, dw, a))
-        motions.append(_FrameMotion(w, dw, a, turn, _along(frame.axis, x[k] if frame.slides else 0.0)))
+        motions.append(
+            _FrameMotion(w, dw, a, turn, _along(frame.axis, x[k] if frame.slides else 0.0))
+        )
     return motions
 
 
@@ -196,7 +211,9 @@ def _newton_euler(motion: _FrameMotion, inertia: tuple[Scalar, Vec, Vec]) -> tup
     return f, _add(n, _cross(h, a))
 
 
-def _inward(bodies: Bodies, motions: list[_FrameMotion], wrenches: list[_Wrench], forces: list[Scalar]) -> list[Scalar]:
+def _inward(
+    bodies: Bodies, motions: list[_FrameMotion], wrenches: list[_Wrench], forces: list[Scalar]
+) -> list[Scalar]:
     """Hand every frame's wrench to its parent, and the part about its axis, or along it, to its coordinate."""
     for frame, motion, wrench in reversed(list(zip(bodies.frames, motions, wrenches, strict=True))):
         f, n = _through(frame.after, wrench.f, wrench.n)
@@ -211,7 +228,11 @@ def _inward(bodies: Bodies, motions: list[_FrameMotion], wrenches: list[_Wrench]
 
 
 def _carry_energy(
-    frame: Frame, up: tuple[Vec, Vec, Vec, Scalar], x: Sequence[Scalar], dx: Sequence[Scalar], trig: Trig
+    frame: Frame,
+    up: tuple[Vec, Vec, Vec, Scalar],
+    x: Sequence[Scalar],
+    dx: Sequence[Scalar],
+    trig: Trig,
 ) -> tuple[Vec, Vec, Vec, Scalar]:
     """Angular velocity, velocity, gravity and g . position of a frame, from its parent's."""
     w, v, g, height = up
@@ -291,7 +312,9 @@ def _minus(a: Scalar, b: Scalar) -> Scalar:
 def _tensor_regressor(w: Vec, dw: Vec) -> list[Vec]:
     """I dw + w x I w as a matrix times the six of I: its products of w are shared by all that a frame carries."""
     x, y, z = w
-    xx, yy, zz, xy, xz, yz = (_times(a, b) for a, b in ((x, x), (y, y), (z, z), (x, y), (x, z), (y, z)))
+    xx, yy, zz, xy, xz, yz = (
+        _times(a, b) for a, b in ((x, x), (y, y), (z, z), (x, y), (x, z), (y, z))
+    )
     return [
         [dw[0], _minus(dw[1], xz), _plus(dw[2], xy), _times(-1.0, yz), _minus(yy, zz), yz],
         [xz, _plus(dw[0], yz), _minus(zz, xx), dw[1], _minus(dw[2], xy), _times(-1.0, xz)],

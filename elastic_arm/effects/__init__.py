@@ -5,7 +5,15 @@ A file of `library/` that holds an `EFFECT` is in the catalogue; a user's file i
 """
 
 from elastic_arm.effects.catalogue import EFFECTS, Catalogue, from_dict, robot_effects
-from elastic_arm.effects.model import Confusion, Effect, EffectInstance, Plant, Scope, SensorEffect, StructuralEffect
+from elastic_arm.effects.model import (
+    Confusion,
+    Effect,
+    EffectInstance,
+    Plant,
+    Scope,
+    SensorEffect,
+    StructuralEffect,
+)
 from elastic_arm.effects.motion import Contribution, SymbolicMotion
 from elastic_arm.effects.parameters import Choice, Parameter, Role, Scale
 from elastic_arm.effects.text import parse

@@ -28,7 +28,14 @@ from elastic_arm.robot import Robot, load_robot
 
 GROUP = "elastic_arm.effects"  # entry points of installed packages: NAME = "module:EFFECT"
 # What executing a file may raise; EffectError is a ValueError, CasADi raises RuntimeError and NotImplementedError.
-_RAISED: tuple[type[Exception], ...] = (ImportError, NameError, AttributeError, TypeError, ValueError, LookupError)
+_RAISED: tuple[type[Exception], ...] = (
+    ImportError,
+    NameError,
+    AttributeError,
+    TypeError,
+    ValueError,
+    LookupError,
+)
 _RAISED += (ArithmeticError, RuntimeError, AssertionError, OSError)
 _SHOWN = 60  # characters of a name that is too long
 _EXAMPLE = "docs/adding_an_effect.md shows one."
@@ -44,7 +51,10 @@ class Catalogue(Mapping[str, Effect]):
         self._effects: dict[str, Effect] = {}
         for effect in effects:
             if effect.id in self._effects:
-                raise EffectError(f"the id {effect.id!r} is taken by another effect", "Give each effect its own id.")
+                raise EffectError(
+                    f"the id {effect.id!r} is taken by another effect",
+                    "Give each effect its own id.",
+                )
             self._effects[effect.id] = effect
 
     def __getitem__(self, effect_id: str) -> Effect:
@@ -79,7 +89,9 @@ class Catalogue(Mapping[str, Effect]):
 
     def withholding(self, effect_id: str) -> Catalogue:
         """Return the catalogue with an effect that no diagnosis names; what every arm has of it stays ordinary."""
-        return Catalogue([replace(e, searched=False) if e.id == effect_id else e for e in self.values()])
+        return Catalogue(
+            [replace(e, searched=False) if e.id == effect_id else e for e in self.values()]
+        )
 
     def find(self, effect_id: str) -> Effect:
         """Return an effect by id; EffectError, with the ids that come close, where there is none."""
@@ -89,18 +101,24 @@ class Catalogue(Mapping[str, Effect]):
         hint = f"Did you mean {' or '.join(close)}? " if close else ""
         asked = effect_id if len(effect_id) <= _SHOWN else f"{effect_id[:_SHOWN]}…"
         raise EffectError(
-            f"there is no effect {asked!r}", f"{hint}The effects: {', '.join(self)}; --effects FILE adds more."
+            f"there is no effect {asked!r}",
+            f"{hint}The effects: {', '.join(self)}; --effects FILE adds more.",
         )
 
 
 def discover(folder: ModuleType = library) -> Catalogue:
     """Return the `EFFECT`, or the `EFFECTS`, of every module of a package, the library, that has one."""
     modules = sorted(m.name for m in pkgutil.iter_modules(folder.__path__))
-    return Catalogue([e for m in modules for e in _held(importlib.import_module(f"{folder.__name__}.{m}"))])
+    return Catalogue(
+        [e for m in modules for e in _held(importlib.import_module(f"{folder.__name__}.{m}"))]
+    )
 
 
 def _held(module: ModuleType) -> list[Any]:
-    return [*getattr(module, "EFFECTS", ()), *([module.EFFECT] if hasattr(module, "EFFECT") else [])]
+    return [
+        *getattr(module, "EFFECTS", ()),
+        *([module.EFFECT] if hasattr(module, "EFFECT") else []),
+    ]
 
 
 @lru_cache(maxsize=1)
@@ -123,14 +141,18 @@ def _of_entry_point(point: EntryPoint) -> Effect:
 def _of_file(path: Path) -> list[Effect]:
     """Execute a file and return its effects."""
     source = read_text(path, EffectError, "Give a Python file that holds an effect.")
-    spec = importlib.util.spec_from_loader(f"elastic_arm_user_effects_{path.stem}", loader=None, origin=str(path))
+    spec = importlib.util.spec_from_loader(
+        f"elastic_arm_user_effects_{path.stem}", loader=None, origin=str(path)
+    )
     assert spec is not None
     module = importlib.util.module_from_spec(spec)
     module.__file__ = str(path)
     try:
         exec(compile(source, str(path), "exec"), vars(module))
     except SyntaxError as error:
-        raise EffectError(f"{path}: line {error.lineno}: {error.msg}", "Mend the Python of the file.") from error
+        raise EffectError(
+            f"{path}: line {error.lineno}: {error.msg}", "Mend the Python of the file."
+        ) from error
     except _RAISED as error:
         raise _located(path, error, f"Mend the file; {_EXAMPLE}") from error
     held = _held(module)
@@ -141,8 +163,12 @@ def _of_file(path: Path) -> list[Effect]:
         try:
             _tried(effect)
         except _RAISED as error:
-            values = ", ".join((*effect.names, *effect.states)) or "nothing: the effect has no parameter"
-            raise _located(path, error, f"Mend the law of {effect.id}; p holds {values}.") from error
+            values = (
+                ", ".join((*effect.names, *effect.states)) or "nothing: the effect has no parameter"
+            )
+            raise _located(
+                path, error, f"Mend the law of {effect.id}; p holds {values}."
+            ) from error
     return held
 
 
@@ -152,7 +178,9 @@ def _tried(effect: Effect) -> None:
     equations = ArmEquations(robot, effect.lacked_by[-1])
     n, dof = robot.n, equations.dof
     x, dx, ddx = (ca.SX.sym(name, dof) for name in ("x", "dx", "ddx"))
-    tau_J, tau_m, dtau_J, dtau_m = (ca.SX.sym(name, n) for name in ("tau_J", "tau_m", "dtau_J", "dtau_m"))
+    tau_J, tau_m, dtau_J, dtau_m = (
+        ca.SX.sym(name, n) for name in ("tau_J", "tau_m", "dtau_J", "dtau_m")
+    )
     speeds = {"link": dx[:n], "motor": dx[dof - n :]}
     sign = lambda side, i: ca.sign(speeds[side][i])  # noqa: E731
     motion = SymbolicMotion(equations, x, dx, ddx, tau_J, tau_m, dtau_J, dtau_m, sign)
@@ -180,7 +208,9 @@ def from_dict(
     """
     extra = set(entry) - {"effect", "joint", "parameters"}
     if "effect" not in entry or extra:
-        raise EffectError(f"cannot read the effect {dict(entry)!r}", "Give effect, joint and parameters, no more.")
+        raise EffectError(
+            f"cannot read the effect {dict(entry)!r}", "Give effect, joint and parameters, no more."
+        )
     effect = (catalogue or Catalogue.default()).find(entry["effect"])
     instance = EffectInstance(effect, entry.get("joint"), entry.get("parameters") or {})
     if robot is not None:

@@ -16,7 +16,9 @@ from elastic_arm.robot import Robot
 class EffectSet:
     """Laws of several effects on one arm, over symbols."""
 
-    def __init__(self, instances: Sequence[EffectInstance], robot: Robot, duration: float | None = None) -> None:
+    def __init__(
+        self, instances: Sequence[EffectInstance], robot: Robot, duration: float | None = None
+    ) -> None:
         self.instances = tuple(instances)
         self._placed: list[tuple[EffectInstance, int, dict[str, Any]]] = []
         self.state_names: list[str] = []
@@ -35,7 +37,9 @@ class EffectSet:
             for i in law_joints(instance, robot):
                 own = {name: ca.SX.sym(name) for name in instance.effect.states}
                 states += own.values()
-                self.state_names += [f"{instance.effect.id}:{robot.joint_names[i]}:{name}" for name in own]
+                self.state_names += [
+                    f"{instance.effect.id}:{robot.joint_names[i]}:{name}" for name in own
+                ]
                 self._placed.append((instance, i, {**values, **own}))
         self._duration = self._required(duration)
         self._clock = (ca.SX.sym("time"), ca.SX.sym("duration"))
@@ -83,7 +87,9 @@ class EffectSet:
                 twist_rate[i] += rate
         motion = replace(motion, twist=twist, twist_rate=twist_rate)
         if self.in_time and motion.progress is None:
-            motion = replace(motion, elapsed=self._clock[0], progress=self._clock[0] / self._clock[1] - 0.5)
+            motion = replace(
+                motion, elapsed=self._clock[0], progress=self._clock[0] / self._clock[1] - 0.5
+            )
         total, rates = motion.nothing(), []
         friction = motion.nothing()
         for instance, i, values in self._placed:
@@ -101,11 +107,13 @@ def _checked(effect: Effect, part: object) -> Contribution:
     """Return what a law gave, if a user's law gave what it should."""
     if not isinstance(part, Contribution):
         raise EffectError(
-            f"the law of {effect.id} returns no Contribution", "Return motion.at(i, …) with link, drive or motor."
+            f"the law of {effect.id} returns no Contribution",
+            "Return motion.at(i, …) with link, drive or motor.",
         )
     if missing := [name for name in effect.states if name not in part.rates]:
         raise EffectError(
-            f"the law of {effect.id} gives no rate of its state {missing[0]}", "Return motion.at(i, …, rates={…})."
+            f"the law of {effect.id} gives no rate of its state {missing[0]}",
+            "Return motion.at(i, …, rates={…}).",
         )
     return part
 

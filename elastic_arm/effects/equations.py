@@ -40,12 +40,16 @@ class ArmEquations:
     @cached_property
     def K(self) -> SX:
         """Stiffnesses of the drives (n, 1); of no row for an arm without transmissions."""
-        return ca.vertcat(*(self.Psi[s.stiffness] for s in self.bodies.springs if s.against is not None))
+        return ca.vertcat(
+            *(self.Psi[s.stiffness] for s in self.bodies.springs if s.against is not None)
+        )
 
     @cached_property
     def D(self) -> SX:
         """Dampings of the drives (n, 1)."""
-        return ca.vertcat(*(self.Psi[s.damping] for s in self.bodies.springs if s.against is not None))
+        return ca.vertcat(
+            *(self.Psi[s.damping] for s in self.bodies.springs if s.against is not None)
+        )
 
     @cached_property
     def B(self) -> SX:
@@ -65,7 +69,9 @@ class ArmEquations:
         bodies = compose(self.robot, model, bearings=self._bearings)
         return _left_side(bodies, x, dx, ddx, [float(value) for value in nominal(bodies)])
 
-    def carried_body(self, link: int, mass: SX, moment: SX, inertia: SX, x: SX, dx: SX, ddx: SX) -> SX:
+    def carried_body(
+        self, link: int, mass: SX, moment: SX, inertia: SX, x: SX, dx: SX, ddx: SX
+    ) -> SX:
         """Return what a body fixed to a link adds to the left side of (1)."""
         frame = next(i for i, f in enumerate(self.bodies.frames) if f.coordinate == link)
         # The frames behind it do not move it.
@@ -79,7 +85,9 @@ class ArmEquations:
         ten = [mass, *_entries(SX(moment))] + [
             inertia[index] for index in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
         ]
-        return _column(recursion.inverse_dynamics(alone, _entries(x), _entries(dx), _entries(ddx), ten, TRIG))
+        return _column(
+            recursion.inverse_dynamics(alone, _entries(x), _entries(dx), _entries(ddx), ten, TRIG)
+        )
 
     def gravity_columns(self, x: SX) -> SX:
         """Return the derivative of the left side of (1) by the gravity vector in the ground frame, (dof, 3)."""
@@ -91,18 +99,25 @@ class ArmEquations:
         still: list[Any] = [0.0] * self.dof
         columns = [
             _column(
-                recursion.inverse_dynamics(self.bodies, _entries(x), still, still, _entries(self.Psi), TRIG, list(axis))
+                recursion.inverse_dynamics(
+                    self.bodies, _entries(x), still, still, _entries(self.Psi), TRIG, list(axis)
+                )
             )
             for axis in np.eye(3)
         ]
         rotated = ca.horzcat(*columns) @ ca.DM(self.robot.base_placement[:3, :3].T)
         return ca.Function("gravity_columns", [x, self.Psi], [rotated])
 
-    def moved_and_pulled(self, x: Array, dx: Array, ddx: Array, *, motors: bool) -> tuple[Array, Array]:
+    def moved_and_pulled(
+        self, x: Array, dx: Array, ddx: Array, *, motors: bool
+    ) -> tuple[Array, Array]:
         """Return what the motion and what gravity take of each joint of the nominal arm, for arrays of samples."""
         # A few thousand samples once: the recursion runs over them, and nothing is derived for them.
         still: list[Any] = [0.0] * self.dof
-        motions = [([*dx.T], [*ddx.T], [0.0, 0.0, 0.0]), *((still, still, axis.tolist()) for axis in np.eye(3))]
+        motions = [
+            ([*dx.T], [*ddx.T], [0.0, 0.0, 0.0]),
+            *((still, still, axis.tolist()) for axis in np.eye(3)),
+        ]
         values = np.zeros((len(x), self.dof, 4))
         for k, (rates, accelerations, weight) in enumerate(motions):
             symbols = ([*x.T], rates, accelerations, self.nominal.tolist())

@@ -126,22 +126,41 @@ class Effect:
     def _contradictions(self) -> Iterator[tuple[str, str]]:
         """Yield what is wrong with the entries, and what to do about it."""
         if not self.id.isidentifier():
-            yield f"{self.id!r} is no id", "Take lower-case letters, digits and _, such as rubber_buffer."
+            yield (
+                f"{self.id!r} is no id",
+                "Take lower-case letters, digits and _, such as rubber_buffer.",
+            )
         names = [*self.names, *self.states]
         if twice := next((name for name in names if names.count(name) > 1), None):
-            yield f"{twice} stands for two things", "Give parameters, choices and states names of their own."
-        if missing := [text for text in ("formula", "description", "signature") if not getattr(self, text)]:
+            yield (
+                f"{twice} stands for two things",
+                "Give parameters, choices and states names of their own.",
+            )
+        if missing := [
+            text for text in ("formula", "description", "signature") if not getattr(self, text)
+        ]:
             yield f"its {missing[0]} is empty", "Write it in a sentence: the reports show it."
         for what, given, known in (
             ("sides", self.sides, SIDES), ("regime", (self.regime,), REGIMES), ("lacked_by", self.lacked_by, MODELS),
             ("magnitude", self.magnitude, tuple(p.name for p in self.parameters)),
         ):  # fmt: skip
             if unknown := [value for value in given if value not in known]:
-                yield f"{what} holds {unknown[0]!r}", f"Take of {', '.join(known) or 'nothing: it has no parameter'}."
+                yield (
+                    f"{what} holds {unknown[0]!r}",
+                    f"Take of {', '.join(known) or 'nothing: it has no parameter'}.",
+                )
         if not self.sides or not self.lacked_by:
-            yield "it shows in no equation or no model", f"Name sides, of {', '.join(SIDES)}, and models that lack it."
-        if unknown := [name for _, name, *_ in Formatter().parse(self.plain) if name and name not in self.names]:
-            yield f"its plain words name {unknown[0]!r}", f"Take of {', '.join(self.names) or 'nothing'}."
+            yield (
+                "it shows in no equation or no model",
+                f"Name sides, of {', '.join(SIDES)}, and models that lack it.",
+            )
+        if unknown := [
+            name for _, name, *_ in Formatter().parse(self.plain) if name and name not in self.names
+        ]:
+            yield (
+                f"its plain words name {unknown[0]!r}",
+                f"Take of {', '.join(self.names) or 'nothing'}.",
+            )
         linear = [p for p in self.parameters if p.role is Role.LINEAR]
         phases = [p for p in self.parameters if p.role is Role.PHASE]
         if phases and (len(linear) != 1 or linear[0].size != 1 or len(phases) > 1):
@@ -211,7 +230,9 @@ class SensorEffect(Effect):
 class StructuralEffect(Effect):
     """An effect of what the arm is made of."""
 
-    change: Callable[[Plant, Mapping[str, Any]], Plant] = field(kw_only=True)  # (plant, parameters) -> plant
+    change: Callable[[Plant, Mapping[str, Any]], Plant] = field(
+        kw_only=True
+    )  # (plant, parameters) -> plant
 
     def added_to(self, plant: Plant, instance: EffectInstance) -> Plant:
         """Return the arm with its parts changed."""
@@ -230,7 +251,9 @@ class ControllerEffect(Effect):
         for i in instance.joint_indices(robot):
             if (controller := robot.joints[i].controller) is None:
                 raise no_controller(robot.joints[i].name)
-            robot = robot.with_joint(robot.joints[i].name, controller=self.change(controller, instance.parameters))
+            robot = robot.with_joint(
+                robot.joints[i].name, controller=self.change(controller, instance.parameters)
+            )
         return replace(plant, robot=robot)
 
 
@@ -254,7 +277,9 @@ class EffectInstance:
         unknown = [name for name in given if name not in effect.names]
         if unknown:
             valid = ", ".join(effect.names) or "none: it has no free parameter"
-            raise EffectError(f"{effect.id} has no parameter {unknown[0]!r}", f"Its parameters: {valid}.")
+            raise EffectError(
+                f"{effect.id} has no parameter {unknown[0]!r}", f"Its parameters: {valid}."
+            )
         values: dict[str, Value] = {}
         for entry in effect.entries:
             value = given.get(entry.name, entry.default)
@@ -286,12 +311,17 @@ class EffectInstance:
                 return (robot.n - 1,)
             raise EffectError(f"{self.effect.id} needs a joint", f"Name one of {', '.join(names)}.")
         if self.joint not in names:
-            raise EffectError(f"{self.effect.id}: there is no joint {self.joint!r}", f"Use one of {', '.join(names)}.")
+            raise EffectError(
+                f"{self.effect.id}: there is no joint {self.joint!r}",
+                f"Use one of {', '.join(names)}.",
+            )
         if self.joint not in (places := self.effect.places(robot)):
             sits = ", ".join(place for place in places if place) or "no joint of this arm"
             raise EffectError(
                 f"{self.effect.id} cannot sit on {self.joint}",
-                "Name no joint: it acts on the whole arm." if scope is Scope.ARM else f"It sits on {sits}.",
+                "Name no joint: it acts on the whole arm."
+                if scope is Scope.ARM
+                else f"It sits on {sits}.",
             )
         return (names.index(self.joint),)
 

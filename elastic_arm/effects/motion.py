@@ -32,8 +32,12 @@ class Contribution:
     link: SX
     drive: SX
     motor: SX
-    tilts: SX | None = None  # (2n, 1) Nm, the same for the bearing tilts; None where bearings are rigid
-    rates: Mapping[str, SX] = field(default_factory=dict)  # name of an internal state -> its time derivative
+    tilts: SX | None = (
+        None  # (2n, 1) Nm, the same for the bearing tilts; None where bearings are rigid
+    )
+    rates: Mapping[str, SX] = field(
+        default_factory=dict
+    )  # name of an internal state -> its time derivative
 
     def __add__(self, other: Contribution) -> Contribution:
         tilts = [c.tilts for c in (self, other) if c.tilts is not None]
@@ -213,7 +217,9 @@ class SymbolicMotion:
         sides = {name: SX(self.n, 1) for name in ("link", "drive", "motor")}
         for name, torque in torques.items():
             if name not in sides:
-                raise EffectError(f"a law adds a torque to {name!r}", f"Take of {', '.join(sides)}.")
+                raise EffectError(
+                    f"a law adds a torque to {name!r}", f"Take of {', '.join(sides)}."
+                )
             sides[name][i] = torque
         return Contribution(**sides, rates=rates or {})
 

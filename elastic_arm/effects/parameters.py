@@ -42,7 +42,9 @@ class Parameter:
     role: Role = Role.LINEAR  # how it is found
     # its value for no effect; None where the effect vanishes through another parameter alone
     neutral: float | None = None
-    default: float | tuple[float, ...] | None = None  # taken when it is not given; None where it must be
+    default: float | tuple[float, ...] | None = (
+        None  # taken when it is not given; None where it must be
+    )
     meaning: str = ""
     size: int = 1  # number of components: 3 for a vector
     above: float = -math.inf  # physical bound: values must be larger
@@ -53,9 +55,15 @@ class Parameter:
     from_coefficient: Callable[[float], float] | None = None
     # whether it is a whole number, such as a number of waves a turn: whole values are tried, and none between
     integer: bool = False
-    scale: Scale | None = None  # of the values tried; None for LOG where the whole range is positive, else LINEAR
-    tried: int = 7  # how many values of it alone are tried first: more where the law changes fast with it
-    inverse: bool = False  # whether the effect grows as the value falls, as the stiffness of what gives way
+    scale: Scale | None = (
+        None  # of the values tried; None for LOG where the whole range is positive, else LINEAR
+    )
+    tried: int = (
+        7  # how many values of it alone are tried first: more where the law changes fast with it
+    )
+    inverse: bool = (
+        False  # whether the effect grows as the value falls, as the stiffness of what gives way
+    )
     # range from which the blind challenge draws it; None for the default, or the plausible range without one
     draw: tuple[float, float] | None = None
     # what of the joint's motion bounds it, whatever the arm does: how far its "deflection", or the "error" of its
@@ -65,29 +73,45 @@ class Parameter:
     def __post_init__(self) -> None:
         self._check_range()
         if self.scale is Scale.LOG and self.low <= 0.0:
-            raise self._wrong(f"its scale is logarithmic and its range begins at {self.low:g}", "Take Scale.LINEAR.")
+            raise self._wrong(
+                f"its scale is logarithmic and its range begins at {self.low:g}",
+                "Take Scale.LINEAR.",
+            )
         if self.scale is None:
             object.__setattr__(self, "scale", Scale.LOG if self.low > 0.0 else Scale.LINEAR)
         if self.integer and (self.role is not Role.SEARCHED or self.size != 1):
-            raise self._wrong("a whole number can only be searched", "Give it role=Role.SEARCHED and size=1.")
+            raise self._wrong(
+                "a whole number can only be searched", "Give it role=Role.SEARCHED and size=1."
+            )
         if self.role is Role.PHASE and self.size != 1:
             raise self._wrong("a phase is one number", "Leave its size at 1.")
         if self.role is Role.LINEAR and self.neutral is None and self.default is None:
-            raise self._wrong("it is linear and has no value of no effect", "Give neutral, mostly 0.0.")
+            raise self._wrong(
+                "it is linear and has no value of no effect", "Give neutral, mostly 0.0."
+            )
         if self.default is not None:
             self.checked(self.default, "the default")
 
     def _check_range(self) -> None:
         if not self.name.isidentifier():
-            raise EffectError(f"a parameter is named {self.name!r}", "Name it as a variable: letters, digits, _.")
+            raise EffectError(
+                f"a parameter is named {self.name!r}", "Name it as a variable: letters, digits, _."
+            )
         if self.size < 1:
             raise self._wrong(f"it has {self.size} components", "Give a size of 1 or more.")
         if not (math.isfinite(self.low) and math.isfinite(self.high) and self.low < self.high):
-            raise self._wrong(f"its range is {self.low:g} to {self.high:g}", "Give a finite low below a finite high.")
+            raise self._wrong(
+                f"its range is {self.low:g} to {self.high:g}",
+                "Give a finite low below a finite high.",
+            )
         if self.above >= self.high:
-            raise self._wrong(f"it must be above {self.above:g}, the end of its range", "Lower `above`.")
+            raise self._wrong(
+                f"it must be above {self.above:g}, the end of its range", "Lower `above`."
+            )
         if self.draw is not None and not self.draw[0] <= self.draw[1]:
-            raise self._wrong(f"draw is {self.draw[0]:g} to {self.draw[1]:g}", "Give the lower end first.")
+            raise self._wrong(
+                f"draw is {self.draw[0]:g} to {self.draw[1]:g}", "Give the lower end first."
+            )
 
     def _wrong(self, problem: str, remedy: str) -> EffectError:
         return EffectError(f"parameter {self.name}: {problem}", remedy)
@@ -136,7 +160,9 @@ class Parameter:
         if len(numbers) != self.size or not all(math.isfinite(v) for v in numbers):
             raise EffectError(f"{of}: {self.name} is {value!r}", f"Give {what}{unit}.")
         if any(v <= self.above for v in numbers):
-            raise EffectError(f"{of}: {self.name} is {value!r}", f"It must be above {self.above:g}{unit}.")
+            raise EffectError(
+                f"{of}: {self.name} is {value!r}", f"It must be above {self.above:g}{unit}."
+            )
         return numbers[0] if self.size == 1 else numbers
 
 
@@ -154,7 +180,9 @@ class Choice:
 
     def __post_init__(self) -> None:
         if not self.values or len(set(self.values)) < len(self.values):
-            raise EffectError(f"choice {self.name}: its values are {self.values!r}", "Give each value once.")
+            raise EffectError(
+                f"choice {self.name}: its values are {self.values!r}", "Give each value once."
+            )
         self.checked(self.default, "the default")
 
     def checked(self, value: Any, of: str) -> str | tuple[str, ...]:

@@ -38,7 +38,9 @@ class MotionSignals:
     # (N, …) each, by name: x, dx, ddx, tau_J, tau_m, dtau_J, dtau_m, sign_link, sign_motor and more
     values: Mapping[str, Array]
     cutoff: float = np.inf  # Hz up to which accelerations are motion rather than noise
-    predicted: bool = False  # whether torques are those that the model predicts instead of the recorded ones
+    predicted: bool = (
+        False  # whether torques are those that the model predicts instead of the recorded ones
+    )
     # variances (n,) of a sample's white noise of the recorded torques, Nm², by name
     torque_noise: Mapping[str, Array] = field(default_factory=dict)
     # (N, n) Nm, tau_J and tau_m as predicted, and tau_J where it is "clear" of noise; empty where nobody asked

@@ -19,7 +19,8 @@ _GRAMMAR = "Write EFFECT[:JOINT][:NAME=VALUE,NAME=VALUE]."
 
 
 def read_effects(
-    given: str | EffectInstance | Iterable[str | EffectInstance], read: Callable[[str], Iterable[EffectInstance]]
+    given: str | EffectInstance | Iterable[str | EffectInstance],
+    read: Callable[[str], Iterable[EffectInstance]],
 ) -> tuple[EffectInstance, ...]:
     """Return effects, those that are text read by one of the functions below.
 
@@ -48,7 +49,9 @@ class _ParsedInstance:
         return instance
 
 
-def parse(text: str, robot: Robot | None = None, catalogue: Catalogue | None = None) -> EffectInstance:
+def parse(
+    text: str, robot: Robot | None = None, catalogue: Catalogue | None = None
+) -> EffectInstance:
     """Read an effect on an arm, such as `payload:mass=5,position=0/0/0.1` or `base_tilt:x=0.01,y=0`.
 
     Components of a vector are joined by `/`, several choices by `+`: `time_delay:channels=joint_torque+motor_torque`.
@@ -62,7 +65,9 @@ def parse(text: str, robot: Robot | None = None, catalogue: Catalogue | None = N
     return instance
 
 
-def known_effects(texts: Sequence[str], robot: Robot, catalogue: Catalogue | None = None) -> tuple[EffectInstance, ...]:
+def known_effects(
+    texts: Sequence[str], robot: Robot, catalogue: Catalogue | None = None
+) -> tuple[EffectInstance, ...]:
     """Return the effects that the user knows, on every joint where none is named."""
     found = []
     for text in texts:
@@ -75,7 +80,9 @@ def known_effects(texts: Sequence[str], robot: Robot, catalogue: Catalogue | Non
     return tuple(found)
 
 
-def parse_laws(texts: Sequence[str], robot: Robot, catalogue: Catalogue | None = None) -> list[EffectInstance]:
+def parse_laws(
+    texts: Sequence[str], robot: Robot, catalogue: Catalogue | None = None
+) -> list[EffectInstance]:
     """Read effects whose linear parameters are to be identified; without a joint they sit on every joint.
 
     Raises an EffectError or IdentificationError if there is no such effect, none of its parameters is linear, or a
@@ -106,7 +113,9 @@ def parse_laws(texts: Sequence[str], robot: Robot, catalogue: Catalogue | None =
                 f"{effect.id}: {', '.join(stated)} is what identification finds, and a value is given",
                 f"Leave it out: {effect.id}{f':{written.joint}' if written.joint else ''}.",
             )
-        neutral = {p.name: [p.neutral or 0.0] * p.size if p.size > 1 else p.neutral or 0.0 for p in linear}
+        neutral = {
+            p.name: [p.neutral or 0.0] * p.size if p.size > 1 else p.neutral or 0.0 for p in linear
+        }
         for joint in _joints(written, robot):
             instance = written.on(joint, **neutral)
             instance.joint_indices(robot)
@@ -123,7 +132,10 @@ def _joints(written: _ParsedInstance, robot: Robot) -> Sequence[str | None]:
 
 
 def _read(
-    text: str, catalogue: Catalogue | None, what: str = "effect", kind: type[ElasticArmError] = EffectError
+    text: str,
+    catalogue: Catalogue | None,
+    what: str = "effect",
+    kind: type[ElasticArmError] = EffectError,
 ) -> _ParsedInstance:
     """Take a text apart; an error of `kind` calls it `what`."""
     effect_id, *rest = text.strip().split(":")
@@ -156,4 +168,7 @@ def _refuse_impossible(instance: EffectInstance, written: dict[str, Any]) -> Non
         value: Any = instance.parameters[p.name]
         if p.name in written and min(value if isinstance(value, tuple) else (value,)) < p.least:
             unit = f" {p.unit}" if p.unit != "1" else ""
-            raise EffectError(f"{instance.effect.id}: {p.name} is {value:g}{unit}", f"Give {p.least:g}{unit} or more.")
+            raise EffectError(
+                f"{instance.effect.id}: {p.name} is {value:g}{unit}",
+                f"Give {p.least:g}{unit} or more.",
+            )

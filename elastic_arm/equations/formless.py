@@ -34,8 +34,13 @@ SHARED = {"link": 1.0, "drive": 1.0, "motor": -1.0}
 WAVES = 6  # a turn
 DEGREE = 3  # of the splines
 MEAN = 30.0  # prior standard deviation of a law's mean over that of a spline; convention
-FINER, FINE_SHARE = 4.0, 0.03  # of the second kernel of a smooth law: inverse of its length, and its size
-SMALL = 1e-8  # share of the largest eigenvalue of the kernel below which a shape is left out; numerical
+FINER, FINE_SHARE = (
+    4.0,
+    0.03,
+)  # of the second kernel of a smooth law: inverse of its length, and its size
+SMALL = (
+    1e-8  # share of the largest eigenvalue of the kernel below which a shape is left out; numerical
+)
 ROUGH, SMOOTH = "rough", "smooth"
 
 
@@ -56,7 +61,9 @@ class GeneralLaw:
         return placed(data, self.side, self.joint, parts)
 
 
-def general_laws(sets: Sequence[WhitenedData], joint: int, gear: Transmission | None = None) -> list[GeneralLaw]:
+def general_laws(
+    sets: Sequence[WhitenedData], joint: int, gear: Transmission | None = None
+) -> list[GeneralLaw]:
     """Return the general laws of a joint.
 
     sets: of the recordings: they span the functions' arguments; gear: its transmission: some laws repeat with its
@@ -72,16 +79,25 @@ def general_laws(sets: Sequence[WhitenedData], joint: int, gear: Transmission | 
     elastic = sets[0].parts[0].signals.values["x"].shape[1] > n
     if gear is not None and elastic:
         for acting in ("drive", "motor"):
-            for turn, ratio in (("wave generator", gear.harmonic_drive_ratio), ("rotor", gear.r_tot)):
+            for turn, ratio in (
+                ("wave generator", gear.harmonic_drive_ratio),
+                ("rotor", gear.r_tot),
+            ):
                 if acting in sides:
                     waves = _waves(_signal("x", n + joint), ratio)
                     found.append(GeneralLaw(joint, acting, f"the turn of its {turn}", waves))
     if n > 1:
-        found.append(GeneralLaw(joint, "sensor", "the loads of other joints", _scaled(sets, _loads_but(joint))))
+        found.append(
+            GeneralLaw(
+                joint, "sensor", "the loads of other joints", _scaled(sets, _loads_but(joint))
+            )
+        )
     return found
 
 
-def _laws_over_a_range(sets: Sequence[WhitenedData], joint: int, smoothness: str) -> list[GeneralLaw]:
+def _laws_over_a_range(
+    sets: Sequence[WhitenedData], joint: int, smoothness: str
+) -> list[GeneralLaw]:
     """Return the laws of a joint that are functions of one argument over its range."""
     n, sides = sets[0].layout.n, sets[0].layout.sides
     load = _load(joint)
@@ -157,7 +173,9 @@ def _scaled(sets: Sequence[WhitenedData], shapes: Argument) -> Argument:
     return lambda signals: shapes(signals) / size
 
 
-def _splines(sets: Sequence[WhitenedData], argument: Argument, count: int, smoothness: str = ROUGH) -> Argument:
+def _splines(
+    sets: Sequence[WhitenedData], argument: Argument, count: int, smoothness: str = ROUGH
+) -> Argument:
     """Return shapes over the range of an argument in all recordings, made of cubic B-splines.
 
     argument: signals -> (N,); count: number of splines; smoothness: prior of their coefficients.

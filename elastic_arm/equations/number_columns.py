@@ -58,16 +58,26 @@ def number_columns(
                 j = model.robot.joint_names.index(str(parameter.joint))
                 noise = _in_row(data, part, model.n + j, _load_noise(part)[:, j])
                 out[:, :, k] -= noise * parameter.prior_std / part.gain(feature)
-        for effect in (e for e in data.acting if e.feature.effect.twist and e.feature.joint == parameter.joint):
+        for effect in (
+            e for e in data.acting if e.feature.effect.twist and e.feature.joint == parameter.joint
+        ):
             for out, part in zip(result, data.parts, strict=True):
-                out[:, :, k] -= _transmitted(feature.equations, data, part, effect) * parameter.prior_std
+                out[:, :, k] -= (
+                    _transmitted(feature.equations, data, part, effect) * parameter.prior_std
+                )
     others = [k for k, p in enumerate(parameters) if p.feature is None and not p.is_inertial]
     for out, part in zip(result, data.parts, strict=True):
         sensed = "drive" in data.layout.sides
-        entries = _drive_entries(model, nominal, part, [parameters[k] for k in others], data.acting, sensed=sensed)
+        entries = _drive_entries(
+            model, nominal, part, [parameters[k] for k in others], data.acting, sensed=sensed
+        )
         out[:, :, others] = data.in_band(part, entries)
     # The same column in one recording alone.
-    common = {p.feature.key: k for k, p in enumerate(parameters) if p.feature is not None and p.recording is None}
+    common = {
+        p.feature.key: k
+        for k, p in enumerate(parameters)
+        if p.feature is not None and p.recording is None
+    }
     for k, parameter in enumerate(parameters):
         if parameter.feature is not None and parameter.recording is not None:
             same = common[parameter.feature.key]
@@ -79,7 +89,11 @@ def number_columns(
 
 
 def shared_columns(
-    data: WhitenedData, parameters: Sequence[Number], features: Mapping[int, Feature], which: int, values: Array
+    data: WhitenedData,
+    parameters: Sequence[Number],
+    features: Mapping[int, Feature],
+    which: int,
+    values: Array,
 ) -> tuple[list[int], list[Array]]:
     """Return what an effect that acts adds to the columns of gains: which gains, and (N', R, m) of each stretch.
 
@@ -92,7 +106,9 @@ def shared_columns(
     for k, feature in features.items():
         parameter = parameters[k]
         j = feature.equations.robot.joint_names.index(str(parameter.joint))
-        own = ["tau_J", "tau_m"].index(str(feature.read_torque)) if parameter.is_torque_gain else None
+        own = (
+            ["tau_J", "tau_m"].index(str(feature.read_torque)) if parameter.is_torque_gain else None
+        )
         if own is None or not any(part.shares[which][own][:, j].any() for part in data.parts):
             continue
         numbers.append(k)
@@ -106,16 +122,24 @@ def shared_columns(
     joints = effect.feature.equations.robot.joint_names
     for k, parameter in enumerate(() if effect.feature.fixed else parameters):
         j = joints.index(parameter.joint)
-        if parameter.what != SCALE or not any(part.shares[which][1][:, j].any() for part in data.parts):
+        if parameter.what != SCALE or not any(
+            part.shares[which][1][:, j].any() for part in data.parts
+        ):
             continue
         numbers.append(k)
         size = parameter.prior_std / max(LEAST, 1.0 + values[k] * parameter.prior_std)
         for out, part in zip(found, data.parts, strict=True):
-            out.append(_in_row(data, part, 2 * len(joints) + j, -size * part.shares[which][1][:, j]))
-    return numbers, data.weighted([np.stack(own, axis=2) for own in found], in_place=True) if numbers else []
+            out.append(
+                _in_row(data, part, 2 * len(joints) + j, -size * part.shares[which][1][:, j])
+            )
+    return numbers, data.weighted(
+        [np.stack(own, axis=2) for own in found], in_place=True
+    ) if numbers else []
 
 
-def _transmitted(equations: ArmEquations, data: WhitenedData, part: Part, effect: ActingEffect) -> Array:
+def _transmitted(
+    equations: ArmEquations, data: WhitenedData, part: Part, effect: ActingEffect
+) -> Array:
     """Return what a transmission error makes of the read joint torque at the motor (N', R), Nm.
 
     It scales with that torque. Without it a recording would seem to show the common scale of all torques and masses.
@@ -131,7 +155,9 @@ def _in_row(data: WhitenedData, part: Part, row: int, values: Array) -> Array:
     return data.in_band(part, entries)[:, :, 0]
 
 
-def features_at(model: Model, parameters: Sequence[Number], acting: Sequence[ActingEffect] = ()) -> dict[int, Feature]:
+def features_at(
+    model: Model, parameters: Sequence[Number], acting: Sequence[ActingEffect] = ()
+) -> dict[int, Feature]:
     """Return the effects that uncertain numbers are, by place in the list; each compiled once for all data.
 
     model: at the present values of the arm's numbers: a wrong zero of an encoder is wound by the stiffness where it
@@ -145,7 +171,9 @@ def features_at(model: Model, parameters: Sequence[Number], acting: Sequence[Act
     }
 
 
-def inertial_columns(model: Model, data: WhitenedData, parameters: Sequence[Number], directions: Array) -> list[Array]:
+def inertial_columns(
+    model: Model, data: WhitenedData, parameters: Sequence[Number], directions: Array
+) -> list[Array]:
     """Return the columns (N', R, k) of the inertial numbers of each stretch, zero for other parameters.
 
     They are linear in Psi and depend on the motion alone.
@@ -180,7 +208,9 @@ def calibrated_parameters(model: Model, nominal: Robot, values: Array, direction
 
 def _springs(model: Model) -> list[int]:
     """Return the numbers of stiffnesses and dampings in Psi."""
-    return [index for spring in model.bodies.springs for index in (spring.stiffness, spring.damping)]
+    return [
+        index for spring in model.bodies.springs for index in (spring.stiffness, spring.damping)
+    ]
 
 
 def _regressor(model: Model, motion: CompletedMotion, directions: Array) -> Array:
@@ -221,12 +251,17 @@ def _drive_entries(
     clear = load - _load_noise(part) if sensed else load
     if elastic and not sensed and any(p.what == "damping" for p in parameters):
         # Without a joint torque sensor the deflection stands for the torque: its noise is in residual and column.
-        rates = np.stack([_quiet(rate, part.noise, j) for j, rate in enumerate(rates_of(motion.t, load).T)], axis=1)
+        rates = np.stack(
+            [_quiet(rate, part.noise, j) for j, rate in enumerate(rates_of(motion.t, load).T)],
+            axis=1,
+        )
     elif elastic and any(p.what == "damping" for p in parameters):
         # What is known to act beside the spring, such as hysteresis or play, bends how fast it is wound; and the noise
         # of accelerations counts as of no torque: regressed on it, too, a damping would come out too small.
         others = K * signals.values["wound"] - signals.values["tau_J"]
-        others = others - sum(effect.torques(signals)[3] for effect in acting if effect.feature.follows_load)
+        others = others - sum(
+            effect.torques(signals)[3] for effect in acting if effect.feature.follows_load
+        )
         rates = rates_of(motion.t, signals.model_torques["tau_J"] + others)
     found: list[tuple[int, int, Array]] = []
     for k, parameter in enumerate(parameters):
@@ -235,7 +270,9 @@ def _drive_entries(
         if parameter.speeds is not None:
             of_motor = elastic and parameter.side == "motor"
             w = (motion.dtheta if of_motor else motion.dq)[:, j]
-            found.append((2 * n + j if of_motor else j, k, _turnover(w, motion.t, parameter.speeds)))
+            found.append(
+                (2 * n + j if of_motor else j, k, _turnover(w, motion.t, parameter.speeds))
+            )
         elif parameter.what == "stiffness" and gear is not None:
             found.append((n + j, k, clear[:, j]))
         elif parameter.what == "damping" and gear is not None:
@@ -249,19 +286,27 @@ def _drive_entries(
     return Entries(values, rows, numbers, (3 * n, len(parameters)))
 
 
-def _of_gain(model: Model, nominal: Robot, parameter: Number, part: Part, acting: Sequence[ActingEffect]) -> Array:
+def _of_gain(
+    model: Model, nominal: Robot, parameter: Number, part: Part, acting: Sequence[ActingEffect]
+) -> Array:
     """Return how what the controller of a joint makes falls (N,) Nm with a gain, in ratios to the described one.
 
     What is left of the predicted torque is that of the error of the angle: the angle's own noise is in the made
     torque, too, and gains of zero would explain all of it. At its limit a torque does not change. Laws without
     a linear size are left out, as they are of the columns of masses: else they would tell the scale that both have.
     """
-    motion, signals, j = part.stretch.quiet, part.signals, model.robot.joint_names.index(parameter.joint)
+    motion, signals, j = (
+        part.stretch.quiet,
+        part.signals,
+        model.robot.joint_names.index(parameter.joint),
+    )
     now, stated = model.robot.joints[j].controller, nominal.joints[j].controller
     assert now is not None and stated is not None
     (kp, kd, _), (kp_stated, kd_stated, _) = now.gains, stated.gains
     tau_m, fed, dr = (signals.values[name][:, j] for name in ("tau_m", "fed", "dr"))
-    tau_m = tau_m - sum(share[1][:, j] for e, share in zip(acting, part.shares, strict=True) if e.feature.fixed)
+    tau_m = tau_m - sum(
+        share[1][:, j] for e, share in zip(acting, part.shares, strict=True) if e.feature.fixed
+    )
     of_rate = now.follows_rate * dr - motion.dtheta[:, j]
     changed = kd_stated * of_rate
     if parameter.what == SCALE and kp:
@@ -284,7 +329,9 @@ def _quiet(rate: Array, noise: NoiseModel, j: int) -> Array:
     It holds the third derivative of the links' angles. Regressed on its noise too, a damping comes out too small.
     """
     assert noise.load is not None
-    return wiener_filter(rate, noise.rate, noise.f, (2 * np.pi * noise.f) ** 2 * noise.load[:, j])(0.0)
+    return wiener_filter(rate, noise.rate, noise.f, (2 * np.pi * noise.f) ** 2 * noise.load[:, j])(
+        0.0
+    )
 
 
 def _wound(model: Model, part: Part, acting: Sequence[ActingEffect]) -> Array:
@@ -297,7 +344,9 @@ def _wound(model: Model, part: Part, acting: Sequence[ActingEffect]) -> Array:
     for effect in acting:
         joint, _, spring, _ = effect.torques(part.signals)
         # What play takes off the deflection, the stiffness would multiply as well.
-        play = any(parameter.bounded_by == "deflection" for parameter in effect.feature.effect.parameters)
+        play = any(
+            parameter.bounded_by == "deflection" for parameter in effect.feature.effect.parameters
+        )
         load = load + (joint if play else spring)
     return load
 
@@ -321,5 +370,7 @@ def directions_of(nominal: Robot, model: str, parameters: Sequence[Number]) -> A
         if parameter.feature is None:
             values = np.zeros(len(parameters))
             values[k] = STEP
-            found[:, k] = (build_model(calibrated_robot(nominal, parameters, values), model).Psi - base) / STEP
+            found[:, k] = (
+                build_model(calibrated_robot(nominal, parameters, values), model).Psi - base
+            ) / STEP
     return found

@@ -8,7 +8,9 @@ from elastic_arm.estimation.effect_columns import Feature
 
 # Of a joint's controller, as ratios to the stated ones: all its gains alike, and that of speeds beside the others.
 GAINS = SCALE, RATIO = "torque_scale", "kd"
-PRESLIDING = "presliding"  # how gradually dry friction changes its sign: no number of the arm or of a sensor
+PRESLIDING = (
+    "presliding"  # how gradually dry friction changes its sign: no number of the arm or of a sensor
+)
 
 
 @dataclass(frozen=True)
@@ -20,9 +22,15 @@ class Number:
     unit: str  # "1" for a ratio
     prior_std: float  # of its deviation from the description
     neutral: float  # its value as described: 1 for a ratio, else 0
-    feature: Feature | None = None  # the effect of a sensor or of warming friction; None for a number of the arm
-    error: Feature | None = None  # the effect of a number of the arm that is off; None where the catalogue has none
-    limit: float = np.inf  # largest deviation about which the model is made, in standard deviations of the prior
+    feature: Feature | None = (
+        None  # the effect of a sensor or of warming friction; None for a number of the arm
+    )
+    error: Feature | None = (
+        None  # the effect of a number of the arm that is off; None where the catalogue has none
+    )
+    limit: float = (
+        np.inf
+    )  # largest deviation about which the model is made, in standard deviations of the prior
     # of presliding alone: widths, rad/s, of the two sign functions between which friction turns over, or the width
     # within which it does so early or late
     speeds: tuple[float, ...] | None = None
@@ -65,7 +73,9 @@ class Number:
     @property
     def is_torque_gain(self) -> bool:
         """Whether it scales what a torque channel reads."""
-        return self.unit == "1" and self.feature is not None and self.feature.read_torque is not None
+        return (
+            self.unit == "1" and self.feature is not None and self.feature.read_torque is not None
+        )
 
     @property
     def is_inertial(self) -> bool:
@@ -85,7 +95,11 @@ class Number:
     @property
     def is_gain(self) -> bool:
         """Whether it is the gain of a torque channel."""
-        return self.feature is not None and self.neutral == 1.0 and self.feature.read_torque is not None
+        return (
+            self.feature is not None
+            and self.neutral == 1.0
+            and self.feature.read_torque is not None
+        )
 
     @property
     def channel(self) -> str | None:

@@ -13,14 +13,16 @@ from elastic_arm.estimation.known_torques import ActingEffect
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.estimation.whitening import WhitenedData
 
-WOUND = (
-    1.2  # of the median deflection of a joint: what its play may be, with encoders' zeros a little apart; convention
-)
+WOUND = 1.2  # of the median deflection of a joint: what its play may be, with encoders' zeros a little apart; convention
 
 
 def features(equations: ArmEquations, effects: Sequence[Effect]) -> list[Feature]:
     """Return every effect at every place where it adds something to this model's residuals."""
-    found = [feature_of(instance, equations) for effect in effects for instance in effect.candidates(equations.robot)]
+    found = [
+        feature_of(instance, equations)
+        for effect in effects
+        for instance in effect.candidates(equations.robot)
+    ]
     return [feature for feature in found if _possible(feature) and feature.acts]
 
 
@@ -29,7 +31,9 @@ def _possible(feature: Feature) -> bool:
     if feature.equations.robot.elastic:
         return True
     sides = set(feature.sides)
-    return ("link" in sides or sides == {"motor"}) and "link_encoder" not in feature.choices.get("channels", ())
+    return ("link" in sides or sides == {"motor"}) and "link_encoder" not in feature.choices.get(
+        "channels", ()
+    )
 
 
 def recorded_features(found: Iterable[Feature], motion: Motion) -> list[Feature]:
@@ -40,7 +44,11 @@ def recorded_features(found: Iterable[Feature], motion: Motion) -> list[Feature]
     kept: dict[tuple[object, ...], Feature] = {}
     for feature in found:
         joints = feature.equations.robot.joint_names
-        recorded = motion.recorded if feature.joint is None else motion.recorded_at(joints.index(feature.joint))
+        recorded = (
+            motion.recorded
+            if feature.joint is None
+            else motion.recorded_at(joints.index(feature.joint))
+        )
         if _is_repeated(feature, recorded):
             continue
         if "r" in recorded and isinstance(feature.effect, SensorEffect):
@@ -84,7 +92,9 @@ def allowed_values(feature: Feature, parameter: Parameter, data: WhitenedData) -
         return parameter
     joint = feature.equations.robot.joint_names.index(feature.joint)
     if parameter.bounded_by == "torque":
-        torques = [(part.signals.model_torques["tau_m"], part.stretch.quiet.tau_m) for part in data.parts]
+        torques = [
+            (part.signals.model_torques["tau_m"], part.stretch.quiet.tau_m) for part in data.parts
+        ]
         needed, made = (np.concatenate(one)[:, joint] for one in zip(*torques, strict=True))
         low, high = float(np.sqrt(np.mean(needed**2))), float(np.abs(made).max())
     elif parameter.bounded_by == "error":
@@ -94,7 +104,9 @@ def allowed_values(feature: Feature, parameter: Parameter, data: WhitenedData) -
         wound = np.concatenate([part.signals.values["wound"][:, joint] for part in data.parts])
         low, high = parameter.low, WOUND * float(np.median(np.abs(wound)))
     low = max(low, parameter.low)
-    return replace(parameter, low=low, high=max(min(high, parameter.high), low + 1e-6 * (parameter.high - low)))
+    return replace(
+        parameter, low=low, high=max(min(high, parameter.high), low + 1e-6 * (parameter.high - low))
+    )
 
 
 def scaling(feature: Feature, acting: Sequence[ActingEffect]) -> Feature:
@@ -106,7 +118,9 @@ def scaling(feature: Feature, acting: Sequence[ActingEffect]) -> Feature:
         of = effect.feature
         if not feature.scales(of):
             continue
-        values = of.parameters([] if of.fixed else [float(b) for b in effect.coefficients], effect.searched)
+        values = of.parameters(
+            [] if of.fixed else [float(b) for b in effect.coefficients], effect.searched
+        )
         flat = [np.atleast_1d(values[p.name]) for p in of.effect.parameters]
         wholes.append((of.whole(), tuple(float(v) for v in np.concatenate(flat))))
     return replace(feature, friction=tuple(wholes))

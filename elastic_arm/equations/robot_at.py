@@ -12,7 +12,12 @@ from elastic_arm.errors import RobotError
 from elastic_arm.robot import Component, Inertia, Joint, Robot
 
 LEAST = 0.05  # of a described number that a deviation leaves; numerical
-LINK_SHARES = (1.0, 0.75, 0.5, 0.25)  # of the links' deviations, tried until the bodies are physical
+LINK_SHARES = (
+    1.0,
+    0.75,
+    0.5,
+    0.25,
+)  # of the links' deviations, tried until the bodies are physical
 
 
 def calibrated_robot(robot: Robot, parameters: Sequence[Number], values: Array) -> Robot:
@@ -25,8 +30,12 @@ def calibrated_robot(robot: Robot, parameters: Sequence[Number], values: Array) 
     deviations: dict[str, dict[str, float]] = {}
     for parameter, value in zip(parameters, values, strict=True):
         if parameter.feature is None:
-            deviations.setdefault(parameter.joint, {})[parameter.what] = parameter.value(value) - parameter.neutral
-    return robot.with_(joints=tuple(_changed(joint, deviations[joint.name]) for joint in robot.joints))
+            deviations.setdefault(parameter.joint, {})[parameter.what] = (
+                parameter.value(value) - parameter.neutral
+            )
+    return robot.with_(
+        joints=tuple(_changed(joint, deviations[joint.name]) for joint in robot.joints)
+    )
 
 
 def nearest_robot(robot: Robot, parameters: Sequence[Number], values: Array) -> Robot:
@@ -46,7 +55,9 @@ def nearest_robot(robot: Robot, parameters: Sequence[Number], values: Array) -> 
 def _changed(joint: Joint, deviation: dict[str, float]) -> Joint:
     gear = joint.transmission
     if gear is not None:
-        rotor, spline = (max(LEAST, 1.0 + deviation[what]) for what in ("rotor_inertia", "spline_inertia_ratio"))
+        rotor, spline = (
+            max(LEAST, 1.0 + deviation[what]) for what in ("rotor_inertia", "spline_inertia_ratio")
+        )
         gear = replace(
             gear,
             rotor=_scaled(gear.rotor, rotor),

@@ -21,7 +21,9 @@ class Band:
     rate: float  # samples per second before
     step: int = field(init=False)
     taps: Array = field(init=False, repr=False)
-    _responses: dict[int, Array] = field(default_factory=dict, init=False, repr=False, compare=False)
+    _responses: dict[int, Array] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
 
     def __post_init__(self) -> None:
         # 2.5 kept samples a second for each Hz of the band, and 40 at least: fewer make filters of narrow bands long
@@ -31,7 +33,12 @@ class Band:
         nyquist = self.rate / 2
         # 70.0 dB; what lies above the band would fold into it
         count, beta = kaiserord(70.0, (min(stop, nyquist) - self.cutoff) / nyquist)
-        taps = firwin(count | 1, (self.cutoff + min(stop, 0.98 * nyquist)) / 2, window=("kaiser", beta), fs=self.rate)
+        taps = firwin(
+            count | 1,
+            (self.cutoff + min(stop, 0.98 * nyquist)) / 2,
+            window=("kaiser", beta),
+            fs=self.rate,
+        )
         object.__setattr__(self, "step", step)
         object.__setattr__(self, "taps", taps)
 
@@ -50,7 +57,9 @@ class Band:
         if len(values) < length:
             return np.empty((0, *values.shape[1:]))
         first = -(-(length - 1) // self.step)
-        if self.step < 4:  # 4 thinning from which products of matrices are faster than a polyphase filter
+        if (
+            self.step < 4
+        ):  # 4 thinning from which products of matrices are faster than a polyphase filter
             full = upfirdn(self.taps, values, up=1, down=self.step, axis=0)
             return full[first : first + self._kept(len(values))]
         kept, begin = self._kept(len(values)), first * self.step - (length - 1)
@@ -74,7 +83,9 @@ class Band:
         samples = np.zeros((k, rows * self.step))
         used = min(len(values), rows * self.step)
         samples[:, :used] = values[:used].T
-        parts = (taps.reshape(blocks, -1) @ samples.reshape(k * rows, -1).T).reshape(blocks, k, rows)
+        parts = (taps.reshape(blocks, -1) @ samples.reshape(k * rows, -1).T).reshape(
+            blocks, k, rows
+        )
         thin = parts[0, :, :kept].copy()
         for block in range(1, blocks):
             thin += parts[block, :, block : block + kept]
@@ -89,7 +100,9 @@ class Band:
         if length not in self._responses:
             self._responses[length] = rfft(self.taps, length)
         spectra = rfft(np.ascontiguousarray(values.T), length) * self._responses[length]
-        return irfft(spectra, length, overwrite_x=True)[:, len(self.taps) - 1 :: self.step][:, :kept].T
+        return irfft(spectra, length, overwrite_x=True)[:, len(self.taps) - 1 :: self.step][
+            :, :kept
+        ].T
 
     def times(self, t: Array) -> Array:
         """Return the instants (N',) that :meth:`apply` keeps of t (N,)."""
@@ -105,7 +118,9 @@ class Band:
 
     def samples(self, rows: slice) -> slice:
         """Return samples of which alone :meth:`apply` gives certain rows; their end may lie beyond all."""
-        return slice(rows.start * self.step, (rows.stop - 1) * self.step + self._first + len(self.taps))
+        return slice(
+            rows.start * self.step, (rows.stop - 1) * self.step + self._first + len(self.taps)
+        )
 
     @property
     def _first(self) -> int:

@@ -49,11 +49,18 @@ def convolve(signals: Sequence[Array], responses: Array, every: int = 1) -> Arra
     size = next_fast_len(spoilt + -(-kept // blocks), True)
     workers = min(threads(), MOST_THREADS) if samples >= THREADS_FROM else 1
     early = spoilt * every - (taps - 1)
-    spectra = [rfft(_phases(signal, early, (blocks, spoilt, size), every), workers=workers) for signal in signals]
+    spectra = [
+        rfft(_phases(signal, early, (blocks, spoilt, size), every), workers=workers)
+        for signal in signals
+    ]
     gains = rfft(_phases_of(responses, every), size)
     result = np.empty((outputs, kept, columns))
     for o in range(outputs):
-        parts = ((spectrum[p], gain[p]) for spectrum, gain in zip(spectra, gains[o], strict=True) for p in range(every))
+        parts = (
+            (spectrum[p], gain[p])
+            for spectrum, gain in zip(spectra, gains[o], strict=True)
+            for p in range(every)
+        )
         total = np.multiply(*next(parts))
         for spectrum, gain in parts:
             total += spectrum * gain
@@ -86,7 +93,9 @@ class Harmonics:
         scale = np.sqrt(np.where(2 * k % samples == 0, 1.0, 2.0) / samples)
         dropped = np.r_[:edge, samples - edge : samples]
         phase = 2 * np.pi / samples * np.outer(dropped, k)
-        shown = np.stack([np.cos(phase) * scale, -np.sin(phase) * scale], axis=2).reshape(len(dropped), -1)
+        shown = np.stack([np.cos(phase) * scale, -np.sin(phase) * scale], axis=2).reshape(
+            len(dropped), -1
+        )
         _, size, ends = np.linalg.svd(shown, full_matrices=False)
         # 1e-14 of a direction's squares, if all of it is in samples that do not count; numerical
         left = np.sqrt(np.maximum(1.0 - size**2, 1e-14))
@@ -131,7 +140,9 @@ def filtered_circularly(values: Array, gains: CircularGains) -> Array:
         own, first = values[:, acting][:, :, columns], int(gains.first[acting].min())
         spectrum = rfft(np.ascontiguousarray(own.T))[:, :, : harmonics.size // 2]
         if len(acting) > FEW:
-            products = gains.by_frequency[:, first:, acting] @ np.ascontiguousarray(spectrum.transpose(2, 1, 0))
+            products = gains.by_frequency[:, first:, acting] @ np.ascontiguousarray(
+                spectrum.transpose(2, 1, 0)
+            )
             total = np.ascontiguousarray(products.transpose(2, 1, 0))
         else:
             total = gains.by_row[first:, acting[0]] * spectrum[:, :1]
@@ -149,11 +160,16 @@ def circular_gains(gains: NDArray[np.complexfloating], samples: int, edge: int) 
     harmonics = Harmonics.of(samples, len(gains), edge)
     scaled = gains * harmonics.scale[:, None, None]
     return CircularGains(
-        harmonics, scaled, np.ascontiguousarray(scaled.transpose(1, 2, 0)), scaled.any(axis=0).argmax(axis=0)
+        harmonics,
+        scaled,
+        np.ascontiguousarray(scaled.transpose(1, 2, 0)),
+        scaled.any(axis=0).argmax(axis=0),
     )
 
 
-def _alike(acting: NDArray[np.bool_]) -> Iterator[tuple[NDArray[np.intp], NDArray[np.intp] | slice]]:
+def _alike(
+    acting: NDArray[np.bool_],
+) -> Iterator[tuple[NDArray[np.intp], NDArray[np.intp] | slice]]:
     """Yield rows and some of the columns that act in just these rows (R, k)."""
     groups: dict[bytes, list[int]] = {}
     for column, rows in enumerate(np.ascontiguousarray(acting.T)):
@@ -164,7 +180,10 @@ def _alike(acting: NDArray[np.bool_]) -> Iterator[tuple[NDArray[np.intp], NDArra
         for first in range(0, len(columns), COLUMNS):
             some = columns[first : first + COLUMNS]
             # A slice is written to several times as fast as listed columns are.
-            yield rows, slice(some[0], some[-1] + 1) if some[-1] - some[0] < len(some) else np.array(some)
+            yield (
+                rows,
+                slice(some[0], some[-1] + 1) if some[-1] - some[0] < len(some) else np.array(some),
+            )
 
 
 def _phases(signal: Array, early: int, windows: tuple[int, int, int], every: int) -> Array:

@@ -26,8 +26,17 @@ from elastic_arm.sensors import Sensors
 
 WIDTHS = (1.0, 0.1)  # of the starts between which a column is taken as linear
 # The channels of a recording that sensors make.
-SENSED = {"link_encoder": "q", "motor_encoder": "theta", "joint_torque": "tau_J", "motor_torque": "tau_m"}
-READINGS = ("1", "Nm", "Nm/s")  # units of what a torque sensor reads too much: of its gain, its zero, its drift
+SENSED = {
+    "link_encoder": "q",
+    "motor_encoder": "theta",
+    "joint_torque": "tau_J",
+    "motor_torque": "tau_m",
+}
+READINGS = (
+    "1",
+    "Nm",
+    "Nm/s",
+)  # units of what a torque sensor reads too much: of its gain, its zero, its drift
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,8 +136,15 @@ class Feature:
     @property
     def _points(self) -> list[dict[str, Any]]:
         """Parameters at which the law is differentiated: for a sine and a cosine at two phases."""
-        neutral = {p.name: np.full(p.size, p.neutral if p.neutral is not None else p.default) for p in self.linear}
-        return [neutral] if self.phase is None else [{**neutral, self.phase.name: phi} for phi in (0.0, np.pi / 2)]
+        neutral = {
+            p.name: np.full(p.size, p.neutral if p.neutral is not None else p.default)
+            for p in self.linear
+        }
+        return (
+            [neutral]
+            if self.phase is None
+            else [{**neutral, self.phase.name: phi} for phi in (0.0, np.pi / 2)]
+        )
 
     @property
     def quadratic(self) -> bool:
@@ -138,7 +154,11 @@ class Feature:
     @property
     def bends(self) -> bool:
         """Whether its columns are the effect to first order alone: its law is not linear in its sizes."""
-        return bool(self.linear) and self.phase is None and (self.effect.regressor is not None or self._compiled.bends)
+        return (
+            bool(self.linear)
+            and self.phase is None
+            and (self.effect.regressor is not None or self._compiled.bends)
+        )
 
     @property
     def acts(self) -> bool:
@@ -158,25 +178,34 @@ class Feature:
         """Whether its law takes the deflection that the load makes, of which the drive carries a part by this law."""
         return self._compiled.follows_load
 
-    def columns(self, signals: Signals, searched: Sequence[float] = (), start: float = 0.0) -> Array:
+    def columns(
+        self, signals: Signals, searched: Sequence[float] = (), start: float = 0.0
+    ) -> Array:
         """Evaluate the columns (N, 3 n, count).
 
         start: of all internal states, where the motion before the first sample is not known.
         """
         return self.entries(signals, searched, start).dense()
 
-    def entries(self, signals: Signals, searched: Sequence[float] = (), start: float = 0.0) -> Entries:
+    def entries(
+        self, signals: Signals, searched: Sequence[float] = (), start: float = 0.0
+    ) -> Entries:
         """Evaluate the entries of the columns that are not null.
 
         start: of all internal states, where the motion before the first sample is not known.
         """
         if self.friction:
-            torques = sum(feature.entries(signals, values).weighted(np.ones(1)) for feature, values in self.friction)
+            torques = sum(
+                feature.entries(signals, values).weighted(np.ones(1))
+                for feature, values in self.friction
+            )
             link, _, motor = np.split(torques, 3, axis=1)
             signals = signals.with_friction(link, motor)
         return self._compiled.entries(signals, searched, start)
 
-    def parameters(self, coefficients: Sequence[float], searched: Sequence[float] = ()) -> dict[str, Any]:
+    def parameters(
+        self, coefficients: Sequence[float], searched: Sequence[float] = ()
+    ) -> dict[str, Any]:
         """Return the effect's parameters for the coefficients of its columns."""
         found: dict[str, Any] = {}
         if self.phase is not None:
@@ -190,7 +219,9 @@ class Feature:
     def whole(self) -> Feature:
         """Return the feature whose column is the effect itself: its regressor, or its law."""
         kind = Whole if self.effect.regressor is None else OwnRegressor
-        return kind(self.effect, self.joint, self.choices, self.equations, self.friction, self.shared)
+        return kind(
+            self.effect, self.joint, self.choices, self.equations, self.friction, self.shared
+        )
 
     @property
     def by_size(self) -> Feature:
@@ -218,7 +249,9 @@ class Whole(Feature):
     @property
     def by_size(self) -> Feature:
         """The feature of which it is the whole."""
-        return Feature(self.effect, self.joint, self.choices, self.equations, self.friction, self.shared)
+        return Feature(
+            self.effect, self.joint, self.choices, self.equations, self.friction, self.shared
+        )
 
     @cached_property
     def linear(self) -> tuple[Parameter, ...]:
@@ -255,7 +288,9 @@ class OwnRegressor(Whole):
         """Whether the arm has what the effect acts in."""
         return self._regressor.acts
 
-    def entries(self, signals: Signals, searched: Sequence[float] = (), start: float = 0.0) -> Entries:
+    def entries(
+        self, signals: Signals, searched: Sequence[float] = (), start: float = 0.0
+    ) -> Entries:
         """Return what the effect adds to the residuals, as entries of one column."""
         robot = self.equations.robot
         joints = range(robot.n) if self.joint is None else [robot.joint_names.index(self.joint)]
@@ -263,19 +298,33 @@ class OwnRegressor(Whole):
         return Entries.of(self._regressor.residuals(signals, values)[:, :, None])
 
 
-def _changed_channels(effect: SensorEffect, joint: str | None, choices: Mapping[str, Any], n: int) -> set[str]:
+def _changed_channels(
+    effect: SensorEffect, joint: str | None, choices: Mapping[str, Any], n: int
+) -> set[str]:
     """Return the channels whose sensors an effect changes."""
     exact, parameters = Sensors.exact(), {p.name: _some_effect(p) for p in effect.parameters}
-    changed = effect.change(exact, 0, n, EffectInstance(effect, joint, {**parameters, **choices}).parameters)
-    return {channel for name, channel in SENSED.items() if getattr(changed, name) != getattr(exact, name)}
+    changed = effect.change(
+        exact, 0, n, EffectInstance(effect, joint, {**parameters, **choices}).parameters
+    )
+    return {
+        channel
+        for name, channel in SENSED.items()
+        if getattr(changed, name) != getattr(exact, name)
+    }
 
 
 def torque_zeros(catalogue: Catalogue, robot: Robot) -> dict[str, str]:
     """Return "tau_J", "tau_m" -> the id of the effect that is a wrong zero of that channel."""
     found: dict[str, str] = {}
     for effect in catalogue.values():
-        if isinstance(effect, SensorEffect) and not effect.choices and effect.parameters[0].unit == "Nm":
-            found |= dict.fromkeys(_changed_channels(effect, robot.joint_names[0], {}, robot.n), effect.id)
+        if (
+            isinstance(effect, SensorEffect)
+            and not effect.choices
+            and effect.parameters[0].unit == "Nm"
+        ):
+            found |= dict.fromkeys(
+                _changed_channels(effect, robot.joint_names[0], {}, robot.n), effect.id
+            )
     return found
 
 
@@ -292,7 +341,9 @@ def has_columns(effect: Effect) -> bool:
     return any(p.role is not Role.SEARCHED for p in effect.parameters)
 
 
-def _spread(parameters: Sequence[Parameter], values: Sequence[float], convert: Any) -> dict[str, Any]:
+def _spread(
+    parameters: Sequence[Parameter], values: Sequence[float], convert: Any
+) -> dict[str, Any]:
     found: dict[str, Any] = {}
     k = 0
     for p in parameters:
@@ -319,7 +370,9 @@ def starting_state(residual: Array, columns: Callable[[float], Array], size: flo
         if size is None:
             size = _scale(residual, between)
         rows = np.flatnonzero(np.abs(change).max(axis=0) > 1e-9 * np.abs(between).max())
-        left, change = (v[:, rows] - v[:, rows].mean(axis=0) for v in (residual - size * between, size * change))
+        left, change = (
+            v[:, rows] - v[:, rows].mean(axis=0) for v in (residual - size * between, size * change)
+        )
         power = float(np.sum(change**2))
         if power == 0.0:
             return start

@@ -71,7 +71,10 @@ class Equation:
         return link, motor, link + drive - motor
 
 
-_DIRECT = {side: Equation(side, (int(side == "link"), int(side == "drive"), int(side == "motor"))) for side in SIDES}
+_DIRECT = {
+    side: Equation(side, (int(side == "link"), int(side == "drive"), int(side == "motor")))
+    for side in SIDES
+}
 # Without joint torque sensors the drive's law stands in for them.
 _WITHOUT_SENSOR = {"link": Equation("link", (1, -1, 0)), "motor": Equation("motor", (0, 1, 1))}
 # One encoder alone, no joint torque sensor: the arm as a whole, its springs bridged.
@@ -94,7 +97,9 @@ class EquationSet:
     entries: tuple[tuple[Equation, int], ...]  # equation and joint index of each row
 
     @classmethod
-    def direct(cls, recorded: Channels | Sequence[Channels], n: int, *, elastic: bool = True) -> EquationSet:
+    def direct(
+        cls, recorded: Channels | Sequence[Channels], n: int, *, elastic: bool = True
+    ) -> EquationSet:
         """Return the residuals themselves as far as their channels were recorded.
 
         recorded: names among q, theta, tau_J, tau_m: one set for all joints, or a sequence of n sets; elastic:
@@ -102,7 +107,9 @@ class EquationSet:
 
         Raises an IdentificationError if the channels allow no equation.
         """
-        return cls._of([_direct(names, elastic=elastic) for names in _of_joints(recorded, n)], tuple(SIDES))
+        return cls._of(
+            [_direct(names, elastic=elastic) for names in _of_joints(recorded, n)], tuple(SIDES)
+        )
 
     @classmethod
     def of(cls, motion: Motion, model: Model) -> EquationSet:
@@ -112,7 +119,12 @@ class EquationSet:
 
     @classmethod
     def independent(
-        cls, recorded: Channels | Sequence[Channels], n: int, *, elastic: bool = True, summed: bool = False
+        cls,
+        recorded: Channels | Sequence[Channels],
+        n: int,
+        *,
+        elastic: bool = True,
+        summed: bool = False,
     ) -> EquationSet:
         """Return equations whose noises are independent.
 
@@ -123,12 +135,16 @@ class EquationSet:
 
         Raises an IdentificationError if the channels allow no equation.
         """
-        found = [_independent(names, elastic=elastic, summed=summed) for names in _of_joints(recorded, n)]
+        found = [
+            _independent(names, elastic=elastic, summed=summed) for names in _of_joints(recorded, n)
+        ]
         return cls._of(found, tuple(_INDEPENDENT))
 
     @classmethod
     def _of(cls, found: Sequence[dict[str, Equation]], order: Sequence[str]) -> EquationSet:
-        entries = tuple((own[name], joint) for name in order for joint, own in enumerate(found) if name in own)
+        entries = tuple(
+            (own[name], joint) for name in order for joint, own in enumerate(found) if name in own
+        )
         return cls(len(found), entries)
 
     def even(self) -> EquationSet:
@@ -146,7 +162,11 @@ class EquationSet:
             name = renamed.get(equation.name, equation.name)
             own[joint][name] = Equation(name, equation.combination)
         names = dict.fromkeys(renamed.get(name, name) for name in self.sides)
-        entries = [(found.get(name, Equation(name, VOID)), joint) for name in names for joint, found in enumerate(own)]
+        entries = [
+            (found.get(name, Equation(name, VOID)), joint)
+            for name in names
+            for joint, found in enumerate(own)
+        ]
         return EquationSet(self.n, tuple(entries))
 
     @property
@@ -162,11 +182,17 @@ class EquationSet:
 
     def places(self, joints: Sequence[str]) -> list[tuple[str, str]]:
         """Return joint and side of each row that is no void one."""
-        return [(joints[joint], equation.name) for equation, joint in self.entries if equation.combination != VOID]
+        return [
+            (joints[joint], equation.name)
+            for equation, joint in self.entries
+            if equation.combination != VOID
+        ]
 
     def of_joint(self, side: str, joint: int) -> Equation:
         """Return the equation of a name and a joint of an even set."""
-        return next(equation for equation, own in self.entries if equation.name == side and own == joint)
+        return next(
+            equation for equation, own in self.entries if equation.name == side and own == joint
+        )
 
     @property
     def sides(self) -> tuple[str, ...]:
@@ -181,17 +207,26 @@ class EquationSet:
     @property
     def torques(self) -> tuple[str, ...]:
         """The torque channels that some equation holds."""
-        held = np.array([equation.combination for equation, _ in self.entries]) @ _TORQUE_COEFFICIENTS
+        held = (
+            np.array([equation.combination for equation, _ in self.entries]) @ _TORQUE_COEFFICIENTS
+        )
         return tuple(name for name, column in zip(TORQUES, held.T, strict=True) if column.any())
 
     @property
     def reads_torque_by_deflection(self) -> bool:
         """Whether both encoders stand in for joint torque sensors."""
-        return any(equation.combination == _WITHOUT_SENSOR["link"].combination for equation, _ in self.entries)
+        return any(
+            equation.combination == _WITHOUT_SENSOR["link"].combination
+            for equation, _ in self.entries
+        )
 
     def equation(self, side: str) -> Equation:
         """Return the equation of a name, as the first joint that has it has it."""
-        return next(equation for equation, _ in self.entries if equation.name == side and equation.combination != VOID)
+        return next(
+            equation
+            for equation, _ in self.entries
+            if equation.name == side and equation.combination != VOID
+        )
 
     @cached_property
     def transform(self) -> Array:
@@ -209,7 +244,9 @@ class EquationSet:
         known then spoils one row, not what the rows have in common.
         """
         found = np.eye(self.rows)
-        held = np.array([equation.combination for equation, _ in self.entries]) @ _TORQUE_COEFFICIENTS
+        held = (
+            np.array([equation.combination for equation, _ in self.entries]) @ _TORQUE_COEFFICIENTS
+        )
         for joint in range(self.n):
             own = [row for row, (_, at) in enumerate(self.entries) if at == joint and held[row, 0]]
             alone = [row for row in own if not held[row, 1]]
@@ -230,11 +267,15 @@ def _of_joints(recorded: Channels | Sequence[Channels], n: int) -> list[frozense
 
     Raises an IdentificationError if a joint has no position, or none has a torque.
     """
-    per_joint = isinstance(recorded, Sequence) and not all(isinstance(entry, str) for entry in recorded)
+    per_joint = isinstance(recorded, Sequence) and not all(
+        isinstance(entry, str) for entry in recorded
+    )
     each: Sequence[Channels] = list(recorded) if per_joint else [recorded] * n  # type: ignore[list-item]
     found = [frozenset(names) for names in each]
     if not all(names & {"q", "theta"} for names in found):
-        raise IdentificationError("no positions were recorded", "Record /joint_states or /motor_states.")
+        raise IdentificationError(
+            "no positions were recorded", "Record /joint_states or /motor_states."
+        )
     if not any(names & set(TORQUES) for names in found):
         raise IdentificationError(
             "no torque was recorded: neither tau_J (effort of /joint_states) nor tau_m (effort of /motor_states)",
@@ -248,15 +289,23 @@ def _direct(recorded: frozenset[str], *, elastic: bool) -> dict[str, Equation]:
     both = elastic and {"q", "theta"} <= recorded
     if "tau_J" in recorded:
         # Beside a joint torque sensor the motor's acceleration follows from the link's, as does a rigid link's from it.
-        shown = {"link": "q" in recorded or not elastic, "drive": both, "motor": "tau_m" in recorded}
+        shown = {
+            "link": "q" in recorded or not elastic,
+            "drive": both,
+            "motor": "tau_m" in recorded,
+        }
         found = {side: _DIRECT[side] for side, usable in shown.items() if usable}
     elif both:
-        found = {side: _WITHOUT_SENSOR[side] for side in ("link", *(("motor",) if "tau_m" in recorded else ()))}
+        found = {
+            side: _WITHOUT_SENSOR[side]
+            for side in ("link", *(("motor",) if "tau_m" in recorded else ()))
+        }
     else:
         found = {"motor": _BRIDGED} if "tau_m" in recorded else {}
     if not found and "tau_J" in recorded:
         raise IdentificationError(
-            "motor angles and joint torques alone allow no equation", "Record link angles or motor torques as well."
+            "motor angles and joint torques alone allow no equation",
+            "Record link angles or motor torques as well.",
         )
     return found
 

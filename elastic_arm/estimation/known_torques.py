@@ -51,7 +51,9 @@ class KnownTorques:
     load: Array
     drive: Array
     laws: Array  # (N, n) Nm, what the drives carry beside their springs, at the deflection as the encoders read it
-    shares: tuple[tuple[Array, Array], ...] = ()  # (N, n) Nm, what each effect adds to tau_J and tau_m
+    shares: tuple[
+        tuple[Array, Array], ...
+    ] = ()  # (N, n) Nm, what each effect adds to tau_J and tau_m
 
 
 def known_torques(
@@ -83,7 +85,9 @@ def known_torques(
     return KnownTorques(motion, signals, load, drive, laws, tuple(shares))
 
 
-def loads_of(model: Model, acting: Sequence[ActingEffect], standstill: tuple[Array, Array]) -> Loads | None:
+def loads_of(
+    model: Model, acting: Sequence[ActingEffect], standstill: tuple[Array, Array]
+) -> Loads | None:
     """Return by what effects that act load the drives beside the model's own torques; None where none does.
 
     standstill: speeds (n,) below which velocities of links and motors have no sign, rad/s.
@@ -112,7 +116,15 @@ def inertia_of(model: Model, poses: Array, acting: Sequence[ActingEffect]) -> Ar
     ddq = np.tile(np.vstack([np.zeros(n), np.eye(n)]), (len(poses), 1))
     zero = np.zeros_like(q)
     samples = CompletedMotion(
-        np.arange(len(q), dtype=float), q=q, dq=zero, ddq=ddq, theta=q, dtheta=zero, ddtheta=ddq, tau_J=zero, tau_m=zero
+        np.arange(len(q), dtype=float),
+        q=q,
+        dq=zero,
+        ddq=ddq,
+        theta=q,
+        dtheta=zero,
+        ddtheta=ddq,
+        tau_J=zero,
+        tau_m=zero,
     )
     signals = Signals.of_samples(samples, (np.ones(n), np.ones(n)), elastic=model.robot.elastic)
     load = np.sum([effect.torques(signals)[0] for effect in laws], axis=0)
@@ -158,11 +170,17 @@ def true_load(
     predicted = noise * np.maximum(link / np.maximum(observation.quiet_link_spectrum(f), TINY), 1.0)
     both = (K > 0.0) & link.any(axis=0) & motor.any(axis=0)
     share = np.where(both, measured / np.maximum(measured + predicted, TINY), 1.0)
-    left, found, clear = np.where(both, share * predicted, noise), np.empty_like(load), np.empty_like(load)
+    left, found, clear = (
+        np.where(both, share * predicted, noise),
+        np.empty_like(load),
+        np.empty_like(load),
+    )
     for j in range(model.n):
         best = load[:, j]
         if both[j]:
-            best = wound[:, j] + reduced_to(load[:, j] - wound[:, j], observation.rate, f, share[:, j])
+            best = wound[:, j] + reduced_to(
+                load[:, j] - wound[:, j], observation.rate, f, share[:, j]
+            )
         filtered = wiener_filter(best, observation.rate, f, left[:, j])
         found[:, j], clear[:, j] = filtered(0.0), filtered(CLEAR)
     return found, clear

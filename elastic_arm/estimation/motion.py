@@ -42,7 +42,9 @@ class Motion:
     laws: Array | None = None
     # (N, n) where a joint sticks, so that its dry friction may take any value; None where that does not matter
     stuck: NDArray[np.bool_] | None = None
-    noise: StateNoise | None = None  # of positions and their derivatives; None where they are taken for exact
+    noise: StateNoise | None = (
+        None  # of positions and their derivatives; None where they are taken for exact
+    )
     every: int = 1  # how many samples of the recording each of these stands for
     # begin and end of the whole recording on the axis of `t`, s; None where it is these samples alone
     span: tuple[float, float] | None = None
@@ -96,7 +98,8 @@ class Motion:
         if len(parts) == 1:
             return parts[0]
         whole: dict[str, Any] = {
-            name: np.concatenate([getattr(part, name) for part in parts]) for name in parts[0].channels()
+            name: np.concatenate([getattr(part, name) for part in parts])
+            for name in parts[0].channels()
         }
         first = parts[0]
         return replace(first, **whole)
@@ -134,19 +137,37 @@ def completed(motion: Motion, model: Model, loads: Loads | None = None) -> Compl
     K, D = drive_constants(model)
     link, motor = (motion.q, motion.dq, motion.ddq), (motion.theta, motion.dtheta, motion.ddtheta)
     q, dq, ddq = (own if own is not None else other for own, other in zip(link, motor, strict=True))
-    without = {name: np.array([name not in motion.recorded_at(j) for j in range(model.n)]) for name in _CHANNELS}
-    if without["q"].any() and model.robot.elastic and q is not None and dq is not None and ddq is not None:
+    without = {
+        name: np.array([name not in motion.recorded_at(j) for j in range(model.n)])
+        for name in _CHANNELS
+    }
+    if (
+        without["q"].any()
+        and model.robot.elastic
+        and q is not None
+        and dq is not None
+        and ddq is not None
+    ):
         load = model.inverse_dynamics(*(np.hstack([v, v]) for v in (q, dq, ddq)))[:, : model.n]
         # 12.0 Hz, up to which the deflection behind a single encoder follows the load
         wound = _deflection(model, motion.t, load, 12.0)
-        q, dq, ddq = (v - np.where(without["q"], w, 0.0) for v, w in zip((q, dq, ddq), wound, strict=True))
+        q, dq, ddq = (
+            v - np.where(without["q"], w, 0.0) for v, w in zip((q, dq, ddq), wound, strict=True)
+        )
         if loads is not None:
             more = loads(completed(motion, model))
             wound = _deflection(model, motion.t, more, 12.0)
-            q, dq, ddq = (v - np.where(without["q"], w, 0.0) for v, w in zip((q, dq, ddq), wound, strict=True))
-    theta, dtheta, ddtheta = (own if own is not None else other for own, other in zip(motor, link, strict=True))
+            q, dq, ddq = (
+                v - np.where(without["q"], w, 0.0) for v, w in zip((q, dq, ddq), wound, strict=True)
+            )
+    theta, dtheta, ddtheta = (
+        own if own is not None else other for own, other in zip(motor, link, strict=True)
+    )
     if q is None or dq is None or ddq is None or theta is None or dtheta is None or ddtheta is None:
-        raise DiagnosisError("the recording holds no positions", "Record /motor_states or /joint_states with positions")
+        raise DiagnosisError(
+            "the recording holds no positions",
+            "Record /motor_states or /joint_states with positions",
+        )
     follows = np.array([motion.follows_link_at(j) for j in range(model.n)])
     if follows.any() and motion.tau_J is not None and model.robot.elastic:
         wound = _deflection(model, motion.t, motion.tau_J, SENSED)
@@ -157,7 +178,18 @@ def completed(motion: Motion, model: Model, loads: Loads | None = None) -> Compl
     tau_m = motion.tau_m if motion.tau_m is not None else np.zeros_like(tau_J)
     before = None if motion.before is None else completed(motion.before, model, loads)
     return CompletedMotion(
-        motion.t, q, dq, ddq, theta, dtheta, ddtheta, tau_J, tau_m, span=motion.span, before=before, r=motion.r
+        motion.t,
+        q,
+        dq,
+        ddq,
+        theta,
+        dtheta,
+        ddtheta,
+        tau_J,
+        tau_m,
+        span=motion.span,
+        before=before,
+        r=motion.r,
     )
 
 
@@ -176,9 +208,13 @@ def with_filtered_deflection(
     names = (("q", "theta"), ("dq", "dtheta"), ("ddq", "ddtheta"))
     if any(getattr(motion, name) is None for pair in names for name in pair):
         return motion
-    changed: dict[str, Any] = {name: np.array(getattr(motion, name)) for pair in names for name in pair}
+    changed: dict[str, Any] = {
+        name: np.array(getattr(motion, name)) for pair in names for name in pair
+    }
     for joint in np.flatnonzero(noise.any(axis=0)):
-        filtered = noise_filter(changed["theta"][:, joint] - changed["q"][:, joint], rate, f, noise[:, joint])
+        filtered = noise_filter(
+            changed["theta"][:, joint] - changed["q"][:, joint], rate, f, noise[:, joint]
+        )
         for q, theta in names:
             deflection = filtered(changed[theta][:, joint] - changed[q][:, joint])
             if finer_motors[joint]:
@@ -188,7 +224,9 @@ def with_filtered_deflection(
     return replace(motion, **changed)
 
 
-def wound_by_load(model: Model, motion: CompletedMotion, loads: Loads | None = None) -> CompletedMotion:
+def wound_by_load(
+    model: Model, motion: CompletedMotion, loads: Loads | None = None
+) -> CompletedMotion:
     """Return motion with the drives wound by the load of the model, instead of as the two encoders read.
 
     Where no joint torque is measured, the deflection stands in the residual itself, times the stiffness. Made of it,
@@ -196,7 +234,9 @@ def wound_by_load(model: Model, motion: CompletedMotion, loads: Loads | None = N
     fit best (errors in variables, Fuller 1987).
     """
     theta, dtheta, ddtheta = motion.theta, motion.dtheta, motion.ddtheta
-    motor_side = Motion(motion.t, theta=theta, dtheta=dtheta, ddtheta=ddtheta, tau_m=motion.tau_m, r=motion.r)
+    motor_side = Motion(
+        motion.t, theta=theta, dtheta=dtheta, ddtheta=ddtheta, tau_m=motion.tau_m, r=motion.r
+    )
     return completed(motor_side, model, loads)
 
 
@@ -221,7 +261,9 @@ def drive_constants(model: Model) -> tuple[Array, Array]:
     drives = [spring for spring in model.bodies.springs if spring.against is not None]
     if not drives:
         return np.zeros(model.n), np.zeros(model.n)
-    return model.Psi[[spring.stiffness for spring in drives]], model.Psi[[spring.damping for spring in drives]]
+    return model.Psi[[spring.stiffness for spring in drives]], model.Psi[
+        [spring.damping for spring in drives]
+    ]
 
 
 def rates_of(t: Array, values: Array) -> Array:

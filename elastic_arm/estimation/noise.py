@@ -43,7 +43,9 @@ KAISER_BETA = 26.0
 LEAST_STEP = 1e-3  # of an encoder's noise: two samples that differ by less hold one code
 CHANCE = 0.01  # with which the averaged power of noise alone passes for signal at any frequency
 ROUGH = 1.5  # how much more power an encoder's steps have at some frequencies than white noise of their size
-WIENER_SECONDS = 2.0  # of the windows for the spectrum of a signal to be filtered, and of its filter
+WIENER_SECONDS = (
+    2.0  # of the windows for the spectrum of a signal to be filtered, and of its filter
+)
 # Where no motion is, as shares of the sample rate.
 WHITE = (0.35, 0.49)
 
@@ -59,7 +61,9 @@ class SideNoise:
     # What else stands in the two is motion that the model of it cannot follow, no noise.
     white_position: Array
     white_velocity: Array | None
-    slow: tuple[Array, Array]  # (n,) each: of noise of the position, over its std's, that is white, and that is slow
+    slow: tuple[
+        Array, Array
+    ]  # (n,) each: of noise of the position, over its std's, that is white, and that is slow
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +87,9 @@ def estimate_noise(position: Array, velocity: Array | None, rate: float) -> Side
     noise level is each joint's own and concentrated out of the likelihood.
     """
     if len(position) <= SETTLING:
-        raise IdentificationError(f"{len(position)} samples in a row are too few", "Record some seconds of motion.")
+        raise IdentificationError(
+            f"{len(position)} samples in a row are too few", "Record some seconds of motion."
+        )
     piece = _liveliest(position, LONGEST_PIECE)
     y = position[piece] - position[piece].mean(axis=0)
     v = None if velocity is None else velocity[piece] / rate
@@ -96,7 +102,10 @@ def estimate_noise(position: Array, velocity: Array | None, rate: float) -> Side
     def cost(z: Array, part: slice = slice(None)) -> float:
         cutoff = float(np.exp(np.clip(z[0], lowest, highest)))
         outside = float(np.clip(z[0], lowest, highest) - z[0]) ** 2
-        return float(_concentrated(observed[..., part], cutoff, _ratio(z, v))[0].sum()) + len(y) * outside
+        return (
+            float(_concentrated(observed[..., part], cutoff, _ratio(z, v))[0].sum())
+            + len(y) * outside
+        )
 
     grid = [
         (c, r)
@@ -106,7 +115,10 @@ def estimate_noise(position: Array, velocity: Array | None, rate: float) -> Side
     start = np.array(min(grid, key=lambda z: cost(np.array(z), few)))
     simplex = start + np.array([[0.0, 0.0], [0.4, 0.0], [0.0, 0.8]])
     best = scipy.optimize.minimize(
-        cost, start, method="Nelder-Mead", options={"initial_simplex": simplex, "xatol": 0.05, "fatol": 1}
+        cost,
+        start,
+        method="Nelder-Mead",
+        options={"initial_simplex": simplex, "xatol": 0.05, "fatol": 1},
     )
     z = best.x
     cutoff, ratio = float(np.exp(np.clip(z[0], lowest, highest))), _ratio(z, v)
@@ -164,7 +176,9 @@ def _quiet(position: Array, std: Array, rate: float) -> float:
     w = 2 * np.pi * np.fft.rfftfreq(len(position), 1.0 / rate)
     # The acceleration of the slow part alone: above 10 Hz the noise of the positions would speak.
     w = w[w < 63.0]
-    spectrum = np.fft.rfft(np.hanning(len(position)) * (position - position.mean(axis=0)).T)[:, : len(w)]
+    spectrum = np.fft.rfft(np.hanning(len(position)) * (position - position.mean(axis=0)).T)[
+        :, : len(w)
+    ]
     acceleration = np.sqrt(np.sum(np.abs(spectrum * w**2) ** 2, axis=1)) / len(position)
     cutoff = (np.sqrt(5 * np.pi * rate) * QUIET * acceleration / np.maximum(std, 1e-300)) ** 0.4
     return float(min(np.min(cutoff), HIGHEST_CUTOFF * rate))
@@ -193,16 +207,24 @@ class _Spectrum:
         Of medians over third octaves from where the motion ends: structures ring at some frequencies, and rounding of a
         steady motion has lines.
         """
-        edges = np.geomspace(above, WHITE[0] * self.rate, max(2, round(3 * np.log2(WHITE[0] * self.rate / above)) + 1))
+        edges = np.geomspace(
+            above,
+            WHITE[0] * self.rate,
+            max(2, round(3 * np.log2(WHITE[0] * self.rate / above)) + 1),
+        )
         power, f = self.power * self.rate / (2.0 * std**2), self.frequency
         inside = [(f >= low) & (f < high) for low, high in pairwise(edges)]
         inside = [own for own in inside if own.any()]
         if above > edges[-1] or len(inside) < 2:
             return np.ones(len(std)), np.zeros(len(std))
-        medians = np.array([np.maximum(np.median(power[own], axis=0), np.finfo(float).eps) for own in inside])
+        medians = np.array(
+            [np.maximum(np.median(power[own], axis=0), np.finfo(float).eps) for own in inside]
+        )
         squares = np.array([np.median(f[own]) for own in inside]) ** 2
         shapes = np.stack([np.ones(len(squares)), squares.min() / squares], axis=1)
-        found = [scipy.optimize.nnls(shapes / own[:, None], np.ones(len(own)))[0] for own in medians.T]
+        found = [
+            scipy.optimize.nnls(shapes / own[:, None], np.ones(len(own)))[0] for own in medians.T
+        ]
         white, slow = np.transpose(found)
         return white, slow * squares.min()
 
@@ -277,7 +299,9 @@ def _steady_state(cutoff: float, ratio: float | None) -> tuple[Array, Array, Arr
     """
     i = np.arange(ORDER)
     up = i[None, :] - i[:, None]
-    transition = np.where(up >= 0, cutoff ** np.maximum(up, 0) / scipy.special.factorial(np.maximum(up, 0)), 0.0)
+    transition = np.where(
+        up >= 0, cutoff ** np.maximum(up, 0) / scipy.special.factorial(np.maximum(up, 0)), 0.0
+    )
     down = ORDER - 1 - i
     scale = cutoff ** (down + 1) / scipy.special.factorial(down)
     process = np.outer(scale, scale) / (down[:, None] + down[None, :] + 1)
@@ -300,10 +324,14 @@ def _innovations(y: Array, transition: Array, gain: Array, c: Array) -> Array:
     # Modes come as conjugate pairs: one of a pair is run, and the real part of its share counts twice.
     run = np.flatnonzero(values.imag >= 0.0)
     shares = (c @ vectors)[:, run] * np.where(values[run].imag > 0.0, 2.0, 1.0)
-    modal = ((inverse @ transition @ gain)[run] @ y.reshape(channels, -1)).reshape(len(run), joints, samples)
+    modal = ((inverse @ transition @ gain)[run] @ y.reshape(channels, -1)).reshape(
+        len(run), joints, samples
+    )
     starts = inverse[run] @ first
     for mode, value, start in zip(modal, values[run], starts, strict=True):
-        driven = scipy.signal.lfilter([1.0], [1.0, -value], mode[:, :-1], axis=1, zi=value * start[:, None])[0]
+        driven = scipy.signal.lfilter(
+            [1.0], [1.0, -value], mode[:, :-1], axis=1, zi=value * start[:, None]
+        )[0]
         mode[:, 0], mode[:, 1:] = start, driven
     predicted = (shares @ modal.reshape(len(run), -1)).real
     return y - predicted.reshape(y.shape)
@@ -345,7 +373,9 @@ def noise_filter(values: Array, rate: float, f: Array, noise: Array) -> Callable
     share = 1.0 - expected / np.maximum(mean, 1e-300)
     # 1.5 bins that the window of a spectrum correlates: its equivalent noise bandwidth (Harris 1978)
     averaged = max(1.0, (2 * len(values) // window - 1) * bins / 1.5)
-    least = 1.0 - 1.0 / float(scipy.stats.gamma.isf(CHANCE / len(mean), averaged, scale=1.0 / averaged))
+    least = 1.0 - 1.0 / float(
+        scipy.stats.gamma.isf(CHANCE / len(mean), averaged, scale=1.0 / averaged)
+    )
     gain = np.maximum.accumulate(np.where(share > least, share, 0.0)[::-1])[::-1]
     if gain[-1] > 0.0:
         return lambda one: one
@@ -374,7 +404,9 @@ def wiener_filter(values: Array, rate: float, f: Array, noise: Array) -> Callabl
     share, known = np.clip(1.0 - expected / np.maximum(power, 1e-300), 0.0, 1.0), at <= f[-1]
 
     def filtered(least: float) -> Array:
-        return reduced_to(values, rate, at[known], np.where(power < least * expected, 0.0, share)[known])
+        return reduced_to(
+            values, rate, at[known], np.where(power < least * expected, 0.0, share)[known]
+        )
 
     return filtered
 
@@ -388,4 +420,6 @@ def reduced_to(values: Array, rate: float, f: Array, share: Array) -> Array:
     at = np.fft.rfftfreq(2 * half, 1.0 / rate)
     taps = np.fft.fftshift(np.fft.irfft(np.interp(at, f, share, right=0.0)))
     taps = np.append(taps, taps[0]) * np.hanning(2 * half + 1)
-    return np.asarray(scipy.signal.oaconvolve(np.pad(values, half, mode="edge"), taps, mode="valid"))
+    return np.asarray(
+        scipy.signal.oaconvolve(np.pad(values, half, mode="edge"), taps, mode="valid")
+    )

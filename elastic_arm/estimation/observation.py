@@ -18,7 +18,13 @@ from scipy.interpolate import CubicSpline
 from elastic_arm.arrays import Array
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.motion import Motion, rates_of, with_filtered_deflection
-from elastic_arm.estimation.noise import HIGHEST_CUTOFF, ORDER, Telegraph, encoder_steps, estimate_noise
+from elastic_arm.estimation.noise import (
+    HIGHEST_CUTOFF,
+    ORDER,
+    Telegraph,
+    encoder_steps,
+    estimate_noise,
+)
 from elastic_arm.estimation.resampling import Clock, Grid, extended, read_at
 from elastic_arm.estimation.smoother import Smoother, left_out
 from elastic_arm.recording import Recording, Samples
@@ -65,7 +71,9 @@ class Observation:
 
     # smoothed motion of each stretch without holes; within `margin` of its ends only roughly right
     pieces: tuple[Motion, ...]
-    quiet: tuple[Motion, ...]  # the same, smoothed as far as the encoders' noise requires: what columns are made of
+    quiet: tuple[
+        Motion, ...
+    ]  # the same, smoothed as far as the encoders' noise requires: what columns are made of
     rate: float  # samples per second
     smoother: Smoother  # what all channels passed
     noise: ChannelNoise  # of the channels, before the smoother
@@ -74,20 +82,26 @@ class Observation:
     source: str = ""
     notes: tuple[str, ...] = ()
     # "link", "motor" -> (n,) rad, steps of the encoders; zero where they are finer than their noise
-    steps: Mapping[str, Array] = field(default_factory=lambda: {"link": np.zeros(1), "motor": np.zeros(1)})
+    steps: Mapping[str, Array] = field(
+        default_factory=lambda: {"link": np.zeros(1), "motor": np.zeros(1)}
+    )
     # "link", "motor" -> noise of coarse encoders that stand; none where empty
     telegraphs: Mapping[str, Telegraph] = field(default_factory=dict)
     # Hz, from which on torques were low-passed before they were recorded; infinite where none was
     torque_band: float = np.inf
     read: Array | None = None  # s at which torques were read, where they are held between
-    gains: Mapping[str, Array] = field(default_factory=dict)  # "tau_J", "tau_m" -> (n,), by which torques were divided
+    gains: Mapping[str, Array] = field(
+        default_factory=dict
+    )  # "tau_J", "tau_m" -> (n,), by which torques were divided
     # (n,) rad/s within which dry friction turns over; as sharply as the velocity's noise lets it be seen when None
     turning: Array | None = None
     # index of a joint -> controller that made its motor torque, which has the noise of its encoder: as described, and
     # at present
     made_by: Mapping[int, JointController] = field(default_factory=dict)
     driven_by: Mapping[int, JointController] = field(default_factory=dict)
-    holes: Array = field(default_factory=lambda: np.empty((0, 2)))  # s, from when to when nothing was recorded
+    holes: Array = field(
+        default_factory=lambda: np.empty((0, 2))
+    )  # s, from when to when nothing was recorded
     # equation (LINK, DRIVE or MOTOR), joint, and from when to when (s) a torque acts there that is none of the arm's
     events: tuple[tuple[int, int, float, float], ...] = ()
     _splines: dict[tuple[int, str], list[CubicSpline]] = field(
@@ -114,12 +128,16 @@ class Observation:
         of the robot's controllers, within the limits that they were made with.
         """
         now = {
-            i: replace(own if robot is None else robot.joints[i].controller or own, torque=own.torque)
+            i: replace(
+                own if robot is None else robot.joints[i].controller or own, torque=own.torque
+            )
             for i, own in self.made_by.items()
         }
 
         def moved(motion: Motion) -> Motion:
-            changed: dict[str, Any] = {"before": None if motion.before is None else moved(motion.before)}
+            changed: dict[str, Any] = {
+                "before": None if motion.before is None else moved(motion.before)
+            }
             for channel, lag in lags.items():
                 sign = -1.0 if channel == "command" else 1.0
                 for name in CHANNELS[channel]:
@@ -127,7 +145,9 @@ class Observation:
                         changed[name] = np.stack(
                             [
                                 spline(np.clip(motion.t + sign * late, motion.t[0], motion.t[-1]))
-                                for spline, late in zip(self._splines_of(motion, name), lag, strict=True)
+                                for spline, late in zip(
+                                    self._splines_of(motion, name), lag, strict=True
+                                )
                             ],
                             axis=1,
                         )
@@ -135,13 +155,19 @@ class Observation:
                 later = replace(motion, r=changed.get("r", motion.r))
                 changed["tau_m"] = np.array(changed.get("tau_m", motion.tau_m))
                 for i, controller in self.made_by.items():
-                    changed["tau_m"][:, i] += _followed(now[i], later, i) - _followed(controller, motion, i)
+                    changed["tau_m"][:, i] += _followed(now[i], later, i) - _followed(
+                        controller, motion, i
+                    )
             for name, gain in gains.items():
                 torque = changed.get(name, getattr(motion, name))
                 changed[name] = None if torque is None else torque / gain
             return replace(motion, **changed)
 
-        noise = {name: std / gain for name, gain in gains.items() if (std := getattr(self.noise, name)) is not None}
+        noise = {
+            name: std / gain
+            for name, gain in gains.items()
+            if (std := getattr(self.noise, name)) is not None
+        }
         pieces, quiet = (tuple(map(moved, motions)) for motions in (self.pieces, self.quiet))
         found = replace(self, pieces=pieces, quiet=quiet, gains=gains, driven_by=now)
         if (made := noise.get("tau_m", self.noise.tau_m)) is not None:
@@ -152,7 +178,9 @@ class Observation:
         """Return a spline through each joint's samples of a channel; a calibration moves the same ones many times."""
         key = (id(motion), name)
         if key not in self._splines:
-            self._splines[key] = [CubicSpline(motion.t, column) for column in getattr(motion, name).T]
+            self._splines[key] = [
+                CubicSpline(motion.t, column) for column in getattr(motion, name).T
+            ]
         return self._splines[key]
 
     def position_spectrum(self, side: str, f: Array) -> Array:
@@ -170,7 +198,9 @@ class Observation:
         if velocity is None:
             return gain * position**2
         # Position weighs w_x² / (w_x² + w²), the integral of the velocity the rest.
-        share = np.where(np.isinf(crossover), 1.0, crossover**2 / (np.minimum(crossover, 1e9) ** 2 + w**2))
+        share = np.where(
+            np.isinf(crossover), 1.0, crossover**2 / (np.minimum(crossover, 1e9) ** 2 + w**2)
+        )
         rest = np.where(np.isinf(crossover), 0.0, w / (np.minimum(crossover, 1e9) ** 2 + w**2))
         return gain * ((share * position) ** 2 + (rest * velocity) ** 2)
 
@@ -204,7 +234,10 @@ class Observation:
         """Return the present gains (n,) of controllers over the described ones, of the error of the angle if any."""
         found = np.ones(n)
         for i, controller in self.made_by.items():
-            now, stated = (next((gain for gain in one.gains if gain), 1.0) for one in (self.driven_by[i], controller))
+            now, stated = (
+                next((gain for gain in one.gains if gain), 1.0)
+                for one in (self.driven_by[i], controller)
+            )
             found[i] = now / stated
         return found
 
@@ -220,7 +253,10 @@ class Observation:
 
     def torque_variances(self, n: int) -> dict[str, Array]:
         """Return the variances (n,) of a sample's white noise of tau_J and tau_m, Nm²."""
-        return {channel: self.torque_spectrum(channel, np.zeros(1), n)[0] for channel in ("tau_J", "tau_m")}
+        return {
+            channel: self.torque_spectrum(channel, np.zeros(1), n)[0]
+            for channel in ("tau_J", "tau_m")
+        }
 
     def gain(self, f: Array) -> Array:
         """Response of the smoother at f (F,) Hz."""
@@ -242,13 +278,17 @@ class Observation:
     @cached_property
     def _finer_motors(self) -> NDArray[np.bool_]:
         """Whether the motor's encoder is finer than the link's, where a joint (n,) has both."""
-        link, motor = (self.position_spectrum(side, self._quiet_frequencies) for side in ("link", "motor"))
+        link, motor = (
+            self.position_spectrum(side, self._quiet_frequencies) for side in ("link", "motor")
+        )
         return motor.any(axis=0) & (motor.mean(axis=0) < link.mean(axis=0))
 
     @property
     def _quiet_frequencies(self) -> Array:
         """Hz (F,), as far as the quiet motion reaches."""
-        return np.linspace(0.0, self._quiet_cutoff, 400)  # at which the noise of the encoders is known
+        return np.linspace(
+            0.0, self._quiet_cutoff, 400
+        )  # at which the noise of the encoders is known
 
     def quiet_gain(self, f: Array) -> Array:
         """Response of the further smoothing of the quiet motion at f (F,) Hz."""
@@ -264,7 +304,11 @@ def _followed(controller: JointController, motion: Motion, i: int) -> Array:
     """Return the torque (N,) Nm that the controller of joint i makes of errors of angle and rate, within its limit."""
     angle, rate = (motion.q, motion.dq) if motion.theta is None else (motion.theta, motion.dtheta)
     assert motion.r is not None and angle is not None and rate is not None
-    (kp, kd, _), r, limit = controller.gains, motion.r[:, i], np.inf if controller.torque is None else controller.torque
+    (kp, kd, _), r, limit = (
+        controller.gains,
+        motion.r[:, i],
+        np.inf if controller.torque is None else controller.torque,
+    )
     of_rate, error = controller.follows_rate * rates_of(motion.t, r) - rate[:, i], r - angle[:, i]
     felt = error - np.clip(error, -controller.dead_band, controller.dead_band)
     return np.asarray(np.clip(kp * felt + kd * of_rate, -limit, limit))
@@ -274,7 +318,9 @@ def _bridged(samples: Samples, clock: Clock) -> tuple[list[Grid], Array]:
     """Return samples on a grid across holes, and from when to when (k, 2) s are those in which an arm may do much."""
     placed = clock.place(samples, max(clock.longest_hole, int(BRIDGED * clock.rate)))
     apart = np.diff(samples.t)
-    unknown = np.flatnonzero((apart * clock.rate > clock.longest_hole + 1.5) & (apart < BRIDGED + 2.0 / clock.rate))
+    unknown = np.flatnonzero(
+        (apart * clock.rate > clock.longest_hole + 1.5) & (apart < BRIDGED + 2.0 / clock.rate)
+    )
     return placed, np.stack([samples.t[unknown], samples.t[unknown + 1]], axis=1)
 
 
@@ -287,9 +333,13 @@ def _longest(grids: Sequence[Grid], where: str) -> Grid:
         )
     longest = max(grids, key=len)
     if longest.theta is None and longest.q is None:
-        raise DiagnosisError(f"{where} holds no positions", "Record /motor_states or /joint_states with positions")
+        raise DiagnosisError(
+            f"{where} holds no positions", "Record /motor_states or /joint_states with positions"
+        )
     if not longest.moves():
-        raise DiagnosisError(f"{where} holds no motion", "Record an excitation: `elastic-arm excite` makes one")
+        raise DiagnosisError(
+            f"{where} holds no motion", "Record an excitation: `elastic-arm excite` makes one"
+        )
     return longest
 
 
@@ -304,7 +354,8 @@ def observe(recording: Recording, band: float | None = None) -> Observation:
     where = recording.source or "the recording"
     if samples.tau_J is None and samples.tau_m is None:
         raise DiagnosisError(
-            f"{where} holds no torque", f"Record the effort of /motor_states, of /joint_states, or both; {CONTROLLED}"
+            f"{where} holds no torque",
+            f"Record the effort of /motor_states, of /joint_states, or both; {CONTROLLED}",
         )
     clock = Clock.of(samples, where)
     placed, holes = _bridged(samples, clock)
@@ -312,12 +363,18 @@ def observe(recording: Recording, band: float | None = None) -> Observation:
     longest = _longest(grids, where)
     band = band or widest_band(clock.rate)
     link = None if longest.q is None else estimate_noise(longest.q, longest.dq, longest.rate)
-    motor = None if longest.theta is None else estimate_noise(longest.theta, longest.dtheta, longest.rate)
+    motor = (
+        None
+        if longest.theta is None
+        else estimate_noise(longest.theta, longest.dtheta, longest.rate)
+    )
     # 2.2 is the smoother's cutoff over the band: 0.2 % of a term is taken at the band's edge, from all alike
     cutoff = min(2 * np.pi * 2.2 * band, HIGHEST_CUTOFF * clock.rate)
     designed = Smoother.from_noise(clock.rate, link, motor, recording.n)
     # The crossovers are those of the wide band: what is negligible in a narrow one is not in this one.
-    wide_link, wide_motor = (None if side is None else replace(side, cutoff=cutoff) for side in (link, motor))
+    wide_link, wide_motor = (
+        None if side is None else replace(side, cutoff=cutoff) for side in (link, motor)
+    )
     crossing = Smoother.from_noise(clock.rate, wide_link, wide_motor, recording.n)
     every = 1.0 if samples.read is None else float(np.median(np.diff(samples.read))) * clock.rate
     read_band = np.inf if samples.read is None else widest_band(clock.rate / every)
@@ -326,28 +383,42 @@ def observe(recording: Recording, band: float | None = None) -> Observation:
     smoother = Smoother(clock.rate, cutoff, crossing.link_crossover, crossing.motor_crossover)
     smoother = smoother if read is None else replace(smoother, cutoff=min(cutoff, designed.cutoff))
     spectra = torque_spectra(recording)
-    made_by = {recording.joints.index(name): controller for name, controller in recording.made_by.items()}
+    made_by = {
+        recording.joints.index(name): controller for name, controller in recording.made_by.items()
+    }
     levels = {
         "q": link.position_std if link else None,
         "dq": link.velocity_std if link else None,
         "theta": motor.position_std if motor else None,
         "dtheta": motor.velocity_std if motor else None,
-        "tau_J": _with_low_pass(torque_noise(grids, "tau_J"), longest.tau_J, spectra.get("link"), clock.rate),
-        "tau_m": _with_low_pass(torque_noise(grids, "tau_m"), longest.tau_m, spectra.get("motor"), clock.rate),
+        "tau_J": _with_low_pass(
+            torque_noise(grids, "tau_J"), longest.tau_J, spectra.get("link"), clock.rate
+        ),
+        "tau_m": _with_low_pass(
+            torque_noise(grids, "tau_m"), longest.tau_m, spectra.get("motor"), clock.rate
+        ),
     }
     if made_by and longest.tau_m is not None:
         # What the encoders' noise makes of it is known by the controllers: the rest is the drive's.
         levels["tau_m"] = ORDINARY_NOISE * np.std(longest.tau_m, axis=0)
     pieces = tuple(smoother(extended(grid, smoother.lag)) for grid in grids)
-    torque_band = min(read_band, max(NARROWEST_BAND, min((one.band for one in spectra.values()), default=np.inf)))
-    for name in [name for name in ("tau_J", "tau_m") if samples.read is not None and levels[name] is not None]:
+    torque_band = min(
+        read_band, max(NARROWEST_BAND, min((one.band for one in spectra.values()), default=np.inf))
+    )
+    for name in [
+        name for name in ("tau_J", "tau_m") if samples.read is not None and levels[name] is not None
+    ]:
         level = ORDINARY_NOISE * np.std(getattr(longest, name), axis=0)
         if read is None:  # they reach above the motion
             level = torque_noise([grid[read_at(grid.t, samples.read)] for grid in grids], name)
         levels[name] = level * every**0.5
     if read is not None:
-        pieces = tuple(replace(p, tau_J=g.tau_J, tau_m=g.tau_m) for p, g in zip(pieces, grids, strict=True))
-    noise = ChannelNoise(**{name: _of_recorded(level, name, samples.lacking) for name, level in levels.items()})
+        pieces = tuple(
+            replace(p, tau_J=g.tau_J, tau_m=g.tau_m) for p, g in zip(pieces, grids, strict=True)
+        )
+    noise = ChannelNoise(
+        **{name: _of_recorded(level, name, samples.lacking) for name, level in levels.items()}
+    )
     # Above the frequency where noise outweighs motion, accelerations are noise, and the same that the residuals hold:
     # a column made of it would be correlated with them.
     calm = replace(smoother, cutoff=min(smoother.cutoff, designed.cutoff))
@@ -355,11 +426,16 @@ def observe(recording: Recording, band: float | None = None) -> Observation:
     said = [*([clock.note] if clock.note else []), *left_out(placed, grids)]
     if len(holes):
         longest_hole = 1e3 * float(np.ptp(holes, axis=1).max())
-        said.append(f"holes of up to {longest_hole:.0f} ms are bridged, and nothing is taken from them: {len(holes)}")
+        said.append(
+            f"holes of up to {longest_hole:.0f} ms are bridged, and nothing is taken from them: {len(holes)}"
+        )
     notes = (*recording.notes, *samples.notes, *(f"{where}: {words}" for words in said))
     span = (0.0, float(samples.t[-1]))
     pieces, quiet = (tuple(replace(piece, span=span) for piece in some) for some in (pieces, quiet))
-    steps = {"link": encoder_steps(samples.q, noise.q), "motor": encoder_steps(samples.theta, noise.theta)}
+    steps = {
+        "link": encoder_steps(samples.q, noise.q),
+        "motor": encoder_steps(samples.theta, noise.theta),
+    }
     telegraphs = {
         name: Telegraph.of(position, steps[name], side, clock.rate)
         for name, side, position in (("link", link, longest.q), ("motor", motor, longest.theta))
@@ -409,7 +485,9 @@ def _of_recorded(level: Array | None, name: str, lacking: Lacking) -> Array | No
     return np.where(there, level, 0.0)
 
 
-def continued(first: Observation, rest: Observation, offset: float) -> tuple[Observation, Observation]:
+def continued(
+    first: Observation, rest: Observation, offset: float
+) -> tuple[Observation, Observation]:
     """Return the parts of a recording that was cut in two as what they are: one motion that goes on.
 
     offset: s from the first sample of `first` to that of `rest`.
@@ -451,7 +529,9 @@ def torque_noise(grids: Sequence[Grid], channel: str) -> Array | None:
         values = getattr(grid, channel)
         taper = np.hanning(len(values) - 4)[:, None]
         # Fourth differences keep the motion's spectrum from leaking upward; their response is divided out.
-        spectrum = np.abs(np.fft.rfft(np.diff(values, 4, axis=0) * taper, axis=0)) ** 2 / np.sum(taper**2)
+        spectrum = np.abs(np.fft.rfft(np.diff(values, 4, axis=0) * taper, axis=0)) ** 2 / np.sum(
+            taper**2
+        )
         f = np.fft.rfftfreq(len(taper))
         above = f > 0.2  # of the sample rate; above, torque channels hold noise alone
         flat = spectrum[above] / np.abs(2 * np.sin(np.pi * f[above]))[:, None] ** 8

@@ -65,15 +65,22 @@ class Signals(MotionSignals):
         rates = [rates_of(motion.t, torque) for torque in (motion.tau_J, motion.tau_m)]
         before = None
         if motion.before is not None:
-            before = Signals.of(motion.before, standstill, elastic=elastic, cutoff=cutoff, smoother=smoother)
+            before = Signals.of(
+                motion.before, standstill, elastic=elastic, cutoff=cutoff, smoother=smoother
+            )
         values = _values(motion, standstill, rates, elastic=elastic)
         if smoother is not None:
-            of_sides = {"sign_link": (motion.dq, standstill[0]), "sign_motor": (motion.dtheta, standstill[1])}
+            of_sides = {
+                "sign_link": (motion.dq, standstill[0]),
+                "sign_motor": (motion.dtheta, standstill[1]),
+            }
             values |= {name: smoother.sign(motion.t, *side) for name, side in of_sides.items()}
         return Signals(motion.t, {**values, **(made or {})}, cutoff, predicted, before=before)
 
     @staticmethod
-    def of_samples(motion: CompletedMotion, standstill: tuple[Array, Array], *, elastic: bool = True) -> Signals:
+    def of_samples(
+        motion: CompletedMotion, standstill: tuple[Array, Array], *, elastic: bool = True
+    ) -> Signals:
         """Take the signals from samples that need not follow one another: the rates of torques are zero.
 
         standstill: (n,) rad/s for link and motor side, below which a velocity has no sign; elastic: whether the
@@ -99,21 +106,33 @@ class Signals(MotionSignals):
 
     def wound_by(self, deflection: Array) -> Signals:
         """Return the signals with deflections (N, n) rad of springs under the load, which laws may take."""
-        return replace(self, values={**self.values, "wound": deflection, "loaded": np.ones((len(self.t), 1))})
+        return replace(
+            self, values={**self.values, "wound": deflection, "loaded": np.ones((len(self.t), 1))}
+        )
 
-    def with_model_torques(self, load: Array, drive: Array, clear: Array, noise: Mapping[str, Array]) -> Signals:
+    def with_model_torques(
+        self, load: Array, drive: Array, clear: Array, noise: Mapping[str, Array]
+    ) -> Signals:
         """Return the signals with what regressors of whole effects take besides.
 
         load, drive, clear: (N, n) Nm, as of :attr:`model_torques`; noise: variances (n,) of the recorded
         torques' white noise, Nm², by name.
         """
-        return replace(self, model_torques={"tau_J": load, "tau_m": drive, "clear": clear}, torque_noise=noise)
+        return replace(
+            self, model_torques={"tau_J": load, "tau_m": drive, "clear": clear}, torque_noise=noise
+        )
 
     def curved(self, k: int) -> Signals:
         """Return the signals with L sin(k pi t / L), L the length of the recording, in the place of the time t."""
         share = self.values["progress"] + 0.5
         # t / share is L, and sin(k pi share) / share finite where both vanish.
-        return replace(self, values={**self.values, "elapsed": self.values["elapsed"] * k * np.pi * np.sinc(k * share)})
+        return replace(
+            self,
+            values={
+                **self.values,
+                "elapsed": self.values["elapsed"] * k * np.pi * np.sinc(k * share),
+            },
+        )
 
     def with_friction(self, link: Array, motor: Array) -> Signals:
         """Return the signals with what friction effects of both sides resist with, (N, n) Nm."""
@@ -121,7 +140,11 @@ class Signals(MotionSignals):
 
 
 def _values(
-    motion: CompletedMotion, standstill: tuple[Array, Array], rates: Sequence[Array], *, elastic: bool
+    motion: CompletedMotion,
+    standstill: tuple[Array, Array],
+    rates: Sequence[Array],
+    *,
+    elastic: bool,
 ) -> dict[str, Array]:
     begin, end = motion.span or (motion.t[0], motion.t[-1])
     # A single sample is the begin of its recording.
@@ -160,7 +183,9 @@ class Entries:
     def of(columns: Array) -> Entries:
         """Take columns (N, 3 n, k) apart."""
         rows, numbers = np.nonzero(columns.any(axis=0))
-        return Entries(columns[:, rows, numbers], rows, numbers, (columns.shape[1], columns.shape[2]))
+        return Entries(
+            columns[:, rows, numbers], rows, numbers, (columns.shape[1], columns.shape[2])
+        )
 
     def dense(self) -> Array:
         """Return the columns (N, 3 n, k); each row of a column stands in memory as a whole."""
@@ -200,10 +225,14 @@ class CompiledColumns:
     once for all arms of a shape and runs over long recordings.
     """
 
-    def __init__(self, terms: Sequence[Term], equations: ArmEquations, engine: str | None = "numpy") -> None:
+    def __init__(
+        self, terms: Sequence[Term], equations: ArmEquations, engine: str | None = "numpy"
+    ) -> None:
         self._equations = equations
         n = equations.robot.n
-        sizes = dict.fromkeys(("x", "dx", "ddx"), equations.dof) | dict.fromkeys(("progress", "elapsed", "loaded"), 1)
+        sizes = dict.fromkeys(("x", "dx", "ddx"), equations.dof) | dict.fromkeys(
+            ("progress", "elapsed", "loaded"), 1
+        )
         symbols = {name: ca.SX.sym(name, sizes.get(name, n)) for name in INPUTS}
         searched = [p for term in terms for p in term.searched]
         arguments = {p.name: ca.SX.sym(p.name, p.size) for p in searched}
@@ -216,7 +245,10 @@ class CompiledColumns:
         self._moved_states = False
         blocks, self.bends = [], False
         for term in terms:
-            numbers = {p.name: arguments.get(p.name, ca.SX.sym(p.name, p.size)) for p in term.effect.parameters}
+            numbers = {
+                p.name: arguments.get(p.name, ca.SX.sym(p.name, p.size))
+                for p in term.effect.parameters
+            }
             values = {**numbers, **term.choices, **states}
             contribution = reduce(add, (term.effect.law(motion, i, values) for i in term.joints))
             rows = _derivatives(term, contribution, numbers)
@@ -226,7 +258,9 @@ class CompiledColumns:
             blocks.append(_columns(term, rows, numbers))
             if term.effect.states:
                 self._scan = _recursion(contribution, states, symbols, argument, equations)
-                self._moved_states |= any(ca.depends_on(one, equations.Psi) for one in contribution.rates.values())
+                self._moved_states |= any(
+                    ca.depends_on(one, equations.Psi) for one in contribution.rates.values()
+                )
         columns = ca.horzcat(*blocks)
         several = sum(p.size for p in searched) > 1 and not states
         self.quadratic = several and ca.is_linear(ca.jacobian(ca.vec(columns), argument), argument)
@@ -245,7 +279,12 @@ class CompiledColumns:
         return moved
 
     def _compile(
-        self, columns: ca.SX, symbols: Mapping[str, ca.SX], argument: ca.SX, state: ca.SX, engine: str | None
+        self,
+        columns: ca.SX,
+        symbols: Mapping[str, ca.SX],
+        argument: ca.SX,
+        state: ca.SX,
+        engine: str | None,
     ) -> None:
         """Compile the entries that are not null, and remember where they belong."""
         Psi, numbers = self._equations.Psi, ca.DM(self._equations.nominal)
@@ -260,18 +299,24 @@ class CompiledColumns:
             [*INPUTS, "searched", "state", "Psi"],
             ["columns"],
         )
-        self._kernel = kernels.compile(function, engine, shared=("searched", "Psi")) if kept else None
+        self._kernel = (
+            kernels.compile(function, engine, shared=("searched", "Psi")) if kept else None
+        )
 
     @property
     def acts(self) -> bool:
         """Whether any entry of the columns is not null."""
         return len(self.places) > 0
 
-    def __call__(self, signals: Signals, searched: Sequence[float] = (), start: float = 0.0) -> Array:
+    def __call__(
+        self, signals: Signals, searched: Sequence[float] = (), start: float = 0.0
+    ) -> Array:
         """Evaluate the columns (N, 3 n, k); arguments as in :meth:`entries`."""
         return self.entries(signals, searched, start).dense()
 
-    def entries(self, signals: Signals, searched: Sequence[float] = (), start: float = 0.0) -> Entries:
+    def entries(
+        self, signals: Signals, searched: Sequence[float] = (), start: float = 0.0
+    ) -> Entries:
         """Evaluate the entries of the columns that are not null.
 
         start: of all internal states, where the motion before the first sample is not known.
@@ -281,7 +326,11 @@ class CompiledColumns:
         if self._kernel is None:
             return Entries(np.zeros((N, 0)), row, column, (rows, count))
         argument = np.asarray(searched, dtype=float) if self._arguments else np.zeros(1)
-        states = np.zeros((N, 1)) if self._scan is None else _states(self._scan, signals, argument, start)
+        states = (
+            np.zeros((N, 1))
+            if self._scan is None
+            else _states(self._scan, signals, argument, start)
+        )
         values = self._kernel(*signals.arrays, argument, states, self._equations.nominal)
         return Entries(np.asarray(values), row, column, (rows, count))
 
@@ -294,7 +343,11 @@ def _stacked(symbols: Mapping[str, ca.SX], name: str) -> ca.SX:
 def _derivatives(term: Term, contribution: Contribution, numbers: Mapping[str, ca.SX]) -> ca.SX:
     """Return the derivatives (3 n, k) of one effect by its linear parameters; the effect itself without any."""
     rows = ca.vertcat(contribution.link, contribution.drive, contribution.motor)
-    return ca.jacobian(rows, ca.vertcat(*(numbers[p.name] for p in term.linear))) if term.linear else rows
+    return (
+        ca.jacobian(rows, ca.vertcat(*(numbers[p.name] for p in term.linear)))
+        if term.linear
+        else rows
+    )
 
 
 def _columns(term: Term, rows: ca.SX, numbers: Mapping[str, ca.SX]) -> ca.SX:
@@ -304,7 +357,9 @@ def _columns(term: Term, rows: ca.SX, numbers: Mapping[str, ca.SX]) -> ca.SX:
         found = rows
         if point:
             symbols = ca.vertcat(*(numbers[name] for name in point))
-            values = np.concatenate([np.atleast_1d(np.asarray(value, dtype=float)) for value in point.values()])
+            values = np.concatenate(
+                [np.atleast_1d(np.asarray(value, dtype=float)) for value in point.values()]
+            )
             found = ca.substitute(found, symbols, ca.DM(values))
         sets.append(found)
     return ca.horzcat(*sets)
@@ -324,7 +379,11 @@ def _recursion(
     h = ca.SX.sym("h")
     stiffness = ca.diag(ca.jacobian(rate, z)) * h
     # (exp(s) - 1) / s, with its limit at 0.
-    factor = ca.if_else(ca.fabs(stiffness) < 1e-8, 1.0, ca.expm1(stiffness) / (stiffness + (ca.fabs(stiffness) < 1e-8)))
+    factor = ca.if_else(
+        ca.fabs(stiffness) < 1e-8,
+        1.0,
+        ca.expm1(stiffness) / (stiffness + (ca.fabs(stiffness) < 1e-8)),
+    )
     arguments, constants = ca.vertcat(*symbols.values()), ca.vertcat(argument, h)
     return Recursion(ca.Function("step", [z, arguments, constants], [z + h * factor * rate]))
 

@@ -78,7 +78,9 @@ class Grid:
         if len(parts) == 1:
             return parts[0]
         names = parts[0].channels()
-        together: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
+        together: dict[str, Any] = {
+            name: np.concatenate([getattr(part, name) for part in parts]) for name in names
+        }
         return replace(parts[0], t=np.concatenate([part.t for part in parts]), **together)
 
     def channels(self) -> dict[str, Array]:
@@ -99,7 +101,9 @@ class Clock:
     # "regular": samples were taken regularly, whatever their stamps are; "stamps": at their stamps
     mode: Mode = "regular"
     note: str = field(default="", compare=False)  # why, in words; empty where stamps are regular
-    missing: float = MISSING  # intervals between two stamps from which a sample is missing between them
+    missing: float = (
+        MISSING  # intervals between two stamps from which a sample is missing between them
+    )
 
     @staticmethod
     def of(samples: Samples, source: str = "the recording") -> Clock:
@@ -109,19 +113,24 @@ class Clock:
         at such a rate.
         """
         if len(samples) < 2 * POINTS:
-            raise IdentificationError(f"{len(samples)} samples are too few", "Record some seconds of motion.")
+            raise IdentificationError(
+                f"{len(samples)} samples are too few", "Record some seconds of motion."
+            )
         step = np.diff(samples.t)
         if not np.all(step > 0):
             at = int(np.argmax(step <= 0))
             raise IdentificationError(
-                f"time stands still or runs back at {samples.t[at]:.4f} s", "Repair it with `elastic-arm bag check`."
+                f"time stands still or runs back at {samples.t[at]:.4f} s",
+                "Repair it with `elastic-arm bag check`.",
             )
         k, rate, missing, jitter = numbered(samples.t)
         wrong = wrong_rate(rate)
         if wrong is not None:
             raise IdentificationError(f"{source}: {wrong}", UNIT)
         if samples.clock is not None:
-            return Clock(rate, samples.clock, f"clock as demanded: {_MEANING[samples.clock]}", missing)
+            return Clock(
+                rate, samples.clock, f"clock as demanded: {_MEANING[samples.clock]}", missing
+            )
         mode, note = _mode(samples, k, rate, jitter)
         if mode == "stamps" and wanders(jitter, rate):
             # Whatever is missing: points as dense as the samples, and alike in recordings of one source.
@@ -135,7 +144,11 @@ class Clock:
 
     def place(self, samples: Samples, longest: int | None = None) -> list[Grid]:
         """Return the regular pieces of the samples; up to `longest` missing ones are bridged."""
-        return [segment.grid for segment in Placing(self, longest).add(samples, last=True) if segment.grid is not None]
+        return [
+            segment.grid
+            for segment in Placing(self, longest).add(samples, last=True)
+            if segment.grid is not None
+        ]
 
 
 class Segment(NamedTuple):
@@ -195,7 +208,11 @@ class Placing:
         else:
             position = self._first + np.concatenate([[0], np.cumsum(self._steps(piece.t))])
         last = int(np.floor(position[-1 if ends else -AROUND]))
-        grid = self._grid(piece, position, np.arange(self._next, last + 1)) if last >= self._next else None
+        grid = (
+            self._grid(piece, position, np.arange(self._next, last + 1))
+            if last >= self._next
+            else None
+        )
         self._next = max(self._next, last + 1)
         # As many samples stay as the next point needs before it.
         kept = max(int(np.searchsorted(position, self._next)) - AROUND, 0)
@@ -204,11 +221,16 @@ class Placing:
         return grid
 
     def _grid(self, piece: Samples, position: Array, points: NDArray[np.int64]) -> Grid:
-        channels = {name: values for name in CHANNELS if (values := getattr(piece, name)) is not None}
+        channels = {
+            name: values for name in CHANNELS if (values := getattr(piece, name)) is not None
+        }
         rate, lacking = self.clock.rate, piece.lacking
         if self.clock.mode == "stamps":
             t = (self._origin or 0.0) + points / rate
-            there = {name: interpolate(piece.t, values, t, 1.0 / rate) for name, values in channels.items()}
+            there = {
+                name: interpolate(piece.t, values, t, 1.0 / rate)
+                for name, values in channels.items()
+            }
             return Grid(t, rate, **there, lacking=lacking)
         begin, end = np.searchsorted(position, points[[0, -1]])
         # The last point is a sample.
@@ -222,7 +244,9 @@ class Placing:
         for name, values in channels.items():
             column = np.empty((len(points), values.shape[1]))
             column[k - points[0]] = values[inside]
-            column[missing - points[0]] = interpolate(position.astype(float), values, missing.astype(float), 1.0)
+            column[missing - points[0]] = interpolate(
+                position.astype(float), values, missing.astype(float), 1.0
+            )
             filled[name] = column
         return Grid(np.interp(points, position, piece.t), rate, **filled, lacking=lacking)
 
@@ -257,7 +281,9 @@ def interpolate(known: Array, values: Array, wanted: Array, step: float) -> Arra
         count = min(missing[hole], SHORTEST)
         near = slice(max(hole + 1 - count, 0), hole + 1 + count)
         middle, half = known[hole : hole + 2].mean(), np.ptp(known[near]) / 2.0
-        there, at = (legvander((t - middle) / half, POINTS - 1) for t in (known[near], wanted[inside]))
+        there, at = (
+            legvander((t - middle) / half, POINTS - 1) for t in (known[near], wanted[inside])
+        )
         found[inside] = at @ np.linalg.lstsq(there, values[near])[0]
     return found
 
@@ -279,12 +305,14 @@ def joined(first: Samples, second: Samples) -> Samples:
         a, b = getattr(first, name), getattr(second, name)
         if (a is None) != (b is None):
             raise IdentificationError(
-                f"{name} is in one part of the samples and not in the other", "Identify recordings with equal channels."
+                f"{name} is in one part of the samples and not in the other",
+                "Identify recordings with equal channels.",
             )
         kept[name] = None if a is None else np.concatenate([a, b])
     if first.lacking != second.lacking:
         raise IdentificationError(
-            "a joint has a channel in one part of the samples only", "Identify recordings with equal channels."
+            "a joint has a channel in one part of the samples only",
+            "Identify recordings with equal channels.",
         )
     return Samples(**kept, clock=first.clock, lacking=first.lacking, read=first.read)
 
@@ -299,7 +327,9 @@ def _mode(samples: Samples, k: NDArray[np.int64], rate: float, jitter: Array) ->
     """Return what the stamps mean, and why."""
     position = samples.q if samples.q is not None else samples.theta
     if position is None:
-        raise IdentificationError("no positions were recorded", "Record /joint_states or /motor_states.")
+        raise IdentificationError(
+            "no positions were recorded", "Record /joint_states or /motor_states."
+        )
     if is_even(jitter, rate):
         return "regular", ""
     found = evidence(samples, k, rate)
@@ -343,7 +373,9 @@ def extended(grid: Grid, count: int) -> Grid:
     channels = {}
     for name, values in grid.channels().items():
         through: Literal["odd", "even"] = "odd" if name in ("q", "theta", "r") else "even"
-        channels[name] = np.pad(values, ((count, count), (0, 0)), mode="reflect", reflect_type=through)
+        channels[name] = np.pad(
+            values, ((count, count), (0, 0)), mode="reflect", reflect_type=through
+        )
     step = np.arange(1, count + 1) / grid.rate
     t = np.concatenate([grid.t[0] - step[::-1], grid.t, grid.t[-1] + step])
     return Grid(t, grid.rate, **channels, lacking=grid.lacking)

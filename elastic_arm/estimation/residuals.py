@@ -33,7 +33,10 @@ STICKING = 0.01  # s; a reversal without sticking is shorter but for acceleratio
 # Convention: where the law holds, few rows that are noise give up to 2.4; true sticking gave 6.
 FAILS = 4.0
 NO_HOLES = np.empty((0, 2))
-BESIDE, JITTER = 16, 1e-9  # rows beside a time without a law that tell the noise within, share of it; numerical
+BESIDE, JITTER = (
+    16,
+    1e-9,
+)  # rows beside a time without a law that tell the noise within, share of it; numerical
 AROUND = 0.03  # s before and after, in which the smoothed motion is none of either
 
 
@@ -44,7 +47,9 @@ def raw_residuals(model: Model, motion: CompletedMotion) -> Array:
         # A torque sensor at the joint does not feel the armature, which is in the motor's row.
         motor = armatures(model) * motion.ddq
         link = model.inverse_dynamics(motion.q, motion.dq, motion.ddq) - motor
-        return np.hstack([motion.tau_J - link, np.zeros_like(link), motion.tau_m - motion.tau_J - motor])
+        return np.hstack(
+            [motion.tau_J - link, np.zeros_like(link), motion.tau_m - motion.tau_J - motor]
+        )
     K, D = drive_constants(model)
     spring = K * (motion.theta - motion.q) + D * (motion.dtheta - motion.dq)
     left = model.inverse_dynamics(*(motion.coordinates(rate) for rate in ("", "d", "dd")))
@@ -90,7 +95,11 @@ class Stretch:
 
 
 def residuals(
-    model: Model, observation: Observation, equations: EquationSet, band: Band, loads: Loads | None = None
+    model: Model,
+    observation: Observation,
+    equations: EquationSet,
+    band: Band,
+    loads: Loads | None = None,
 ) -> list[Stretch]:
     """Return the residuals of every stretch of a recording.
 
@@ -102,7 +111,9 @@ def residuals(
         quiet = completed(calm, model, loads)
         full = raw_residuals(model, motion) @ equations.transform.T
         t = band.times(motion.t)
-        first, last = np.searchsorted(t, [motion.t[0] + observation.margin, motion.t[-1] - observation.margin])
+        first, last = np.searchsorted(
+            t, [motion.t[0] + observation.margin, motion.t[-1] - observation.margin]
+        )
         kept = slice(int(first), int(last))
         read = None if observation.read is None else read_at(motion.t, observation.read)
         made = Stretch(t[kept], full, motion, quiet, band, kept, read)
@@ -126,7 +137,9 @@ class FreeTorque:
 
     row: int  # number of the residual
     instants: slice  # of the rows that the band's filter carries it to
-    basis: Array | None = None  # orthonormal (instants, m); None where it can be anything at all of these instants
+    basis: Array | None = (
+        None  # orthonormal (instants, m); None where it can be anything at all of these instants
+    )
     # Rows beside these instants that hold no such torque, and (m, instants + beside) what they and the instants
     # estimate of the torque: least squares by the noise, which goes on from the rows beside.
     beside: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, dtype=int))
@@ -156,7 +169,9 @@ class FreeTorques:
     found: tuple[FreeTorque, ...] = ()  # all of them
     # those worked out, by what they depend on beside the band, and their estimates by row and rows beside, too
     bases: Mapping[FreeTimes, Array] = field(default_factory=dict, repr=False)
-    estimates: Mapping[tuple[FreeTimes, int, bytes], Array] = field(default_factory=dict, repr=False)
+    estimates: Mapping[tuple[FreeTimes, int, bytes], Array] = field(
+        default_factory=dict, repr=False
+    )
 
     @classmethod
     def of(
@@ -191,7 +206,10 @@ class FreeTorques:
             times[equation][:, joint] |= (t >= begin) & (t <= end)
         known = {} if near is None else near.bases
         bases: dict[FreeTimes, Array] = {}
-        courses = {part: [_courses(stretch, band, one, bases, known) for one in when.T] for part, when in times.items()}
+        courses = {
+            part: [_courses(stretch, band, one, bases, known) for one in when.T]
+            for part, when in times.items()
+        }
         places = [
             (row, instants, one)
             for row, (equation, joint) in enumerate(layout.entries)
@@ -208,10 +226,16 @@ class FreeTorques:
             if one is None:
                 found.append(FreeTorque(row, instants))
                 continue
-            around = np.arange(max(instants.start - BESIDE, 0), min(instants.stop + BESIDE, len(taken)))
+            around = np.arange(
+                max(instants.start - BESIDE, 0), min(instants.stop + BESIDE, len(taken))
+            )
             beside = around[~taken[around, row]]
             key = one, row, beside.tobytes()
-            estimates[key] = before[key] if key in before else _estimate(bases[one], instants, beside, noise[:, row])
+            estimates[key] = (
+                before[key]
+                if key in before
+                else _estimate(bases[one], instants, beside, noise[:, row])
+            )
             found.append(FreeTorque(row, instants, bases[one], beside, estimates[key]))
         return cls(tuple(found), bases, estimates)
 
@@ -262,7 +286,13 @@ def sticking(t: Array, velocity: Array, standing: Array, around: float = 0.0) ->
     count = round(around / (t[1] - t[0]))
     if not count:
         return stuck
-    return np.stack([binary_dilation(column, iterations=count) if column.any() else column for column in stuck.T], 1)
+    return np.stack(
+        [
+            binary_dilation(column, iterations=count) if column.any() else column
+            for column in stuck.T
+        ],
+        1,
+    )
 
 
 def _held(t: Array, velocity: Array, band: Band, steps: Array) -> NDArray[np.bool_]:
@@ -301,7 +331,9 @@ def _courses(
         times = None
         if pieces:
             end = min(max(band.samples(rows).stop, pieces[-1].stop), len(when))
-            times = FreeTimes(tuple((piece.start, piece.stop) for piece in pieces), end, (first, last), step)
+            times = FreeTimes(
+                tuple((piece.start, piece.stop) for piece in pieces), end, (first, last), step
+            )
             if times not in bases:
                 bases[times] = known[times] if times in known else _basis(times, band)
         found.append((slice(first - stretch.kept.start, last - stretch.kept.start), times))

@@ -40,7 +40,9 @@ def in_parts(recording: Recording, least: int = 2) -> list[Recording]:
     """Return the parts of a recording, so many or more, that hold some seconds of samples each."""
     stamps = _stamps(recording)
     t = (stamps - stamps[0]) * 1e-9
-    count = max(least, round(len(t) * float(np.median(np.diff(t))) / SEGMENT)) if len(t) > 1 else least
+    count = (
+        max(least, round(len(t) * float(np.median(np.diff(t))) / SEGMENT)) if len(t) > 1 else least
+    )
     return _cut(recording, t[np.linspace(0, len(t), count, endpoint=False).astype(int)].tolist())
 
 
@@ -51,7 +53,9 @@ def of_one_rate(recording: Recording, lasting: float) -> list[Recording]:
     if len(found) < 2:
         return [recording]
     begins = [float((samples.stamp_ns[k] - recording.start_ns) * 1e-9) for k, _ in found]
-    rates = ", ".join(f"{rate:.4g} Hz from {begin:.1f} s" for begin, (_, rate) in zip(begins, found, strict=True))
+    rates = ", ".join(
+        f"{rate:.4g} Hz from {begin:.1f} s" for begin, (_, rate) in zip(begins, found, strict=True)
+    )
     words = f"{recording.source or 'the recording'}: the rate changes, parts of one rate count singly: {rates}"
     parts = _cut(replace(recording, notes=(*recording.notes, words)), [0.0, *begins[1:]])
     return [part for part in parts if moves(part)] or [recording]
@@ -63,7 +67,9 @@ def _cut(recording: Recording, begins: Sequence[float]) -> list[Recording]:
         return [recording]
     edges, end = [*begins, recording.duration + 1.0], recording.duration
     return [
-        replace(recording.between(a, b), source=f"{recording.source}, {a:.0f} to {min(b, end):.0f} s")
+        replace(
+            recording.between(a, b), source=f"{recording.source}, {a:.0f} to {min(b, end):.0f} s"
+        )
         for a, b in pairwise(edges)
     ]
 
@@ -102,7 +108,9 @@ class MostTelling:
 
     def __init__(self, robot: Robot, seconds: float, *, exact: bool = False) -> None:
         self.seconds = seconds if exact else seconds * min(1.0, 3.0 / robot.n)
-        self.moving = self.recorded = self.whole = 0.0  # s of motion, of all samples, and with holes, so far
+        self.moving = self.recorded = self.whole = (
+            0.0  # s of motion, of all samples, and with holes, so far
+        )
         self._model = build_model(robot, "mod3")
         self._segments: list[Segment] = []
         self._first: Recording | None = None
@@ -130,7 +138,12 @@ class MostTelling:
             return
         self.moving += (seconds := _recorded_seconds(motion))
         side = next(
-            (side for side in (motion.motor, motion.link) if side is not None and side.position is not None), None
+            (
+                side
+                for side in (motion.motor, motion.link)
+                if side is not None and side.position is not None
+            ),
+            None,
         )
         if side is not None:
             self._segments.append(Segment(motion, seconds, _information(side, self._model)))
@@ -140,7 +153,9 @@ class MostTelling:
         left, kept, total = list(range(len(self._segments))), list[int](), 0.0
         information = np.eye(len(self._segments[0].information))
         while left:
-            gains = [np.linalg.slogdet(information + self._segments[k].information)[1] for k in left]
+            gains = [
+                np.linalg.slogdet(information + self._segments[k].information)[1] for k in left
+            ]
             best = left.pop(int(np.argmax(gains)))
             if kept and total + self._segments[best].seconds > self.seconds:
                 break
@@ -159,7 +174,9 @@ class MostTelling:
         seconds, source = sum(one.seconds for one in chosen), self._last.source
         notes = list(self._last.notes)
         if self.whole - self.recorded > 1.0:
-            notes.append(f"{source}: nothing was recorded in {self.whole - self.recorded:.0f} of {self.whole:.0f} s")
+            notes.append(
+                f"{source}: nothing was recorded in {self.whole - self.recorded:.0f} of {self.whole:.0f} s"
+            )
         if self.recorded - self.moving > 1.0:
             notes.append(standing_note(source, self.recorded - self.moving, self.whole))
         if self.moving - seconds > 1.0:
@@ -179,7 +196,9 @@ def _information(side: Side, model: Model) -> Array:
     if len(position) <= 2 * width:
         position = np.zeros((2 * width + 1, model.n))  # too short to tell anything
     every = slice(width, -width, max(1, round(1.0 / (RATE * step))))
-    q, dq, ddq = (savgol_filter(position, width, 3, deriv=k, delta=step, axis=0)[every] for k in range(3))
+    q, dq, ddq = (
+        savgol_filter(position, width, 3, deriv=k, delta=step, axis=0)[every] for k in range(3)
+    )
     double = (lambda rate: np.hstack([rate, rate])) if model.robot.elastic else (lambda rate: rate)
     terms = model.regressor(double(q), double(dq), double(ddq)) * model.Psi
     error = np.hypot(NOISE, MISSED * terms.sum(axis=-1))

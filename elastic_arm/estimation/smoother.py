@@ -59,14 +59,18 @@ class Smoother:
     motor_noise: SideNoise | None = None
 
     @staticmethod
-    def from_noise(rate: float, link: SideNoise | None, motor: SideNoise | None, n: int) -> Smoother:
+    def from_noise(
+        rate: float, link: SideNoise | None, motor: SideNoise | None, n: int
+    ) -> Smoother:
         """Design the smoother by the estimated noise, with the wider of the two sides' bands.
 
         link, motor: noise of the encoders; None for a side that was not recorded.
         """
         sides = [side for side in (link, motor) if side is not None]
         if not sides:
-            raise IdentificationError("no positions were recorded", "Record /joint_states or /motor_states.")
+            raise IdentificationError(
+                "no positions were recorded", "Record /joint_states or /motor_states."
+            )
         cutoff = max(side.cutoff for side in sides)
         of_link, of_motor = (_crossover(side, cutoff, rate, n) for side in (link, motor))
         return Smoother(rate, cutoff, of_link, of_motor, link, motor)
@@ -138,7 +142,9 @@ class Smoother:
         """Pass values (N, m) at `finer` times the rate through H, and keep one of `finer`; the ends are continued."""
         lag = self.lag * finer
         taps = _even_taps(self.cutoff / (self.rate * finer), lag)
-        return oaconvolve(np.pad(values, ((lag, lag), (0, 0)), mode="edge"), taps[:, None], "valid", axes=0)[::finer]
+        return oaconvolve(
+            np.pad(values, ((lag, lag), (0, 0)), mode="edge"), taps[:, None], "valid", axes=0
+        )[::finer]
 
     def _require(self, samples: int) -> None:
         if samples <= 2 * self.lag:
@@ -148,7 +154,9 @@ class Smoother:
                 "Record longer without gaps.",
             )
 
-    def _side(self, position: Array | None, velocity: Array | None, crossover: Array, every: int) -> list[Array | None]:
+    def _side(
+        self, position: Array | None, velocity: Array | None, crossover: Array, every: int
+    ) -> list[Array | None]:
         if position is None:
             return [None, None, None]
         out = np.empty((3, -(-(len(position) - 2 * self.lag) // every), position.shape[1]))
@@ -159,7 +167,9 @@ class Smoother:
             signals = [position[:, alike] - middle[alike]]
             if velocity is not None and np.isfinite(w):
                 signals.append(velocity[:, alike] / self.rate)
-            out[:, :, alike] = convolve(signals, np.stack(self._taps(w)[: len(signals)], axis=1), every)
+            out[:, :, alike] = convolve(
+                signals, np.stack(self._taps(w)[: len(signals)], axis=1), every
+            )
         out[0] += middle
         return [out[0], out[1] * self.rate, out[2] * self.rate**2]
 
@@ -196,7 +206,9 @@ def design_smoother(grids: list[Grid], n: int) -> Smoother:
     Raises an IdentificationError if there is none of a few dozen samples.
     """
     if not grids:
-        raise IdentificationError("there are gaps after every few samples", "Record some seconds of motion.")
+        raise IdentificationError(
+            "there are gaps after every few samples", "Record some seconds of motion."
+        )
     grid = max(grids, key=len)
 
     def noise(side: tuple[Array | None, Array | None]) -> SideNoise | None:
@@ -256,7 +268,9 @@ def _taps(cutoff: float, crossover: float, lag: int) -> tuple[Array, Array]:
     return _exact_on_cubics(position, velocity, t, cutoff), velocity
 
 
-def _response(poles: NDArray[np.complex128], residues: NDArray[np.complex128], t: NDArray[np.int_], k: int) -> Array:
+def _response(
+    poles: NDArray[np.complex128], residues: NDArray[np.complex128], t: NDArray[np.int_], k: int
+) -> Array:
     """Return the k-th derivative of the two-sided response sum r exp(p |t|)."""
     values = (residues * poles**k) @ np.exp(np.outer(poles, np.abs(t)))
     parity = np.where(t < 0, (-1.0) ** k, 1.0)
@@ -316,5 +330,7 @@ def _moves_at_ends(grid: Grid, count: int) -> bool:
     if position is None:
         return False
     speed = np.diff(position, axis=0)
-    whole, ends = (np.sqrt(np.mean(v**2)) for v in (speed, np.concatenate([speed[:count], speed[-count:]])))
+    whole, ends = (
+        np.sqrt(np.mean(v**2)) for v in (speed, np.concatenate([speed[:count], speed[-count:]]))
+    )
     return bool(ends > MOVING * whole)

@@ -29,11 +29,24 @@ from elastic_arm.estimation.convolution import (
 )
 from elastic_arm.estimation.effect_columns import Feature, starting_state
 from elastic_arm.estimation.equations import EquationSet
-from elastic_arm.estimation.known_torques import ActingEffect, inertia_of, known_torques, loads_of, true_load
+from elastic_arm.estimation.known_torques import (
+    ActingEffect,
+    inertia_of,
+    known_torques,
+    loads_of,
+    true_load,
+)
 from elastic_arm.estimation.motion import drive_constants, wound_by_load
 from elastic_arm.estimation.observation import Observation
 from elastic_arm.estimation.regressors import Entries, Signals
-from elastic_arm.estimation.residuals import SLOWEST, UNTOLD, FreeTorques, Stretch, residuals, standing_speed
+from elastic_arm.estimation.residuals import (
+    SLOWEST,
+    UNTOLD,
+    FreeTorques,
+    Stretch,
+    residuals,
+    standing_speed,
+)
 from elastic_arm.recording.inspection.stuck_channels import STILL
 
 EDGE = 10  # rows at the ends of a stretch that the whitening, being circular, spoils
@@ -51,15 +64,21 @@ class NoiseModel:
     """
 
     f: Array  # (F,) Hz, equally spaced from 0 to half the kept rate
-    covariance: NDArray[np.complex128]  # (F, R, R) complex, Nm²; white noise of 1 Nm a sample is the identity
+    covariance: NDArray[
+        np.complex128
+    ]  # (F, R, R) complex, Nm²; white noise of 1 Nm a sample is the identity
     rate: float  # samples per second of the recording
     # (R, R) combinations of the rows that are made independent, in their order (:attr:`.EquationSet.apart`)
     apart: Array
     # (F, n) of the load that the model predicts for the quiet motion, Nm², in units as `covariance`
     load: Array | None = None
     measure: Array | None = None  # (F,) ln |dr/dz|², z the recorded values
-    _whiteners: dict[bytes, NDArray[np.complex128]] = field(default_factory=dict, init=False, repr=False, compare=False)
-    _gains: dict[int, CircularGains] = field(default_factory=dict, init=False, repr=False, compare=False)
+    _whiteners: dict[bytes, NDArray[np.complex128]] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
+    _gains: dict[int, CircularGains] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
 
     @cached_property
     def density(self) -> Array:
@@ -76,23 +95,31 @@ class NoiseModel:
 
     def std(self, low_pass: LowPass) -> Array:
         """Return the standard deviation (R,) of each residual behind a low pass."""
-        density = np.real(np.einsum("frr->fr", self.covariance)) * low_pass.gain(self.f)[:, None] ** 2
+        density = (
+            np.real(np.einsum("frr->fr", self.covariance)) * low_pass.gain(self.f)[:, None] ** 2
+        )
         return np.sqrt(trapezoid(density, self.f, axis=0) * 2.0 / self.rate)
 
     def whitener(self, f: NDArray[Any]) -> NDArray[np.complex128]:
         """Return W (F', R, R) with W covariance W^H = 1 at f (F',) Hz within the band; worked out once for each f."""
         key = f.tobytes()
         if key not in self._whiteners:
-            covariance = self.covariance[np.clip(np.rint(f / (self.f[1] - self.f[0])).astype(int), 0, len(self.f) - 1)]
+            covariance = self.covariance[
+                np.clip(np.rint(f / (self.f[1] - self.f[0])).astype(int), 0, len(self.f) - 1)
+            ]
             factor = np.linalg.cholesky(self.apart @ covariance @ self.apart.T)
-            self._whiteners[key] = np.asarray(np.tril(np.linalg.inv(factor)) @ self.apart, dtype=np.complex128)
+            self._whiteners[key] = np.asarray(
+                np.tril(np.linalg.inv(factor)) @ self.apart, dtype=np.complex128
+            )
         return self._whiteners[key]
 
     def whitening_gains(self, count: int, band: Band) -> CircularGains:
         """Return what :func:`filtered_circularly` whitens so many rows of a band with; worked out once."""
         if count not in self._gains:
             f = np.fft.rfftfreq(count, 1 / band.kept_rate)
-            self._gains[count] = circular_gains(self.whitener(f[f <= band.cutoff]) * np.sqrt(band.step), count, EDGE)
+            self._gains[count] = circular_gains(
+                self.whitener(f[f <= band.cutoff]) * np.sqrt(band.step), count, EDGE
+            )
         return self._gains[count]
 
 
@@ -115,7 +142,9 @@ def noise_models(
     drive = np.tile(K + 2j * np.pi * f[:, None] * D, 4)
     one, zero, none = np.eye(n), np.zeros((n, n)), np.zeros((n, 2 * n))
     torque = np.hstack([observation.torque_spectrum(c, f, n) for c in ("tau_J", "tau_m")])
-    spectrum = np.hstack([torque, *(observation.position_spectrum(side, f) for side in ("link", "motor"))])
+    spectrum = np.hstack(
+        [torque, *(observation.position_spectrum(side, f) for side in ("link", "motor"))]
+    )
     poses = _inertias(model, observation, acting)
     # What a joint lacks is made of its other encoder, with whose noise.
     made = block_diag(np.eye(2 * n), observation.pieces[0].encoders)
@@ -125,9 +154,15 @@ def noise_models(
     # A torque that a controller makes has the noise of the angle that it follows.
     fed_back = np.block([[none, zero, zero], [none, zero, zero], [none, zero, -one]])
     impedance = np.tile(observation.impedance(f, n), 4)
-    way = equations.transform @ (still + drive[:, None, :] * wound + impedance[:, None, :] * fed_back) @ made
+    way = (
+        equations.transform
+        @ (still + drive[:, None, :] * wound + impedance[:, None, :] * fed_back)
+        @ made
+    )
     # And what accelerations have at each, times the square of the angular frequency.
-    moved = np.array([np.block([[none, M, S], [none, zero, zero], [none, S.T, B]]) for M, S, B in poses])
+    moved = np.array(
+        [np.block([[none, M, S], [none, zero, zero], [none, S.T, B]]) for M, S, B in poses]
+    )
     inertial = equations.transform @ moved @ made
     squares = np.einsum("prc,psc->crs", inertial, inertial) / len(poses)
     weighted = way * spectrum[:, None, :]
@@ -144,11 +179,15 @@ def noise_models(
     # motion. Where a controller makes the torque of angles, z has both of them and no torque.
     follows = np.isin(np.arange(n), list(observation.made_by))
     gains = [1.0 / observation.gains.get(c, np.ones(n)) for c in ("tau_J", "tau_m")]
-    shown = np.concatenate([gains[0], gains[1] * ~follows, follows, follows | made[:, 2 * n : 3 * n].any(axis=0)])
+    shown = np.concatenate(
+        [gains[0], gains[1] * ~follows, follows, follows | made[:, 2 * n : 3 * n].any(axis=0)]
+    )
     recorded = (way + speed2 * inertial.mean(axis=0)) * shown
     sizes = np.linalg.svd(recorded, compute_uv=False)
     # Rows that hold nothing of what was recorded have no density.
-    measure = 2.0 * np.log(np.where(sizes > np.finfo(float).eps * sizes[:, :1], sizes, 1.0)).sum(axis=1)
+    measure = 2.0 * np.log(np.where(sizes > np.finfo(float).eps * sizes[:, :1], sizes, 1.0)).sum(
+        axis=1
+    )
     found = []
     for floor in floors:
         own = covariance * (1.0 + floor**2 * np.eye(equations.rows))
@@ -194,7 +233,9 @@ class Part:
         channel = feature.read_torque
         if channel is None or channel not in self.gains:
             return 1.0
-        return float(self.gains[channel][feature.equations.robot.joint_names.index(str(feature.joint))])
+        return float(
+            self.gains[channel][feature.equations.robot.joint_names.index(str(feature.joint))]
+        )
 
 
 class WhitenedData:
@@ -233,7 +274,11 @@ class WhitenedData:
             standing = np.where(moves, standing_speed(fastest, untold[1]), 0.0)
             steps = {side: np.where(moves, step, 0.0) for side, step in observation.steps.items()}
             # Laws need not pass a smoother whose response at the edge of the band is more than 0.99.
-            limits = observation.smoother if observation.gain(np.array([band.cutoff]))[0] < 0.99 else None
+            limits = (
+                observation.smoother
+                if observation.gain(np.array([band.cutoff]))[0] < 0.99
+                else None
+            )
             loads = loads_of(model, acting, standstill)
             for stretch in residuals(model, observation, layout, in_band, loads):
                 signals_of = partial(
@@ -246,18 +291,28 @@ class WhitenedData:
                     made=observation.made(stretch.quiet),
                 )
                 motion = (
-                    wound_by_load(model, stretch.quiet, loads) if layout.reads_torque_by_deflection else stretch.quiet
+                    wound_by_load(model, stretch.quiet, loads)
+                    if layout.reads_torque_by_deflection
+                    else stretch.quiet
                 )
                 known = known_torques(model, motion, acting, signals_of, predicted=predicted)
                 load, clear = true_load(model, observation, known, noise.f, noise.load)
                 drive = load + known.drive - known.load
-                signals = known.signals.with_model_torques(load, drive, clear, observation.torque_variances(model.n))
-                self.parts.append(Part(stretch, signals, noise, observation.gains, number, known.shares))
+                signals = known.signals.with_model_torques(
+                    load, drive, clear, observation.torque_variances(model.n)
+                )
+                self.parts.append(
+                    Part(stretch, signals, noise, observation.gains, number, known.shares)
+                )
                 self.pure.append(pure)
                 alike = next(others, None)
                 own = stretch, in_band, layout, steps, observation.holes, observation.events
                 free = FreeTorques.of(
-                    *own, friction=sticking_removed, standing=standing, near=alike, noise=noise.autocovariance(in_band)
+                    *own,
+                    friction=sticking_removed,
+                    standing=standing,
+                    near=alike,
+                    noise=noise.autocovariance(in_band),
                 )
                 self._free.append(free)
         if not self.parts:
@@ -271,7 +326,10 @@ class WhitenedData:
 
     def weighted(self, columns: Sequence[Array], *, in_place: bool = False) -> list[Array]:
         """Return columns (N', R, …) of all stretches without torques that no law states, perhaps in the same."""
-        return [free.remove(values, in_place=in_place) for values, free in zip(columns, self._free, strict=True)]
+        return [
+            free.remove(values, in_place=in_place)
+            for values, free in zip(columns, self._free, strict=True)
+        ]
 
     def shares(self) -> list[Array]:
         """Return which share of the noise's power is left (N', R) of each stretch without those torques."""
@@ -285,12 +343,16 @@ class WhitenedData:
 
     def plain(self, feature: Feature, searched: Sequence[float] = ()) -> list[Array]:
         """Return a feature's columns (N', R, count) in the band, one array a stretch."""
-        return self.weighted([self._in_band_of(k, feature, searched) for k in range(len(self.parts))], in_place=True)
+        return self.weighted(
+            [self._in_band_of(k, feature, searched) for k in range(len(self.parts))], in_place=True
+        )
 
     def _in_band_of(self, k: int, feature: Feature, searched: Sequence[float]) -> Array:
         """Return a feature's columns (N', R, count) in stretch k."""
         part = self.parts[k]
-        columns = self.in_band(part, feature.entries(part.signals, searched, self._start(k, feature, searched)))
+        columns = self.in_band(
+            part, feature.entries(part.signals, searched, self._start(k, feature, searched))
+        )
         gain = part.gain(feature)
         return columns if gain == 1.0 else columns / gain
 
@@ -307,7 +369,9 @@ class WhitenedData:
         """Carry columns (N, 3 n, k) at the recording's rate over to the usable equations in the band, (N', R, k)."""
         entries = columns if isinstance(columns, Entries) else Entries.of(columns)
         # Fewer samples first: filter and combination commute.
-        thin = Entries(part.stretch.in_band(entries.values), entries.rows, entries.columns, entries.shape)
+        thin = Entries(
+            part.stretch.in_band(entries.values), entries.rows, entries.columns, entries.shape
+        )
         return self.layout.combine(thin.dense())
 
     def whiten(self, columns: Sequence[Array]) -> Array:
@@ -364,15 +428,24 @@ def _moving(observations: Sequence[Observation]) -> tuple[NDArray[np.bool_], Arr
     """
     quiet = [piece for one in observations for piece in one.quiet]
     sides = [(p.theta, p.dtheta) if p.theta is not None else (p.q, p.dq) for p in quiet]
-    found = [(a.min(axis=0), a.max(axis=0), np.abs(v).max(axis=0)) for a, v in sides if a is not None and v is not None]
+    found = [
+        (a.min(axis=0), a.max(axis=0), np.abs(v).max(axis=0))
+        for a, v in sides
+        if a is not None and v is not None
+    ]
     low, high, fastest = (np.array(column) for column in zip(*found, strict=True))
     return high.max(axis=0) - low.min(axis=0) >= STILL, fastest.max(axis=0)
 
 
 def _velocity_noise(observation: Observation, f: Array, n: int) -> tuple[Array, Array]:
     """Return the standard deviations (n,) of the noise of links' and motors' velocities, rad/s."""
-    density = [(2 * np.pi * f[:, None]) ** 2 * spectrum for spectrum in observation.angle_spectra(f)]
-    link, motor = (np.sqrt(own.sum(axis=0) * (f[1] - f[0]) * 2 / observation.rate) * np.ones(n) for own in density)
+    density = [
+        (2 * np.pi * f[:, None]) ** 2 * spectrum for spectrum in observation.angle_spectra(f)
+    ]
+    link, motor = (
+        np.sqrt(own.sum(axis=0) * (f[1] - f[0]) * 2 / observation.rate) * np.ones(n)
+        for own in density
+    )
     return link, motor
 
 

@@ -26,22 +26,36 @@ def change_of(linear: Linearisation, term: Term) -> Term:
     data, problem = linear.data, linear.problem
     count = len(problem.sources)
     numbered = problem.numbered(linear.which)
-    recording = np.tile(data.of_stretches([numbered[part.recording] for part in data.parts]), data.layout.rows)
+    recording = np.tile(
+        data.of_stretches([numbered[part.recording] for part in data.parts]), data.layout.rows
+    )
     own, own_std = term.columns[:, : term.linear], term.std[: term.linear]
     if bends(term):
         own = term.columns
-        own_std, _, _ = linear_prior(term.feature.by_size, linear.problem.largest_at(term.feature.joint))
+        own_std, _, _ = linear_prior(
+            term.feature.by_size, linear.problem.largest_at(term.feature.joint)
+        )
     columns = np.hstack([np.where((recording == k)[:, None], own, 0.0) for k in range(count)])
     std = np.tile(own_std, count)
     fitted = len(problem.observed[FITTED])
-    return Term(change_key(term), CHANGE, columns, std, what=term.key, fitted=fitted, ident=(*term.ident, CHANGE))
+    return Term(
+        change_key(term),
+        CHANGE,
+        columns,
+        std,
+        what=term.key,
+        fitted=fitted,
+        ident=(*term.ident, CHANGE),
+    )
 
 
 def bends(term: Term) -> bool:
     """Whether a term is an effect whose sizes are among its nonlinear numbers, by steps of their unit."""
     if term.kind != "effect" or term.linear or not term.tangents:
         return False
-    return term.feature.by_size.bends and not any(p.logarithmic for p in term.feature.effect.parameters)
+    return term.feature.by_size.bends and not any(
+        p.logarithmic for p in term.feature.effect.parameters
+    )
 
 
 def possible_changes(linear: Linearisation, fit: Fit) -> Iterator[Term]:

@@ -16,7 +16,9 @@ from elastic_arm.arrays import Array
 from elastic_arm.estimation.whitening import WhitenedData
 from elastic_arm.evidence.term import Ident, Term
 
-OCTAVES = np.array([0.5, 1, 2, 4, 8, 16, 32])  # Hz; edges of the octaves in which noise has a power of its own
+OCTAVES = np.array(
+    [0.5, 1, 2, 4, 8, 16, 32]
+)  # Hz; edges of the octaves in which noise has a power of its own
 
 MADE, STACKS = 16, 4  # sets whose products, and whose columns side by side, are kept; memory
 
@@ -81,7 +83,9 @@ class Bands:
 
     def powers(self, white: Array) -> Array:
         """Return the sum of squares of rows in each band (B,)."""
-        return np.asarray(np.bincount(self.of_rows, white**2, len(self.counts))[self.used], dtype=float)
+        return np.asarray(
+            np.bincount(self.of_rows, white**2, len(self.counts))[self.used], dtype=float
+        )
 
 
 class Grams:
@@ -117,12 +121,16 @@ class Grams:
 
     def less(self, term: Term, lacking: Sequence[Term]) -> Term:
         """Return a term without some shares of its columns: the same, where it moves none of their numbers."""
-        lacking = [share for share in lacking if term.kind == "number" and term.what[share.what].any()]
+        lacking = [
+            share for share in lacking if term.kind == "number" and term.what[share.what].any()
+        ]
         key = (term.ident, *(share.ident for share in lacking))
         if lacking and key not in self._less:
             X = term.columns - sum(share.columns @ term.what[share.what] for share in lacking)
             what = np.array(term.what)
-            what[sorted({k for share in lacking for k in share.what})] = 0.0  # they have none of it any more
+            what[sorted({k for share in lacking for k in share.what})] = (
+                0.0  # they have none of it any more
+            )
             self._less[key] = replace(term, columns=X, ident=key, what=what)
         return self._less[key] if lacking else term
 
@@ -146,7 +154,9 @@ class Grams:
         if len(others) < 2 or (others[0].ident, term.ident) in self._pairs:
             return
         idents = tuple(o.ident for o in others)
-        side_by_side = kept(self._stacks, idents, lambda: np.hstack([self.columns(o) for o in others]), STACKS)
+        side_by_side = kept(
+            self._stacks, idents, lambda: np.hstack([self.columns(o) for o in others]), STACKS
+        )
         found, at = self.bands.products(side_by_side, self.columns(term)), 0
         for o in others:
             own = found[:, at : at + self.columns(o).shape[1]]
@@ -172,7 +182,8 @@ class Grams:
                 mixed = self.basis[share.what].T @ self.with_base(share)[:, 1:].transpose(0, 2, 1)
                 H = H - mixed - mixed.transpose(0, 2, 1)
                 H = H + sum(
-                    self.basis[share.what].T @ self.pair(share, other) @ self.basis[other.what] for other in lacking
+                    self.basis[share.what].T @ self.pair(share, other) @ self.basis[other.what]
+                    for other in lacking
                 )
                 b = b - self.with_base(share)[:, 0] @ self.basis[share.what]
             rows, columns = np.tril_indices(H.shape[1])
@@ -189,11 +200,18 @@ class Grams:
         offsets = [t for t in terms if t.offset is not None]
         for t in offsets:  # of known size: off the residual
             base = base - self.with_numbers(t, lacking)[:, :, 0]
-            yy = yy - 2.0 * self.with_base(t)[:, 0, 0] + sum(self.pair(t, o)[:, 0, 0] for o in offsets)
+            yy = (
+                yy
+                - 2.0 * self.with_base(t)[:, 0, 0]
+                + sum(self.pair(t, o)[:, 0, 0] for o in offsets)
+            )
         b = [base]
         for t in terms:
             first = int(t.offset is not None)
-            b.append(self.with_base(t)[:, 0, first:] - sum(self.pair(o, t)[:, 0, first:] for o in offsets))
+            b.append(
+                self.with_base(t)[:, 0, first:]
+                - sum(self.pair(o, t)[:, 0, first:] for o in offsets)
+            )
         # Sets differ by a term or two: the rows of those before are what they were in a set made lately.
         idents = (tuple(share.ident for share in lacking), *(t.ident for t in terms))
         near = max(self._made, key=lambda known: _shared(known, idents), default=())
@@ -203,7 +221,9 @@ class Grams:
         for i, one in enumerate(terms[begin:], begin):
             first = int(one.offset is not None)
             self._pair_all(terms[:i], one)
-            beside = [self.pair(o, one)[:, int(o.offset is not None) :, first:] for o in terms[: i + 1]]
+            beside = [
+                self.pair(o, one)[:, int(o.offset is not None) :, first:] for o in terms[: i + 1]
+            ]
             block = np.concatenate([self.with_numbers(one, lacking)[:, :, first:], *beside], axis=1)
             above = block.shape[1] - one.count
             rows += [block[:, : above + k + 1, k] for k in range(one.count)]
@@ -213,4 +233,7 @@ class Grams:
 
 def _shared(one: tuple[Ident, ...], other: tuple[Ident, ...]) -> int:
     """Return how many terms two sets begin with alike."""
-    return next((i for i, (a, b) in enumerate(zip(one, other, strict=False)) if a != b), min(len(one), len(other)))
+    return next(
+        (i for i, (a, b) in enumerate(zip(one, other, strict=False)) if a != b),
+        min(len(one), len(other)),
+    )

@@ -54,7 +54,9 @@ class Linearisation:
     which: int = ALL  # the part of the recordings
     # what depends on the motion alone, of the same recordings beside other numbers
     near: Motions | None = field(default=None, repr=False)
-    cache: dict[str, Any] = field(default_factory=dict, init=False, repr=False)  # what was made of it
+    cache: dict[str, Any] = field(
+        default_factory=dict, init=False, repr=False
+    )  # what was made of it
     _allowed: dict[object, list[Parameter]] = field(default_factory=dict, init=False, repr=False)
 
     @cached_property
@@ -73,7 +75,9 @@ class Linearisation:
     def observed(self) -> Observations:
         """The recordings, late channels moved back, torques without their gains."""
         scale = gains(self.problem.numbers, self.values, self.problem.robot.joint_names)
-        return tuple(o.corrected(self.late, scale, self.model.robot) for o in self.problem.part(self.which))
+        return tuple(
+            o.corrected(self.late, scale, self.model.robot) for o in self.problem.part(self.which)
+        )
 
     @property
     def judging(self) -> Linearisation:
@@ -110,11 +114,15 @@ class Linearisation:
         """Columns (N', R, K) of the inertial numbers of each stretch, which depend on the motion alone."""
         near = self.near
         if near is not None and near.late.keys() == self.late.keys():
-            moved = max((float(np.abs(self.late[k] - near.late[k]).max()) for k in self.late), default=0.0)
+            moved = max(
+                (float(np.abs(self.late[k] - near.late[k]).max()) for k in self.late), default=0.0
+            )
             alike = [len(y) for y in near.data.y] == [len(y) for y in self.data.y]
             if alike and moved * self.observed[0].rate < 1.0:
                 return near.inertial
-        return inertial_columns(self.model, self.data, self.problem.numbers, self.problem.directions)
+        return inertial_columns(
+            self.model, self.data, self.problem.numbers, self.problem.directions
+        )
 
     @property
     def motions(self) -> Motions:
@@ -126,7 +134,13 @@ class Linearisation:
         """Columns (N', R, K) of the numbers of each stretch, Nm for one standard deviation."""
         p = self.problem
         return number_columns(
-            self.model, p.robot, self.data, p.numbers, self.inertial, self._features, p.numbered(self.which)
+            self.model,
+            p.robot,
+            self.data,
+            p.numbers,
+            self.inertial,
+            self._features,
+            p.numbered(self.which),
         )
 
     @cached_property
@@ -138,10 +152,14 @@ class Linearisation:
         """What effects that act, but need not be there, add to the columns of some numbers."""
         found = []
         for e, effect in ((e, effect) for e, effect in enumerate(self.acting) if not effect.known):
-            numbers, plain = shared_columns(self.data, self.problem.numbers, self._features, e, self.values)
+            numbers, plain = shared_columns(
+                self.data, self.problem.numbers, self._features, e, self.values
+            )
             if numbers:
                 X = self.data.whiten(plain)
-                found.append(Term(effect.feature.key, "share", X, np.zeros(len(numbers)), what=numbers))
+                found.append(
+                    Term(effect.feature.key, "share", X, np.zeros(len(numbers)), what=numbers)
+                )
         return tuple(found)
 
     @cached_property

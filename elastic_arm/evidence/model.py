@@ -14,11 +14,25 @@ from elastic_arm.arrays import Array
 from elastic_arm.evidence.grams import Bands, Grams, kept
 from elastic_arm.evidence.pool import sized
 from elastic_arm.evidence.posterior import Posterior, Prior, mass, posterior
-from elastic_arm.evidence.priors import CHANGED, FORMLESS, MEASURED, ODDS, RELATED, SCALES, SIZES, TRUST, USUAL
+from elastic_arm.evidence.priors import (
+    CHANGED,
+    FORMLESS,
+    MEASURED,
+    ODDS,
+    RELATED,
+    SCALES,
+    SIZES,
+    TRUST,
+    USUAL,
+)
 from elastic_arm.evidence.term import Ident, Key, Term
 
 WIDEST = max(one.factor for one in TRUST.values())
-SCREENS, PRODUCTS, FITS = 4, 100, 500  # screens, products with all terms and fits that are kept; memory
+SCREENS, PRODUCTS, FITS = (
+    4,
+    100,
+    500,
+)  # screens, products with all terms and fits that are kept; memory
 EXACT = 0.1  # factor of the trust below which the numbers of a description lie where it has them; numerical
 LOOKED_AT = 30  # terms of which first-order gains are made well; numerical
 # Of sensors, only a simulation's description says how they are; details of how a law is met are in no description.
@@ -34,13 +48,20 @@ class Fit:
     model: LinearModel
     terms: tuple[Term, ...]
     found: Posterior  # posterior of the numbers' coefficients and the terms'
-    correction: float = 0.0  # of the score, by which it compares with scores at another linearisation
+    correction: float = (
+        0.0  # of the score, by which it compares with scores at another linearisation
+    )
 
     @property
     def score(self) -> float:
         """ln p(y, set) up to a constant of the data."""
         prices = sum(t.price + self.model.doubt(t) for t in self.optional)
-        return self.found.evidence - prices + float(np.log(TRUST[self.model.name].prior)) + self.correction
+        return (
+            self.found.evidence
+            - prices
+            + float(np.log(TRUST[self.model.name].prior))
+            + self.correction
+        )
 
     def compared_with(self, other: Fit) -> Fit:
         """Return the fit with a score that compares with that of a fit at another linearisation.
@@ -49,7 +70,9 @@ class Fit:
         other fit leaves less than its noise, these differ by as much less.
         """
         share = float(np.sum(other.found.left / other.found.v) / len(self.model.y))
-        return replace(self, correction=other.correction + share * (self.model.density - other.model.density))
+        return replace(
+            self, correction=other.correction + share * (self.model.density - other.model.density)
+        )
 
     @cached_property
     def slices(self) -> dict[Ident, slice]:
@@ -62,7 +85,10 @@ class Fit:
 
     def spread(self) -> tuple[Array, Array]:
         """Return the products of its columns (B, p, p), and of what is left with them (B, p)."""
-        products, p = self.model.grams.of(self.terms, self.model.lacking(self.terms)), len(self.found.x)
+        products, p = (
+            self.model.grams.of(self.terms, self.model.lacking(self.terms)),
+            len(self.found.x),
+        )
         H = np.zeros((len(products.yy), p, p))
         rows, columns = np.tril_indices(p)
         H[:, rows, columns] = H[:, columns, rows] = products.half
@@ -105,7 +131,10 @@ class Fit:
     @property
     def far_off(self) -> Array:
         """The part (K,) of the numbers that is far off."""
-        return sum((t.what @ self.beta(t) for t in self.optional if t.kind == "number"), np.zeros(len(self.model.mean)))
+        return sum(
+            (t.what @ self.beta(t) for t in self.optional if t.kind == "number"),
+            np.zeros(len(self.model.mean)),
+        )
 
     def rows(self, term: Term) -> Array:
         """Return the coefficients (k, p) of a term by the fit's: of one that changes, its mean over fitted ones."""
@@ -164,14 +193,23 @@ class Screen:
         bands = grams.bands
         self.sizes = np.array([t.count + (t.offset is not None) for t in self.terms], dtype=int)
         self.at = np.concatenate([[0], np.cumsum(self.sizes)])
-        self.X = bands.side_by_side([part for t in self.terms for part in t.parts] or [grams.base[:, :0]])
+        self.X = bands.side_by_side(
+            [part for t in self.terms for part in t.parts] or [grams.base[:, :0]]
+        )
         # The same memory holds the terms' columns: rows of one linearisation are in the order of its bands.
         self.terms = [
-            replace(t, columns=self.X[:, j - t.count : j], offset=None if t.offset is None else self.X[:, i])
+            replace(
+                t,
+                columns=self.X[:, j - t.count : j],
+                offset=None if t.offset is None else self.X[:, i],
+            )
             for t, i, j in zip(self.terms, self.at[:-1], self.at[1:], strict=True)
         ]
         self.with_base = bands.products(grams.base, self.X)
-        own = [bands.products(self.X[:, i:j], self.X[:, i:j]) for i, j in zip(self.at[:-1], self.at[1:], strict=True)]
+        own = [
+            bands.products(self.X[:, i:j], self.X[:, i:j])
+            for i, j in zip(self.at[:-1], self.at[1:], strict=True)
+        ]
         # Terms of as many columns side by side.
         self.place = np.zeros(len(self.terms), dtype=int)
         self.own: dict[int, Array] = {}
@@ -189,11 +227,16 @@ class Screen:
 
     def _apart(self, terms: tuple[Term, ...]) -> Screen:
         """Return the screen of terms without some shares of their columns."""
-        return kept(self._screens, tuple(t.ident for t in terms), lambda: Screen(self.grams, terms), SCREENS)
+        return kept(
+            self._screens, tuple(t.ident for t in terms), lambda: Screen(self.grams, terms), SCREENS
+        )
 
     def _with_term(self, term: Term) -> Array:
         return kept(
-            self._with, term.ident, lambda: self.grams.bands.products(self.grams.columns(term), self.X), PRODUCTS
+            self._with,
+            term.ident,
+            lambda: self.grams.bands.products(self.grams.columns(term), self.X),
+            PRODUCTS,
         )
 
     def _columns(self, among: NDArray[np.intp]) -> NDArray[np.intp] | slice:
@@ -206,7 +249,9 @@ class Screen:
         numbers, left, at = self.with_base[:, 1:, columns], self.with_base[:, 0, columns], 0
         lacking = fit.model.lacking(fit.terms)
         for share in lacking:
-            numbers = numbers - self.grams.basis[share.what].T @ self._with_term(share)[:, :, columns]
+            numbers = (
+                numbers - self.grams.basis[share.what].T @ self._with_term(share)[:, :, columns]
+            )
         pieces = [numbers]
         for t in (self.grams.less(t, lacking) for t in fit.terms):
             first = int(t.offset is not None)
@@ -255,7 +300,11 @@ class Screen:
         gains = np.full(len(self.terms), -np.inf)
         lacking = fit.model.lacking(fit.terms)
         which = range(len(self.terms)) if among is None else sorted(among)
-        apart = {t: one for t in which if (one := self.grams.less(self.terms[t], lacking)) is not self.terms[t]}
+        apart = {
+            t: one
+            for t in which
+            if (one := self.grams.less(self.terms[t], lacking)) is not self.terms[t]
+        }
         if apart:
             screen = self._apart(tuple(apart.values()))
             gains[list(apart)] = screen.gains(fit)
@@ -278,23 +327,36 @@ class Screen:
             G = np.einsum("b,tbij->tij", w, own[self.place[some[here]]], optimize=True)
             G -= np.einsum("pti,ptj->tij", C[:, columns], SC[:, columns], optimize=True)
             terms = [self.terms[t] for t in some[here]]
-            gain, beta, sizes = (_first_order if k == 1 else _several)(fit.model, terms, G, b[columns])
+            gain, beta, sizes = (_first_order if k == 1 else _several)(
+                fit.model, terms, G, b[columns]
+            )
             gains[some[here]] = gain
-            self.chosen |= {int(t): size for t, size in zip(some[here], sizes, strict=True) if size is not None}
+            self.chosen |= {
+                int(t): size for t, size in zip(some[here], sizes, strict=True) if size is not None
+            }
             mean |= dict(zip(here.tolist(), beta, strict=True))
             less[:, here] = 2.0 * np.einsum("bti,ti->bt", left[:, columns], beta)
-            less[:, here] -= np.einsum("tbij,ti,tj->bt", own[self.place[some[here]]], beta, beta, optimize=True)
+            less[:, here] -= np.einsum(
+                "tbij,ti,tj->bt", own[self.place[some[here]]], beta, beta, optimize=True
+            )
         first = gains[some]
         rough = first + self._quieter(fit, less)
-        short = np.unique(np.concatenate([np.argsort(-first)[:LOOKED_AT], np.argsort(-rough)[:LOOKED_AT]]))
+        short = np.unique(
+            np.concatenate([np.argsort(-first)[:LOOKED_AT], np.argsort(-rough)[:LOOKED_AT]])
+        )
         # What is there already moves with it.
         H, own_left = kept(fit.model.spreads, fit.terms, fit.spread, 1)
         changes = [(slice(at[t], at[t + 1]), mean[int(t)]) for t in short]
         back = -np.stack([SC[:, own] @ beta for own, beta in changes], axis=1)
         X = np.concatenate(
-            [np.stack([one[:, :, own] @ beta for own, beta in changes], axis=2) for one in pieces], axis=1
+            [np.stack([one[:, :, own] @ beta for own, beta in changes], axis=2) for one in pieces],
+            axis=1,
         )
-        moved = less[:, short] + 2.0 * (own_left @ back) - np.einsum("bps,ps->bs", H @ back + 2.0 * X, back)
+        moved = (
+            less[:, short]
+            + 2.0 * (own_left @ back)
+            - np.einsum("bps,ps->bs", H @ back + 2.0 * X, back)
+        )
         gains[some[short]] += self._quieter(fit, moved)
         return gains
 
@@ -305,7 +367,9 @@ class Screen:
         now = np.maximum(left - less, 1e-9)
         quiet = np.maximum(np.where(v > 1.0, now / n, 1.0), 1.0)
         # Beyond what the same noise makes of it, which is counted already.
-        return np.sum(0.5 * (n * np.log(v / quiet) + left / v - now / quiet - (left - now) / v), axis=0)
+        return np.sum(
+            0.5 * (n * np.log(v / quiet) + left / v - now / quiet - (left - now) / v), axis=0
+        )
 
     def term(self, t: int) -> Term:
         """Return a term as :meth:`gains` found it best, with columns of its own: a set that holds it outlives these."""
@@ -327,15 +391,27 @@ class LinearModel:
     bands: Bands  # of the rows
     mean: Array  # (K,) prior means of the numbers' coefficients, whose standard deviation is the trust
     kinds: NDArray[np.intp]  # (K,) of which kind they are (:data:`KINDS`)
-    moving: NDArray[np.bool_]  # (K,) at which numbers' values the residuals are made; the others act linearly
+    moving: NDArray[
+        np.bool_
+    ]  # (K,) at which numbers' values the residuals are made; the others act linearly
     always: tuple[Term, ...] = ()  # terms that are known to be there
-    shares: tuple[Term, ...] = ()  # what other terms add to columns of the numbers (:attr:`.Linearisation.shares`)
+    shares: tuple[
+        Term, ...
+    ] = ()  # what other terms add to columns of the numbers (:attr:`.Linearisation.shares`)
     name: str = ""  # the trust in the description
     density: float = 0.0  # ln of the density of what was recorded over that of the rows (:attr:`.WhitenedData.density`)
-    fitted_rows: NDArray[np.bool_] | None = None  # (rows,) of recordings that are fitted; None for all
-    usual: frozenset[Key] = frozenset()  # what every real drive has and the description does not state
-    parts: dict[str, LinearModel] = field(default_factory=dict)  # the same data without the judging rows
-    spreads: dict[object, tuple[Array, Array]] = field(default_factory=dict, init=False)  # of the last fit
+    fitted_rows: NDArray[np.bool_] | None = (
+        None  # (rows,) of recordings that are fitted; None for all
+    )
+    usual: frozenset[Key] = (
+        frozenset()
+    )  # what every real drive has and the description does not state
+    parts: dict[str, LinearModel] = field(
+        default_factory=dict
+    )  # the same data without the judging rows
+    spreads: dict[object, tuple[Array, Array]] = field(
+        default_factory=dict, init=False
+    )  # of the last fit
     _fits: dict[object, Fit] = field(default_factory=dict, init=False)
 
     @cached_property
@@ -353,7 +429,9 @@ class LinearModel:
             V[own] = U[:, told]
             found.append(V)
             kinds.append(np.full(V.shape[1], kind))
-        return np.hstack([np.zeros((len(self.mean), 0)), *found]), np.concatenate([np.zeros(0, dtype=int), *kinds])
+        return np.hstack([np.zeros((len(self.mean), 0)), *found]), np.concatenate(
+            [np.zeros(0, dtype=int), *kinds]
+        )
 
     def factors(self, kinds: NDArray[np.intp]) -> Array:
         """Return the factors of the trust on the standard deviations of numbers of some kinds."""
@@ -386,7 +464,12 @@ class LinearModel:
     def _posterior(self, terms: Sequence[Term], prior: Prior, start: Array | None) -> Posterior:
         coloured = float(np.log(TRUST[self.name].coloured))
         return posterior(
-            self.grams.of(terms, self.lacking(terms)), self.bands.n, prior, self.bands.place, coloured, start
+            self.grams.of(terms, self.lacking(terms)),
+            self.bands.n,
+            prior,
+            self.bands.place,
+            coloured,
+            start,
         )
 
     def of_fitted(self, fit: Fit) -> Fit:
@@ -422,18 +505,24 @@ class LinearModel:
         near: A fit of a similar set, where its noise starts.
         """
         terms = tuple(terms)
-        return kept(self._fits, frozenset(t.ident for t in terms), lambda: self._fitted(terms, near), FITS)
+        return kept(
+            self._fits, frozenset(t.ident for t in terms), lambda: self._fitted(terms, near), FITS
+        )
 
     def _fitted(self, terms: tuple[Term, ...], near: Fit | None) -> Fit:
         whole, (V, kinds) = (*self.always, *terms), self.basis
         free = np.full(V.shape[1], np.inf)
         prior = Prior(
             np.concatenate([V.T @ self.mean, *(t.mean for t in whole)]),
-            np.concatenate([self.factors(kinds), *(t.std * (self.trust if t.trusted else 1.0) for t in whole)]),
+            np.concatenate(
+                [self.factors(kinds), *(t.std * (self.trust if t.trusted else 1.0) for t in whole)]
+            ),
             np.concatenate([-free, *(t.low for t in whole)]),
             np.concatenate([free, *(t.high for t in whole)]),
         )
-        return Fit(self, whole, self._posterior(whole, prior, None if near is None else near.found.v))
+        return Fit(
+            self, whole, self._posterior(whole, prior, None if near is None else near.found.v)
+        )
 
 
 Gains = tuple[Array, Array, list[float | None]]
@@ -455,9 +544,9 @@ def _first_order(model: LinearModel, terms: Sequence[Term], G: Array, b: Array) 
         variance = 1.0 / (G + prior**-2.0)
         mean = variance * b
         gain = 0.5 * mean * b + 0.5 * np.log(variance / prior**2)
-        gain[bounded] += mass(mean[bounded], np.sqrt(variance[bounded]), low[bounded], high[bounded]) - mass(
-            np.zeros(1), prior[bounded], low[bounded], high[bounded]
-        )
+        gain[bounded] += mass(
+            mean[bounded], np.sqrt(variance[bounded]), low[bounded], high[bounded]
+        ) - mass(np.zeros(1), prior[bounded], low[bounded], high[bounded])
         gained.append(gain)
         means.append(mean)
     best = np.argmax(gained, axis=0)
@@ -480,6 +569,14 @@ def _several(model: LinearModel, terms: Sequence[Term], G: Array, b: Array) -> G
     # The size of a law is averaged over, as its prior is not stated; the scale of an effect is chosen.
     of_laws, of_effects = np.stack([at(a) for a in SIZES]), np.stack([at(s) for s in SCALES])
     size = np.where(laws, SIZES[np.argmax(of_laws, axis=0)], SCALES[np.argmax(of_effects, axis=0)])
-    gain = np.where(laws, logsumexp(of_laws, axis=0) - np.log(len(SIZES)), of_effects.max(axis=0) - np.log(len(SCALES)))
+    gain = np.where(
+        laws,
+        logsumexp(of_laws, axis=0) - np.log(len(SIZES)),
+        of_effects.max(axis=0) - np.log(len(SCALES)),
+    )
     mean = std * np.einsum("tij,tj->ti", U, z / (e + size[:, None] ** -2.0))
-    return gain - np.array([t.price + model.doubt(t) for t in terms]), mean, [float(s) for s in size]
+    return (
+        gain - np.array([t.price + model.doubt(t) for t in terms]),
+        mean,
+        [float(s) for s in size],
+    )

@@ -68,7 +68,10 @@ def tangent_term(linear: Linearisation, term: Term, theta: Sequence[float], size
             continue
         low, high = axis(p)
         h = STEP * (high - low) if not p.logarithmic else STEP
-        ends = [linear.columns(feature, [*theta[:j], moved(p, theta[j], s * h), *theta[j + 1 :]]) for s in (1.0, -1.0)]
+        ends = [
+            linear.columns(feature, [*theta[:j], moved(p, theta[j], s * h), *theta[j + 1 :]])
+            for s in (1.0, -1.0)
+        ]
         found.append(size * (ends[0] - ends[1]).sum(axis=1) / (2.0 * h))
         here = float(np.log(theta[j])) if p.logarithmic else theta[j]
         mean.append((low + high) / 2.0 - here)
@@ -111,12 +114,18 @@ def start_of(term: Term, fit: Fit) -> tuple[Feature, tuple[float, ...], float]:
     if np.isnan(term.theta).any():  # linear in size and size times monomials, numbers first
         size = float(beta[0]) if beta[0] else TINY
         own = components(feature)
-        theta = [float(np.clip(b / size, p.low, p.high)) for b, p in zip(beta[1 : 1 + len(own)], own, strict=True)]
+        theta = [
+            float(np.clip(b / size, p.low, p.high))
+            for b, p in zip(beta[1 : 1 + len(own)], own, strict=True)
+        ]
         return feature, tuple(theta), size
     if feature.bends:
         values = feature.parameters([float(b) for b in beta], term.theta)
         flat = np.concatenate([np.atleast_1d(values[p.name]) for p in feature.effect.parameters])
-        inside = [float(np.clip(v, p.low, p.high)) for v, p in zip(flat, components(feature.whole()), strict=True)]
+        inside = [
+            float(np.clip(v, p.low, p.high))
+            for v, p in zip(flat, components(feature.whole()), strict=True)
+        ]
         return feature.whole(), tuple(inside), 1.0
     if feature.fixed:
         return feature, term.theta, 1.0
@@ -124,7 +133,13 @@ def start_of(term: Term, fit: Fit) -> tuple[Feature, tuple[float, ...], float]:
 
 
 def refined(
-    linear: Linearisation, model: LinearModel, term: Term, others: Sequence[Term], near: Fit, *, scan: bool
+    linear: Linearisation,
+    model: LinearModel,
+    term: Term,
+    others: Sequence[Term],
+    near: Fit,
+    *,
+    scan: bool,
 ) -> tuple[Term, Fit]:
     """Return a term with its nonlinear numbers where they are most probable beside others, and the fit of all.
 
@@ -138,7 +153,9 @@ def refined(
     if np.isnan(term.theta).any():
         start = start.scaled(1.0)  # the scale of a relaxed law is that of its first order
         theta, size = _placed(linear, model, start, model.fit(others, near), theta)
-        start = start.scaled(float(min(SCALES, key=lambda s: abs(np.log(max(size, TINY) / (s * start.std[0]))))))
+        start = start.scaled(
+            float(min(SCALES, key=lambda s: abs(np.log(max(size, TINY) / (s * start.std[0])))))
+        )
     best = tangent_term(linear, start, theta, size)
     fit = model.fit([*others, best], first)
     for _ in range(STEPS):
@@ -147,7 +164,10 @@ def refined(
             break
         better = None
         for share in (1.0, 0.3):
-            there = [moved(p, v, share * s) for p, v, s in zip(linear.allowed(feature), best.theta, step, strict=True)]
+            there = [
+                moved(p, v, share * s)
+                for p, v, s in zip(linear.allowed(feature), best.theta, step, strict=True)
+            ]
             size = best.size if feature.fixed else float(fit.beta(best)[0])
             one = tangent_term(linear, start, there, size)
             now = model.fit([*others, one], fit)
@@ -163,7 +183,9 @@ def refined(
     return best, fit
 
 
-def placed_anew(linear: Linearisation, model: LinearModel, term: Term, others: Sequence[Term]) -> Term:
+def placed_anew(
+    linear: Linearisation, model: LinearModel, term: Term, others: Sequence[Term]
+) -> Term:
     """Return the term of a law of second degree in several numbers where these are most probable beside others."""
     theta, size = _placed(linear, model, term, model.fit(others), term.theta)
     return tangent_term(linear, term, theta, size)
@@ -200,8 +222,13 @@ def _placed(
     found = []
     for start in (np.array(relaxed), *(middle + around)):
         inwards = np.diag(np.where(start > middle, -0.1, 0.1) * widths)
-        options = {"initial_simplex": start + np.vstack([np.zeros_like(start), inwards]), "maxfev": PLACES}
-        best = minimize(lambda at: -size_at(at)[1], start, method="Nelder-Mead", bounds=ranges, options=options)
+        options = {
+            "initial_simplex": start + np.vstack([np.zeros_like(start), inwards]),
+            "maxfev": PLACES,
+        }
+        best = minimize(
+            lambda at: -size_at(at)[1], start, method="Nelder-Mead", bounds=ranges, options=options
+        )
         found.append((-float(best.fun), tuple(best.x.tolist())))
     theta = max(found)[1]
     return theta, size_at(np.array(theta))[0]
@@ -223,7 +250,9 @@ def _scanned(
     def law_at(at: float) -> Term:
         theta = (float(np.exp(at)) if p.logarithmic else at,)
         X = linear.columns(feature, theta)
-        return replace(term, columns=X, theta=theta, tangents=(), ident=(*term.ident, theta), **prior)
+        return replace(
+            term, columns=X, theta=theta, tangents=(), ident=(*term.ident, theta), **prior
+        )
 
     tried: list[tuple[float, tuple[float, ...], float]] = []
 
@@ -240,7 +269,10 @@ def _scanned(
     best = min(likeliest, key=lambda k: cost(scanned[k]))
     bounds = values[max(best - 1, 0)], values[min(best + 1, SCANNED - 1)]
     minimize_scalar(
-        lambda at: cost(law_at(float(at))), bounds=bounds, method="bounded", options={"maxiter": EVALUATIONS}
+        lambda at: cost(law_at(float(at))),
+        bounds=bounds,
+        method="bounded",
+        options={"maxiter": EVALUATIONS},
     )
     _, theta, size = max(tried)
     return theta, 1.0 if feature.fixed else size

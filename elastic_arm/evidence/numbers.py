@@ -45,7 +45,11 @@ def numbers_of(
     """
     found: list[Number] = []
     features, inertias = tuple(features), _motor_inertias(pieces)
-    errors = {(feature.effect.number, feature.joint): feature for feature in features if feature.effect.number}
+    errors = {
+        (feature.effect.number, feature.joint): feature
+        for feature in features
+        if feature.effect.number
+    }
     for j, joint in enumerate(robot.joints):
         stds = {"link_mass": ("1", priors.mass, 1.0)}
         stds |= {f"link_com_{axis}": ("m", priors.centre_of_mass, 0.0) for axis in "xyz"}
@@ -53,12 +57,20 @@ def numbers_of(
             std = priors.inertia if a == b else priors.product_of_inertia
             stds[f"link_inertia_{'xyz'[a]}{'xyz'[b]}"] = ("1", std, 0.0)
         if joint.transmission is not None:
-            stds |= {"rotor_inertia": ("1", priors.rotor, 1.0), "spline_inertia_ratio": ("1", priors.rotor, 1.0)}
-            stds |= {"stiffness": ("1", priors.stiffness, 1.0), "damping": ("1", priors.damping, 1.0)}
+            stds |= {
+                "rotor_inertia": ("1", priors.rotor, 1.0),
+                "spline_inertia_ratio": ("1", priors.rotor, 1.0),
+            }
+            stds |= {
+                "stiffness": ("1", priors.stiffness, 1.0),
+                "damping": ("1", priors.damping, 1.0),
+            }
         if joint.armature:
             stds |= {"rotor_inertia": ("1", priors.rotor, 1.0)}
         elif joint.armature is not None and inertias is not None:
-            stds |= {"rotor_inertia": ("kg" if joint.prismatic else "kg m^2", float(inertias[j]), 0.0)}
+            stds |= {
+                "rotor_inertia": ("kg" if joint.prismatic else "kg m^2", float(inertias[j]), 0.0)
+            }
         for what, (unit, std, neutral) in stds.items():
             limit = LARGEST_SCALE / std if what in ("stiffness", "damping") else np.inf
             error = errors.get((what, joint.name)) if neutral == 1.0 else None
@@ -66,8 +78,14 @@ def numbers_of(
         presliding = min(priors.presliding, PRESLIDING_SHARE * float(largest[j]))
         found += _turnovers(joint, 0.0 if turning is None else float(turning[j]), presliding, sides)
     for feature in features:
-        if isinstance(feature.effect, ControllerEffect) and feature.effect.number and feature.joint is not None:
-            what = feature.effect.number if (SCALE, feature.joint) in errors else SCALE  # one gain is all of them
+        if (
+            isinstance(feature.effect, ControllerEffect)
+            and feature.effect.number
+            and feature.joint is not None
+        ):
+            what = (
+                feature.effect.number if (SCALE, feature.joint) in errors else SCALE
+            )  # one gain is all of them
             std = priors.controller if what == SCALE else priors.gain_ratio
             found.append(Number(what, feature.joint, "1", std, 1.0, error=feature))
         chosen = _single_choices(feature)
@@ -79,7 +97,9 @@ def numbers_of(
             std = min(std, OFFSET_SHARE * float(largest[robot.joint_names.index(feature.joint)]))
         limit = LARGEST_RATIO / std if parameter.unit == "1" else np.inf
         what, neutral = "_".join([feature.effect.id, *chosen]), parameter.neutral or 0.0
-        found.append(Number(what, feature.joint, feature.unit(parameter), std, neutral, feature, limit=limit))
+        found.append(
+            Number(what, feature.joint, feature.unit(parameter), std, neutral, feature, limit=limit)
+        )
     return tuple(found)
 
 
@@ -90,7 +110,15 @@ def _turnovers(joint: Joint, turning: float, std: float, sides: Sequence[str]) -
     for side in ("link", "motor") if apart else ("motor",):
         for k, shares in enumerate(WIDTHS):
             speeds = tuple(share * width for share in shares)
-            yield Number(f"{PRESLIDING}_{side}_{k}", joint.name, joint.unit("Nm"), std, 0.0, speeds=speeds, side=side)
+            yield Number(
+                f"{PRESLIDING}_{side}_{k}",
+                joint.name,
+                joint.unit("Nm"),
+                std,
+                0.0,
+                speeds=speeds,
+                side=side,
+            )
 
 
 def _motor_inertias(pieces: Sequence[Motion]) -> Array | None:
@@ -104,7 +132,9 @@ def _motor_inertias(pieces: Sequence[Motion]) -> Array | None:
         ddq = piece.ddq if piece.ddq is not None else piece.ddtheta
         if piece.tau_m is None or ddq is None:
             return None
-        squares = squares + np.array([np.nansum(np.square(values), axis=0) for values in (piece.tau_m, ddq)])
+        squares = squares + np.array(
+            [np.nansum(np.square(values), axis=0) for values in (piece.tau_m, ddq)]
+        )
     torque, acceleration = np.sqrt(squares)
     return np.asarray(np.maximum(torque, LEAST_SCALE) / np.maximum(acceleration, LEAST_SCALE))
 
@@ -129,5 +159,7 @@ def of_each_recording(numbers: Sequence[Number], count: int, share: float) -> tu
 
 def _single_choices(feature: Feature) -> list[str] | None:
     """Return what was chosen of an effect's choices; None where several were made at once."""
-    chosen = [(value,) if isinstance(value, str) else tuple(value) for value in feature.choices.values()]
+    chosen = [
+        (value,) if isinstance(value, str) else tuple(value) for value in feature.choices.values()
+    ]
     return None if any(len(values) > 1 for values in chosen) else [values[0] for values in chosen]

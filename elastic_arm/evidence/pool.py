@@ -21,7 +21,9 @@ from elastic_arm.evidence.term import Key, Term
 Columns = Callable[[Feature, Sequence[float]], Array]
 
 COARSE, ORDERS = 5, 12  # values tried of each of several nonlinear numbers, and of an order
-COEFFICIENTS = np.concatenate([s * np.geomspace(1e-8, 1e8, 2001) for s in (-1.0, 1.0)])  # where bounds are looked for
+COEFFICIENTS = np.concatenate(
+    [s * np.geomspace(1e-8, 1e8, 2001) for s in (-1.0, 1.0)]
+)  # where bounds are looked for
 
 
 def coefficient_range(parameter: Parameter) -> tuple[float, float, float]:
@@ -34,7 +36,13 @@ def coefficient_range(parameter: Parameter) -> tuple[float, float, float]:
         within = COEFFICIENTS[(values >= parameter.low) & (values <= parameter.high)]
         span = float(np.abs(within).max())
         one_sided = bool((within > 0).all() or (within < 0).all())
-        low, high = (0.0, np.inf) if within.min() > 0 else (-np.inf, 0.0) if one_sided else (-np.inf, np.inf)
+        low, high = (
+            (0.0, np.inf)
+            if within.min() > 0
+            else (-np.inf, 0.0)
+            if one_sided
+            else (-np.inf, np.inf)
+        )
         return span, low, high if parameter.neutral is None else min(high, 0.99)
     neutral = parameter.neutral or 0.0
     low = 0.0 if parameter.neutral == 0.0 and parameter.low > 0.0 else parameter.above - neutral
@@ -55,7 +63,9 @@ def linear_prior(feature: Feature, largest: float) -> tuple[Array, Array, Array]
     if feature.phase is not None:
         found = [(found[0][0], -np.inf, np.inf)] * 2
     std, low_, high_ = (
-        (np.array(column, dtype=float) for column in zip(*found, strict=True)) if found else (np.zeros(0),) * 3
+        (np.array(column, dtype=float) for column in zip(*found, strict=True))
+        if found
+        else (np.zeros(0),) * 3
     )
     return std, low_, high_
 
@@ -77,11 +87,38 @@ def effect_terms(linear: Linearisation, features: Sequence[Feature]) -> list[Ter
             return _relaxed(linear.columns, feature, own)
         X = linear.columns(feature, point)
         if feature.fixed and not feature.searched:
-            return Term(feature.key, "effect", X[:, :0], np.zeros(0), grid=price, offset=X.sum(axis=1), feature=feature)
+            return Term(
+                feature.key,
+                "effect",
+                X[:, :0],
+                np.zeros(0),
+                grid=price,
+                offset=X.sum(axis=1),
+                feature=feature,
+            )
         if feature.fixed:  # scaled while its numbers are looked for
-            return Term(feature.key, "effect", X, np.ones(1), grid=price, low=np.zeros(1), feature=feature, theta=point)
+            return Term(
+                feature.key,
+                "effect",
+                X,
+                np.ones(1),
+                grid=price,
+                low=np.zeros(1),
+                feature=feature,
+                theta=point,
+            )
         std, low, high = linear_prior(feature, own)
-        return Term(feature.key, "effect", X, std, grid=price, low=low, high=high, feature=feature, theta=point)
+        return Term(
+            feature.key,
+            "effect",
+            X,
+            std,
+            grid=price,
+            low=low,
+            high=high,
+            feature=feature,
+            theta=point,
+        )
 
     return share_out(made, wanted)
 
@@ -92,7 +129,9 @@ def _relaxed(columns: Columns, feature: Feature, largest: float) -> Term:
     It holds what the law can do and more: what it gains is proposed, and the law at its best numbers decides.
     """
     (std,), (low,), (high,) = linear_prior(feature, largest)
-    reach = np.array([max(abs(p.low), abs(p.high)) for p in feature.searched for _ in range(p.size)])
+    reach = np.array(
+        [max(abs(p.low), abs(p.high)) for p in feature.searched for _ in range(p.size)]
+    )
     reaches = monomials(reach[None])[0]
     free = np.full(len(reaches) - 1, np.inf)
     return Term(
@@ -110,7 +149,9 @@ def _relaxed(columns: Columns, feature: Feature, largest: float) -> Term:
 def relaxed_columns(columns: Columns, feature: Feature) -> Array:
     """Return what an effect does in all monomials of its nonlinear numbers."""
     points = quadratic_points(sum(p.size for p in feature.searched))
-    return np.hstack([columns(feature, tuple(point)) for point in points]) @ np.linalg.inv(monomials(points).T)
+    return np.hstack([columns(feature, tuple(point)) for point in points]) @ np.linalg.inv(
+        monomials(points).T
+    )
 
 
 def starting_points(feature: Feature, linear: Linearisation) -> list[tuple[float, ...]]:
@@ -120,7 +161,9 @@ def starting_points(feature: Feature, linear: Linearisation) -> list[tuple[float
         return [()]
     if (middle := _middle(feature)) is not None:
         return [middle]
-    return list(product(*(_spread(p, p.tried if len(components) == 1 else COARSE) for p in components)))
+    return list(
+        product(*(_spread(p, p.tried if len(components) == 1 else COARSE) for p in components))
+    )
 
 
 def _middle(feature: Feature) -> tuple[float, ...] | None:
@@ -135,7 +178,9 @@ def _spread(parameter: Parameter, count: int) -> list[float]:
     if parameter.integer:
         first = int(np.ceil(low))
         return [float(k) for k in range(first, min(first + ORDERS - 1, int(high)) + 1)]
-    return [float(v) for v in (np.geomspace if parameter.logarithmic else np.linspace)(low, high, count)]
+    return [
+        float(v) for v in (np.geomspace if parameter.logarithmic else np.linspace)(low, high, count)
+    ]
 
 
 def number_terms(parameters: Sequence[Number], N: Array, far: Set[str]) -> list[Term]:
@@ -151,13 +196,17 @@ def number_terms(parameters: Sequence[Number], N: Array, far: Set[str]) -> list[
             continue
         key = parameter.cause.key
         moves = unit[:, [k]].copy()
-        if parameter.what == SCALE:  # a gain of angles that is off leaves that of speeds where it is
+        if (
+            parameter.what == SCALE
+        ):  # a gain of angles that is off leaves that of speeds where it is
             for i, other in enumerate(parameters):
                 if (other.what, other.joint) == (RATIO, parameter.joint):
                     moves[i] = -parameter.prior_std / other.prior_std
         found.append(_number(parameter, N, key, moves))
         if parameter.is_of_link:
-            own = [i for i, p in enumerate(parameters) if p.is_of_link and p.joint == parameter.joint]
+            own = [
+                i for i, p in enumerate(parameters) if p.is_of_link and p.joint == parameter.joint
+            ]
             found.append(_number(parameter, N, key, unit[:, own]))
         if parameter.cause.effect.scope is Scope.EACH_OR_ARM:
             together.setdefault((key[0], None, key[2]), []).append(k)
@@ -176,7 +225,9 @@ def _number(parameter: Number, N: Array, key: Key, moves: Array) -> Term:
     low = np.full(count, -np.inf)
     least = parameter.cause.linear[0].above if parameter.cause is not None else -np.inf
     if not parameter.is_logarithmic:
-        low[0] = 0.98 * (least - parameter.neutral) / parameter.prior_std  # ratios are positive, channels late
+        low[0] = (
+            0.98 * (least - parameter.neutral) / parameter.prior_std
+        )  # ratios are positive, channels late
     std = np.full(count, WIDE)
     return Term(key, "number", N @ moves, std, low=low, feature=parameter.cause, what=moves)
 
@@ -184,7 +235,11 @@ def _number(parameter: Number, N: Array, key: Key, moves: Array) -> Term:
 def law_terms(linear: Linearisation) -> list[Term]:
     """Return the laws without a form, their size open (:func:`sized`)."""
     data, joints = linear.data, linear.problem.robot.joints
-    laws = [law for j, joint in enumerate(joints) for law in general_laws((data,), j, joint.transmission)]
+    laws = [
+        law
+        for j, joint in enumerate(joints)
+        for law in general_laws((data,), j, joint.transmission)
+    ]
 
     def made(law: GeneralLaw) -> Term:
         X = data.whiten(law.plain(data))

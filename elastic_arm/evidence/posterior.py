@@ -21,7 +21,10 @@ from scipy.special import log_ndtr
 from elastic_arm.arrays import Array
 from elastic_arm.evidence.grams import Products
 
-STEPS, SETTLED = 60, 0.01  # of the noise powers, and the change of their logarithms that is none; numerical
+STEPS, SETTLED = (
+    60,
+    0.01,
+)  # of the noise powers, and the change of their logarithms that is none; numerical
 JITTER = 1e-13  # of the precision's diagonal; numerical
 
 
@@ -82,14 +85,19 @@ def posterior(
         v = new
     S = S + np.tril(S, -1).T
     deviation = x - prior.mean
-    evidence = -0.5 * float(np.sum(n * np.log(v) + left / v) + np.sum(P * deviation**2) + logdet - np.sum(np.log(P)))
+    evidence = -0.5 * float(
+        np.sum(n * np.log(v) + left / v) + np.sum(P * deviation**2) + logdet - np.sum(np.log(P))
+    )
     evidence += coloured * len(np.unique(place[v > 1.0])) - 0.5 * float(np.sum(np.log(n[v > 1.0])))
     std = np.sqrt(np.diag(S))
     bounded = np.isfinite(prior.low) | np.isfinite(prior.high)
     if bounded.any():
         low, high = prior.low[bounded], prior.high[bounded]
         evidence += float(
-            np.sum(mass(x[bounded], std[bounded], low, high) - mass(prior.mean[bounded], prior.std[bounded], low, high))
+            np.sum(
+                mass(x[bounded], std[bounded], low, high)
+                - mass(prior.mean[bounded], prior.std[bounded], low, high)
+            )
         )
     return Posterior(x, S, v, left, evidence)
 

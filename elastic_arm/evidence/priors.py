@@ -43,22 +43,29 @@ SIZES = np.array(
     [0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0]
 )  # Nm; of laws without a form, joints of every kind
 LEFT = 0.1  # share of a place's own gap that may be left (contract)
-ZERO_AS_MOUNTED = 1e-3  # rad; of a link encoder never compared with the motor's under a known torque
-OFFSET_SHARE, PRESLIDING_SHARE = 0.02, 0.1  # of a joint's largest torque: its zero, its friction below the least speed
-EVENT = 1e-6  # prior odds of an event in a recording: as of an effect
-LARGER = (
-    1e8  # range of the power of an event over the ordinary one of a residual: from noise to all that an arm carries
+ZERO_AS_MOUNTED = (
+    1e-3  # rad; of a link encoder never compared with the motor's under a known torque
 )
+OFFSET_SHARE, PRESLIDING_SHARE = (
+    0.02,
+    0.1,
+)  # of a joint's largest torque: its zero, its friction below the least speed
+EVENT = 1e-6  # prior odds of an event in a recording: as of an effect
+LARGER = 1e8  # range of the power of an event over the ordinary one of a residual: from noise to all that an arm carries
 CHANGED = 1e-2  # prior odds that a size is not the same in all recordings of one arm
 STEP = 0.1  # prior odds that one of an arm's numbers steps in a history, shared by them; asked where it may have
-SCATTER = 0.01  # relative, of a size from recording to recording: friction changes by about 1 % a kelvin
+SCATTER = (
+    0.01  # relative, of a size from recording to recording: friction changes by about 1 % a kelvin
+)
 UNSURE = 0.9  # probability that a size is wrong where something is unknown: of 23 causes at such joints 21 were
 MOTION = 8.0  # Hz; above, what is left is the encoders'
 NOISY = 2.0  # power that a place may keep over its sensors' noise, in that noise: how badly a noise is known
 LISTED = 0.01  # probability of an alternative that is listed (contract)
 # Proposals that are evaluated in full: of terms that are added or exchanged, and where two of them change.
 TRIED, TRIED_OF_TWO = 5, 2
-SHORT = 0.3  # share of what a move needs that its first-order gain must reach to be evaluated in full
+SHORT = (
+    0.3  # share of what a move needs that its first-order gain must reach to be evaluated in full
+)
 WORTH = 1.0  # nats of a move that is taken: less is an alternative
 COMPARED = 100.0  # nats up to which scores at different linearisations compare, as those of one set at several show
 RELATED = 0.1  # correlation of two terms from which one may stand for both
@@ -90,9 +97,13 @@ class Priors(BaseModel):
     damping: Deviation = 0.40
     # Of a zero between recordings, over that of the zero itself: what it was set wrong by, each start repeats nearly.
     between_recordings: Deviation = 0.3
-    presliding: Deviation = 2.0  # Nm; dry friction turns over gradually, below a speed that nobody states
+    presliding: Deviation = (
+        2.0  # Nm; dry friction turns over gradually, below a speed that nobody states
+    )
     sensors: Mapping[str, Deviation] = Field(default_factory=dict)
-    torque_constant: Deviation = 0.15  # of a torque channel that is a current; of magnets, by motor and temperature
+    torque_constant: Deviation = (
+        0.15  # of a torque channel that is a current; of magnets, by motor and temperature
+    )
 
     # Of a controller that torques are made by: of all its gains, by a servo's supply and magnets; and of kd beside kp:
     # firmware holds both as numbers, the winding's resistance changes the back-EMF that counts as kd by some percent.
@@ -122,5 +133,7 @@ def read_priors(path: str | Path, sensors: Iterable[str]) -> Priors:
         problem, remedy = explain(error, REFERENCE)
         raise DiagnosisError(f"{path}: {problem}", remedy) from None
     if unknown := [name for name in priors.sensors if name not in known]:
-        raise DiagnosisError(f"{path}: sensors.{unknown[0]}: unknown key", f"Choose of {', '.join(known)}.")
+        raise DiagnosisError(
+            f"{path}: sensors.{unknown[0]}: unknown key", f"Choose of {', '.join(known)}."
+        )
     return priors

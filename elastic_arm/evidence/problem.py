@@ -30,7 +30,9 @@ class Problem:
     # robot, model: the description, and the variant of the model
     robot: Robot
     model: str
-    observed: tuple[Observations, Observations]  # the recordings that are fitted, and those that judge
+    observed: tuple[
+        Observations, Observations
+    ]  # the recordings that are fitted, and those that judge
     # layout, band: usable equations, and where they are compared
     layout: EquationSet
     band: Band
@@ -42,8 +44,12 @@ class Problem:
     candidates: tuple[Feature, ...]  # effects that may be there, at their places
     largest: Array  # (n,) torques of the joints, Nm
     far: frozenset[str]  # effects as which numbers that are far off are reported
-    usual: frozenset[Key] = frozenset()  # candidates that every real drive has and the description does not state
-    held_back: bool = False  # whether the recordings that judge are the last parts of those that are fitted
+    usual: frozenset[Key] = (
+        frozenset()
+    )  # candidates that every real drive has and the description does not state
+    held_back: bool = (
+        False  # whether the recordings that judge are the last parts of those that are fitted
+    )
 
     @property
     def indices(self) -> tuple[range, range]:
@@ -64,17 +70,25 @@ class Problem:
     def sources(self) -> dict[int, str]:
         """The recordings, by number."""
         parts = zip(self.indices, self.observed, strict=True)
-        return {k: one.source for indices, part in parts for k, one in zip(indices, part, strict=True)}
+        return {
+            k: one.source for indices, part in parts for k, one in zip(indices, part, strict=True)
+        }
 
     @cached_property
     def known(self) -> tuple[tuple[Feature, EffectInstance], ...]:
         """Known effects at their places on the arm as it is described, those of the description first."""
         equations = ArmEquations(self.robot, self.model)
-        return tuple((feature_of(instance, equations), instance) for instance in (*self.stated, *self.given))
+        return tuple(
+            (feature_of(instance, equations), instance) for instance in (*self.stated, *self.given)
+        )
 
     def largest_at(self, joint: str | None) -> float:
         """Return the largest torque (Nm) of a joint, or of all."""
-        return float(self.largest.max() if joint is None else self.largest[self.robot.joint_names.index(joint)])
+        return float(
+            self.largest.max()
+            if joint is None
+            else self.largest[self.robot.joint_names.index(joint)]
+        )
 
 
 def uncertain_numbers(
@@ -100,7 +114,9 @@ def uncertain_numbers(
         if not feature.effect.scales_friction or any(feature.scales(one) for one in friction)
     ]
     pieces, first = [piece for one in observed[0] for piece in one.pieces], observed[0][0]
-    found = numbers_of(robot, shown, first.rate, priors, pieces, largest, first.turning, layout.sides)
+    found = numbers_of(
+        robot, shown, first.rate, priors, pieces, largest, first.turning, layout.sides
+    )
     if layout.reads_torque_by_deflection:
         found = tuple(unreferenced(number) for number in found)
     count = len(observed[0]) + (0 if held_back else len(observed[1]))

@@ -20,13 +20,26 @@ from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.model import EXACT, KINDS, Fit, LinearModel, Screen
 from elastic_arm.evidence.nonlinear import components, moved, placed_anew, tangent_term
 from elastic_arm.evidence.pool import effect_terms, law_terms, linear_prior, number_terms
-from elastic_arm.evidence.priors import BUILT, COMPARED, ELSEWHERE, FIRST, MEASURED, MOST, STATED, TRUST, WORTH
+from elastic_arm.evidence.priors import (
+    BUILT,
+    COMPARED,
+    ELSEWHERE,
+    FIRST,
+    MEASURED,
+    MOST,
+    STATED,
+    TRUST,
+    WORTH,
+)
 from elastic_arm.evidence.problem import Problem
 from elastic_arm.evidence.search import ADDED, ALL, SIMPLE, Search, Thetas, words_of
 from elastic_arm.evidence.term import Key, Term
 from elastic_arm.evidence.watch import Watch
 
-STEPS, SHORTER = 8, 0.3  # of Gauss and Newton beside a set, and the share of a step that was too long; numerical
+STEPS, SHORTER = (
+    8,
+    0.3,
+)  # of Gauss and Newton beside a set, and the share of a step that was too long; numerical
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +92,9 @@ def explain(problem: Problem, *, refit: bool, watch: Watch | None = None) -> Exp
     def linearise(fit: Fit, near: Node) -> Node:
         there, own = _about_itself(near.linear, fit)
         own = own.compared_with(start.fit)
-        log.append(f"linearised about itself: {own.score - near.fit.score:+.1f}: {words_of(own, near.fit)}")
+        log.append(
+            f"linearised about itself: {own.score - near.fit.score:+.1f}: {words_of(own, near.fit)}"
+        )
         gain = own.score - start.fit.score
         watch.say(f"causes: a set of {len(own.optional)}, {gain:.0f} nats more probable than none")
         return Node(own, there)
@@ -89,7 +104,9 @@ def explain(problem: Problem, *, refit: bool, watch: Watch | None = None) -> Exp
         frame = node.fit.correction  # scores at its linearisation lack it
         others = {keys: score - frame for keys, score in scores.items() if keys != node.fit.keys}
         trust = node.fit.model.name
-        found = _explained(node.linear, node.fit.optional, trust, refit, shared, moves=moves, refused=others)
+        found = _explained(
+            node.linear, node.fit.optional, trust, refit, shared, moves=moves, refused=others
+        )
         log.extend(found.log)
         node.found = found
         return found.path
@@ -112,7 +129,9 @@ def explain(problem: Problem, *, refit: bool, watch: Watch | None = None) -> Exp
         frontier.take(other)
         best = frontier.run()
     if best.found is None:  # ended before anything was looked for from there
-        nothing_more = _explained(best.linear, best.fit.optional, best.fit.model.name, refit, shared, moves=0)
+        nothing_more = _explained(
+            best.linear, best.fit.optional, best.fit.model.name, refit, shared, moves=0
+        )
         best.found = nothing_more
     return replace(_known(best, frontier.scores, log), is_whole=best.depth == frontier.depths)
 
@@ -154,7 +173,9 @@ def _known(node: Node, scores: Mapping[Any, float], log: Sequence[str]) -> Expla
     return replace(found, best=best, log=tuple(log))
 
 
-def _begun(described: Linearisation, refit: bool, shared: Shared) -> tuple[Explanation, list[Explanation]]:
+def _begun(
+    described: Linearisation, refit: bool, shared: Shared
+) -> tuple[Explanation, list[Explanation]]:
     """Return the most probable of several starts, with the steps of all, and the other ones."""
     # Where the description is exact, all that is left is an effect. Where it is off everywhere, there is less to
     # mistake for one where its numbers lie beside what every drive has; but beside a large effect they lie far off.
@@ -163,10 +184,14 @@ def _begun(described: Linearisation, refit: bool, shared: Shared) -> tuple[Expla
     terms = _again(usual, built)
     starts = [_explained(built, terms, BUILT, refit, shared, moves=ADDED)]
     if not refit:
-        starts.insert(0, _explained(described, (), MEASURED, refit, shared, moves=ADDED, most=FIRST))
+        starts.insert(
+            0, _explained(described, (), MEASURED, refit, shared, moves=ADDED, most=FIRST)
+        )
         if all(one.best.model.name != MEASURED for one in starts):
             # One number that is far off may have found its place among those that are a little.
-            starts.append(_explained(built, terms, MEASURED, refit, shared, moves=ADDED, most=FIRST))
+            starts.append(
+                _explained(built, terms, MEASURED, refit, shared, moves=ADDED, most=FIRST)
+            )
     first = max(starts, key=lambda found: found.best.compared_with(starts[0].best).score)
     others = [one for one in starts if one is not first]
     return replace(first, log=tuple(line for one in starts for line in one.log)), others
@@ -183,7 +208,9 @@ def _usual_terms(linear: Linearisation) -> list[Term]:
 def _stated(problem: Problem) -> tuple[ActingEffect, ...]:
     """Return what the description states to act, at its stated size: gains scale it, too."""
     return tuple(
-        ActingEffect(feature, _theta(feature, instance), _coefficients(feature, instance.parameters))
+        ActingEffect(
+            feature, _theta(feature, instance), _coefficients(feature, instance.parameters)
+        )
         for feature, instance in problem.known[: len(problem.stated)]
         if not feature.fixed and not isinstance(feature.effect, (SensorEffect, ControllerEffect))
     )
@@ -245,7 +272,9 @@ def _moved(linear: Linearisation, fit: Fit, share: float = 1.0) -> Linearisation
     """Return the linearisation a share of the way to where a fit puts the numbers."""
     limits = np.array([p.limit for p in linear.problem.numbers])
     there = np.clip(linear.values + share * fit.numbers, -limits, limits)
-    return Linearisation(linear.problem, np.where(fit.model.moving, there, 0.0), _acting(fit), near=linear.motions)
+    return Linearisation(
+        linear.problem, np.where(fit.model.moving, there, 0.0), _acting(fit), near=linear.motions
+    )
 
 
 def linear_model(linear: Linearisation, trust: str) -> LinearModel:
@@ -268,11 +297,20 @@ def linear_model(linear: Linearisation, trust: str) -> LinearModel:
     return linear.cache["model"].trusting(trust)
 
 
-def _screens(linear: Linearisation, model: LinearModel, shared: Shared, *, laws: bool) -> list[Screen]:
+def _screens(
+    linear: Linearisation, model: LinearModel, shared: Shared, *, laws: bool
+) -> list[Screen]:
     """Return what may be added, laws without a form apart."""
     found = [kept(shared.screens, linear, lambda: Screen(model.grams, pool_of(linear)), 2)]
     if laws:
-        found.append(kept(shared.laws, linear, lambda: Screen(model.grams, _chosen_among(law_terms(linear))), 1))
+        found.append(
+            kept(
+                shared.laws,
+                linear,
+                lambda: Screen(model.grams, _chosen_among(law_terms(linear))),
+                1,
+            )
+        )
     return found
 
 
@@ -315,7 +353,9 @@ def _explained(
     search.screens = ()
     model.grams.let_go()
     total = np.logaddexp.reduce(list(scores.values()))
-    log.append(f"{trust}, {best.score:.1f}: {', '.join(f'{k[0]} {k[1]}' for k in best.keys) or 'nothing'}")
+    log.append(
+        f"{trust}, {best.score:.1f}: {', '.join(f'{k[0]} {k[1]}' for k in best.keys) or 'nothing'}"
+    )
     shares = {k: float(np.exp(v - total)) for k, v in scores.items()}
     return Explanation(linear, search, best, path, shares, tuple(log))
 
@@ -360,7 +400,15 @@ def _known_terms(linear: Linearisation) -> tuple[list[Term], list[Term]]:
         if feature.fixed:
             whole = X.sum(axis=1)
             always.append(
-                Term(feature.key, "effect", X[:, :0], np.zeros(0), offset=whole, feature=feature, theta=theta)
+                Term(
+                    feature.key,
+                    "effect",
+                    X[:, :0],
+                    np.zeros(0),
+                    offset=whole,
+                    feature=feature,
+                    theta=theta,
+                )
             )
             continue
         std, _, _ = linear_prior(feature, problem.largest_at(feature.joint))
@@ -372,7 +420,9 @@ def _known_terms(linear: Linearisation) -> tuple[list[Term], list[Term]]:
         # Its columns are the law to first order alone: what is stated is known beyond.
         offset = None if law is None else linear.columns(*law).sum(axis=1) - X @ mean
         width = STATED * np.where(mean == 0.0, 1e-3 * std, np.abs(mean))
-        term = Term(feature.key, "effect", X, width, mean=mean, feature=feature, theta=theta, trusted=True)
+        term = Term(
+            feature.key, "effect", X, width, mean=mean, feature=feature, theta=theta, trusted=True
+        )
         always.append(replace(term, offset=offset, what=law))
         # Less than no friction would be a gain.
         bounded = all(p.least == 0.0 for p in feature.linear)
@@ -382,7 +432,9 @@ def _known_terms(linear: Linearisation) -> tuple[list[Term], list[Term]]:
 
 
 def _theta(feature: Feature, instance: EffectInstance) -> tuple[float, ...]:
-    return tuple(float(v) for p in feature.searched for v in np.atleast_1d(instance.parameters[p.name]))
+    return tuple(
+        float(v) for p in feature.searched for v in np.atleast_1d(instance.parameters[p.name])
+    )
 
 
 def _whole(feature: Feature, instance: EffectInstance) -> tuple[Feature, tuple[float, ...]] | None:
@@ -395,7 +447,9 @@ def _coefficients(feature: Feature, values: Mapping[str, Any]) -> Array:
     if feature.phase is not None:
         size, phase = values[feature.linear[0].name], values[feature.phase.name]
         return size * np.array([np.cos(phase), np.sin(phase)])
-    return np.concatenate([np.atleast_1d(values[p.name]) - (p.neutral or 0.0) for p in feature.linear])
+    return np.concatenate(
+        [np.atleast_1d(values[p.name]) - (p.neutral or 0.0) for p in feature.linear]
+    )
 
 
 def theta_of(term: Term, fit: Fit) -> tuple[float, ...]:
@@ -409,7 +463,11 @@ def theta_of(term: Term, fit: Fit) -> tuple[float, ...]:
 def _acting(fit: Fit) -> tuple[ActingEffect, ...]:
     """Return the effects of a fit that act in the true torques: neither those of sensors nor those of controllers."""
     beside = (SensorEffect, ControllerEffect)
-    acting = [t for t in fit.terms if t.kind in ("effect", "stated") and not isinstance(t.feature.effect, beside)]
+    acting = [
+        t
+        for t in fit.terms
+        if t.kind in ("effect", "stated") and not isinstance(t.feature.effect, beside)
+    ]
     sizes = [np.ones(1) if t.feature.fixed else fit.beta(t)[: t.linear] for t in acting]
     return tuple(
         ActingEffect(t.feature, theta_of(t, fit), size, known=t in fit.model.always)
@@ -429,14 +487,22 @@ def _again(fit: Fit, linear: Linearisation) -> list[Term]:
         elif t.kind == "law":
             found.append(replace(t, columns=linear.data.whiten(t.what.plain(linear.data))))
         elif t.kind == CHANGE:
-            common = (u for u in (*known_terms(linear)[0], *found) if u.key == t.what and u.kind != "stated")
+            common = (
+                u
+                for u in (*known_terms(linear)[0], *found)
+                if u.key == t.what and u.kind != "stated"
+            )
             found += [change_of(linear, one) for one in common]
         elif t.kind == "stated":
             found.append(replace(t, columns=stated[t.key].columns))
         else:
             again = _effect_again(t, fit, linear)
             # Without the friction that it scales there is nothing of it.
-            found += [again] if again.feature.friction or not again.feature.effect.scales_friction else []
+            found += (
+                [again]
+                if again.feature.friction or not again.feature.effect.scales_friction
+                else []
+            )
     for k, t in enumerate(found):
         if t.tangents and t.feature.quadratic and t.feature.count == 1 and not t.feature.fixed:
             model = linear_model(linear, fit.model.name)

@@ -17,12 +17,26 @@ from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.model import Fit, LinearModel, Screen
 from elastic_arm.evidence.nonlinear import is_open, refined
 from elastic_arm.evidence.pool import sized
-from elastic_arm.evidence.priors import COMPARED, MOST, RELATED, SCALES, SHORT, SIZES, TRIED, TRIED_OF_TWO, WORTH
+from elastic_arm.evidence.priors import (
+    COMPARED,
+    MOST,
+    RELATED,
+    SCALES,
+    SHORT,
+    SIZES,
+    TRIED,
+    TRIED_OF_TWO,
+    WORTH,
+)
 from elastic_arm.evidence.term import Ident, Key, Term
 from elastic_arm.evidence.watch import Watch
 
 Thetas = dict[Key, tuple[float, ...]]
-ADDED, SIMPLE, ALL = 2, 4, 7  # how many kinds of moves, in the order of `_better`: the later ones take longer
+ADDED, SIMPLE, ALL = (
+    2,
+    4,
+    7,
+)  # how many kinds of moves, in the order of `_better`: the later ones take longer
 
 
 class Instead(NamedTuple):
@@ -42,13 +56,19 @@ class Search:
     screens: Sequence[Screen]
     # where one nonlinear number was most probable beside another set, by key of its term; what is found is added
     thetas: Thetas = field(default_factory=dict)
-    refused: Mapping[frozenset[Key], float] = field(default_factory=dict)  # scores of sets at their own linearisation
+    refused: Mapping[frozenset[Key], float] = field(
+        default_factory=dict
+    )  # scores of sets at their own linearisation
     met: dict[frozenset[Key], Fit] = field(default_factory=dict)
     _refined: dict[tuple[Key, frozenset[Ident]], Term] = field(default_factory=dict)
-    _looked: set[tuple[Key, frozenset[Ident]]] = field(default_factory=set)  # beside which sets a range was scanned
+    _looked: set[tuple[Key, frozenset[Ident]]] = field(
+        default_factory=set
+    )  # beside which sets a range was scanned
     log: list[str] = field(default_factory=list)
     is_over: Callable[[], bool] = Watch().is_over
-    path: list[Fit] = field(default_factory=list)  # better and better sets, the last one the most probable
+    path: list[Fit] = field(
+        default_factory=list
+    )  # better and better sets, the last one the most probable
 
     def run(self, start: Sequence[Term] = (), *, moves: int = ALL, most: int = MOST) -> Fit:
         """Return the most probable set met on the way from one to start from; the way is kept in `path`.
@@ -91,7 +111,9 @@ class Search:
         gained = [
             (gain, screen, t)
             for k, screen in enumerate(self.screens)
-            for t, gain in enumerate(screen.gains(fit, None if instead is None else instead.among[k]))
+            for t, gain in enumerate(
+                screen.gains(fit, None if instead is None else instead.among[k])
+            )
         ]
         have, found = fit.keys | (frozenset() if instead is None else instead.keys), list[Term]()
         for gain, screen, t in sorted(gained, key=lambda one: -one[0]):
@@ -118,7 +140,9 @@ class Search:
             gains = [fit.gain_of_scale(t, scale) for scale in SCALES]
             if max(gains) > WORTH:
                 other = t.scaled(float(SCALES[int(np.argmax(gains))]))
-                return self._keep(self.model.fit([other if u is t else u for u in fit.optional], fit))
+                return self._keep(
+                    self.model.fit([other if u is t else u for u in fit.optional], fit)
+                )
         return fit
 
     def _placed(self, terms: Sequence[Term], more: Term, near: Fit) -> Fit:
@@ -131,9 +155,13 @@ class Search:
             if theta is not None and more.feature.count == 1:
                 # Near where it was most probable beside another set, or on the grid: its range was scanned once.
                 columns = self.linear.columns(more.feature, theta)
-                there = replace(more, columns=columns, theta=theta, grid=0.0, ident=(*more.ident, theta))
+                there = replace(
+                    more, columns=columns, theta=theta, grid=0.0, ident=(*more.ident, theta)
+                )
                 start = max(more, there, key=lambda t: self.model.fit([*terms, t], near).score)
-            self._refined[key], fit = refined(self.linear, self.model, start, terms, near, scan=theta is None)
+            self._refined[key], fit = refined(
+                self.linear, self.model, start, terms, near, scan=theta is None
+            )
             if len(more.theta) == 1:
                 self.thetas[more.key] = self._refined[key].theta
             return self._keep(fit)
@@ -149,7 +177,11 @@ class Search:
 
     def _let_go(self, best: Fit) -> None:
         """Drop sets that are next to impossible beside the best: each holds a covariance, or all data of elsewhere."""
-        self.met = {keys: fit for keys, fit in self.met.items() if fit.score > best.score - COMPARED or fit is best}
+        self.met = {
+            keys: fit
+            for keys, fit in self.met.items()
+            if fit.score > best.score - COMPARED or fit is best
+        }
 
     def _rescaled(self, fit: Fit) -> Iterator[Fit]:
         """Yield fits with a size on the scale on which it is most probable beside the others."""
@@ -164,7 +196,9 @@ class Search:
             gains = [fit.gain_of_size(t, float(size)) for size in SIZES]
             if max(gains) > WORTH:
                 other = sized(t, float(SIZES[int(np.argmax(gains))]))
-                fit = self._keep(self.model.fit([other if u is t else u for u in fit.optional], fit))
+                fit = self._keep(
+                    self.model.fit([other if u is t else u for u in fit.optional], fit)
+                )
         return fit
 
     def _dropped(self, fit: Fit) -> Iterator[Fit]:
@@ -175,7 +209,9 @@ class Search:
             own = [u for u in fit.optional if u.kind == CHANGE and u.what == t.key]
             changes = bool(own)
             common = self._keep(self.model.fit(without(fit, *own), fit)) if changes else fit
-            for u in self.proposals(less, instead=self._instead(fit, t), needed=common.score - less.score):
+            for u in self.proposals(
+                less, instead=self._instead(fit, t), needed=common.score - less.score
+            ):
                 one = self._with(less.optional, u, less)
                 yield one
                 # What takes the place of a term that changes between recordings may change as well.
@@ -189,7 +225,9 @@ class Search:
             key = (t.key, frozenset(u.ident for u in less.optional))
             if is_open(t) and len(t.theta) == 1 and key not in self._looked:
                 self._looked.add(key)
-                self._refined[key], found = refined(self.linear, self.model, t, less.optional, less, scan=True)
+                self._refined[key], found = refined(
+                    self.linear, self.model, t, less.optional, less, scan=True
+                )
                 yield self._keep(found)
 
     def _two_for_one(self, fit: Fit) -> Iterator[Fit]:
@@ -197,7 +235,9 @@ class Search:
             if fit.correlation(*pair) < RELATED:
                 continue
             less = self._without(fit, *pair)
-            for t in self.proposals(less, TRIED_OF_TWO, self._instead(fit, *pair), fit.score - less.score):
+            for t in self.proposals(
+                less, TRIED_OF_TWO, self._instead(fit, *pair), fit.score - less.score
+            ):
                 yield self._with(less.optional, t, less)
 
     def _one_for_two(self, fit: Fit) -> Iterator[Fit]:

@@ -37,7 +37,9 @@ class Term:
     # feature, theta: effect at its place, and its nonlinear numbers
     feature: Any = None
     theta: tuple[float, ...] = ()
-    tangents: tuple[int, ...] = ()  # which components of `theta` the last columns are derivatives by
+    tangents: tuple[
+        int, ...
+    ] = ()  # which components of `theta` the last columns are derivatives by
     size: float = 1.0  # coefficient of the law at which its tangents were taken
     scale: float = 1.0  # factor on the range of the size, whose prior it is
     is_scaled: bool = False  # whether it was chosen among others
@@ -53,7 +55,9 @@ class Term:
                 object.__setattr__(self, name, np.full(k, value))
         if not self.ident:
             size = self.size if self.tangents else 1.0
-            object.__setattr__(self, "ident", (self.kind, *self.key, self.theta, self.tangents, size, k))
+            object.__setattr__(
+                self, "ident", (self.kind, *self.key, self.theta, self.tangents, size, k)
+            )
 
     @property
     def parts(self) -> list[Array]:

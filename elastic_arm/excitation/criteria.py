@@ -46,16 +46,24 @@ def d_optimal(W: Array, scale: Array) -> float:
 def a_optimal(W: Array, scale: Array) -> float:
     """Return log10 of the root mean square of the parameters' standard deviations times `scale`."""
     singular = _singular(W, scale)
-    return float(0.5 * np.log10(np.mean(np.maximum(singular, singular[0] / WORST_CONDITION) ** -2.0)))
+    return float(
+        0.5 * np.log10(np.mean(np.maximum(singular, singular[0] / WORST_CONDITION) ** -2.0))
+    )
 
 
-CRITERIA: dict[str, Criterion] = {"condition": condition, "d_optimal": d_optimal, "a_optimal": a_optimal}
+CRITERIA: dict[str, Criterion] = {
+    "condition": condition,
+    "d_optimal": d_optimal,
+    "a_optimal": a_optimal,
+}
 
 
 def find_criterion(name: str) -> Criterion:
     """Return the criterion of that name; an ExcitationError if there is none."""
     if name not in CRITERIA:
-        raise ExcitationError(f"there is no criterion {name!r}", f"Use one of {', '.join(CRITERIA)}")
+        raise ExcitationError(
+            f"there is no criterion {name!r}", f"Use one of {', '.join(CRITERIA)}"
+        )
     return CRITERIA[name]
 
 
@@ -93,7 +101,9 @@ def distinct_columns(W: Array) -> NDArray[np.intp]:
     return np.sort(order[np.abs(np.diag(R)) > DISTINCT])
 
 
-def elastic_motion(model: Model, trajectory: FourierTrajectory, samples: int) -> tuple[Array, Array, Array]:
+def elastic_motion(
+    model: Model, trajectory: FourierTrajectory, samples: int
+) -> tuple[Array, Array, Array]:
     """Return x, dx, ddx (samples, dof) over one period when the links follow `trajectory`.
 
     The motors lead by the drives' deflection under the link side's torque. That torque is periodic and smooth, so its
@@ -104,7 +114,9 @@ def elastic_motion(model: Model, trajectory: FourierTrajectory, samples: int) ->
     if not model.robot.elastic:
         return x, dx, ddx
     n = model.n
-    stiffness = np.array([j.transmission.stiffness for j in model.robot.joints if j.transmission is not None])
+    stiffness = np.array(
+        [j.transmission.stiffness for j in model.robot.joints if j.transmission is not None]
+    )
     lead = model.inverse_dynamics(x, dx, ddx)[:, :n] / stiffness
     spectrum = np.fft.rfft(lead, axis=0)
     turning = 1j * trajectory.omega * np.arange(len(spectrum))[:, None]
@@ -115,4 +127,6 @@ def elastic_motion(model: Model, trajectory: FourierTrajectory, samples: int) ->
 
 def _singular(W: Array, scale: Array) -> Array:
     """Return the singular values of W with columns divided by `scale`, through its small triangular factor."""
-    return np.linalg.svd(np.linalg.qr(W / np.where(scale > 0.0, scale, 1.0), mode="r"), compute_uv=False)
+    return np.linalg.svd(
+        np.linalg.qr(W / np.where(scale > 0.0, scale, 1.0), mode="r"), compute_uv=False
+    )

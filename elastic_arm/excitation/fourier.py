@@ -51,7 +51,9 @@ class FourierTrajectory:
             f"a is {self.a.shape}, b is {self.b.shape} and q0 is {self.q0.shape}",
             "Give a and b one row a joint and one column a harmonic, and q0 one number a joint",
         )
-        require(self.omega > 0.0, f"omega is {self.omega:g} rad/s", "Give a base frequency above zero")
+        require(
+            self.omega > 0.0, f"omega is {self.omega:g} rad/s", "Give a base frequency above zero"
+        )
         require(self.ramp >= 0.0, f"ramp is {self.ramp:g} s", "Give zero or a positive time")
         require(
             self.duration > 2.0 * self.ramp,
@@ -66,12 +68,22 @@ class FourierTrajectory:
 
     @classmethod
     def of_periods(
-        cls, period: float, a: Array, b: Array, q0: Array, *, periods: float = 1.0, ramp: float, joints: Any = ()
+        cls,
+        period: float,
+        a: Array,
+        b: Array,
+        q0: Array,
+        *,
+        periods: float = 1.0,
+        ramp: float,
+        joints: Any = (),
     ) -> Self:
         """Make a trajectory that holds `periods` whole periods of `period` seconds between its ramps."""
         require(period > 0.0, f"period is {period:g} s", "Give a time above zero")
         require(periods > 0.0, f"{periods:g} periods are asked for", "Ask for at least one")
-        return cls(2.0 * np.pi / period, a, b, q0, periods * period + 2.0 * ramp, ramp, tuple(joints))
+        return cls(
+            2.0 * np.pi / period, a, b, q0, periods * period + 2.0 * ramp, ramp, tuple(joints)
+        )
 
     @property
     def n(self) -> int:
@@ -126,7 +138,9 @@ class FourierTrajectory:
             "ramp": self.ramp,
             **{name: getattr(self, name).tolist() for name in ("q0", "a", "b")},
         }
-        write_result(path, yaml_text(content), ExcitationError, "Give a file in a folder you may write to")
+        write_result(
+            path, yaml_text(content), ExcitationError, "Give a file in a folder you may write to"
+        )
 
     def _series(self, t: Array) -> tuple[Array, Array, Array]:
         frequency = self.omega * np.arange(1, self.harmonics + 1)
@@ -160,9 +174,16 @@ def load_trajectory(path: str | Path) -> FourierTrajectory:
         raise ExcitationError(f"{path}: is no trajectory file (no 'schema: {SCHEMA}')", remedy)
     fields = {name: value for name, value in content.items() if name != "schema"}
     wanted = ("omega", "a", "b", "q0", "duration", "ramp")
-    missing, unknown = [k for k in wanted if k not in fields], [k for k in fields if k not in (*wanted, "joints")]
+    missing, unknown = (
+        [k for k in wanted if k not in fields],
+        [k for k in fields if k not in (*wanted, "joints")],
+    )
     if missing or unknown:
-        what = f"misses {', '.join(missing)}" if missing else f"has the unknown field {', '.join(map(str, unknown))}"
+        what = (
+            f"misses {', '.join(missing)}"
+            if missing
+            else f"has the unknown field {', '.join(map(str, unknown))}"
+        )
         raise ExcitationError(f"{path}: {what}", remedy)
     names = fields.get("joints") or []
     if not (isinstance(names, list) and all(isinstance(name, str) for name in names)):
@@ -192,8 +213,18 @@ def _numbers(values: Any, dimensions: int, what: str) -> Array:
     try:
         array = np.array(values, dtype=float)
     except (TypeError, ValueError, OverflowError) as error:
-        raise ExcitationError(f"{what} is not made of numbers: {values!r}", "Give numbers") from error
-    require(array.ndim == dimensions, f"{what} has {array.ndim} dimensions, not {dimensions}", "Mend its shape")
-    require(bool(np.isfinite(array).all()), f"{what} holds a number that is not finite", "Give finite numbers")
+        raise ExcitationError(
+            f"{what} is not made of numbers: {values!r}", "Give numbers"
+        ) from error
+    require(
+        array.ndim == dimensions,
+        f"{what} has {array.ndim} dimensions, not {dimensions}",
+        "Mend its shape",
+    )
+    require(
+        bool(np.isfinite(array).all()),
+        f"{what} holds a number that is not finite",
+        "Give finite numbers",
+    )
     array.setflags(write=False)
     return array

@@ -30,7 +30,14 @@ LINEAR_DEFAULTS: dict[str, float] = {
     "acceleration": 1.0,
     "torque": np.inf,
 }
-UNITS = {"position": "rad", "velocity": "rad/s", "acceleration": "rad/s²", "torque": "Nm", "floor": "m", "links": "m"}
+UNITS = {
+    "position": "rad",
+    "velocity": "rad/s",
+    "acceleration": "rad/s²",
+    "torque": "Nm",
+    "floor": "m",
+    "links": "m",
+}
 # Clearance to the floor and between links that a motion keeps, m: what a tracking error of some mrad at a metre's reach
 # and capsules that are only roughly the links take away.
 MARGIN = 0.02
@@ -52,13 +59,17 @@ class MotionLimits:
     acceleration: Array
     torque: Array
     workspace: Workspace | None = None  # None where the arm may go everywhere
-    margin: float = MARGIN  # smallest gap to the floor and between links, m; :data:`MARGIN` by default
+    margin: float = (
+        MARGIN  # smallest gap to the floor and between links, m; :data:`MARGIN` by default
+    )
     assumed: tuple[str, ...] = ()  # sentences on limits that the description does not state
     units: JointUnits = field(default_factory=lambda: JointUnits(()))  # of the joints
 
     def __post_init__(self) -> None:
         sane = bool(np.isfinite(self.margin)) and self.margin >= 0.0
-        require(sane, f"the margin of safety is {self.margin:g} m", "Give zero or a length above it")
+        require(
+            sane, f"the margin of safety is {self.margin:g} m", "Give zero or a length above it"
+        )
         for joint, low, high in zip(self.joints, self.position_min, self.position_max, strict=True):
             span = f"{joint} may go from {low:g} to {high:g} {self.units.at(joint, 'rad')}"
             require(low < high, span, "State both position limits of that joint")
@@ -78,25 +89,43 @@ class MotionLimits:
         values: dict[str, Array] = {}
         assumed: list[str] = []
         for name in DEFAULTS:
-            defaults = [(LINEAR_DEFAULTS if joint.prismatic else DEFAULTS)[name] for joint in robot.joints]
+            defaults = [
+                (LINEAR_DEFAULTS if joint.prismatic else DEFAULTS)[name] for joint in robot.joints
+            ]
             stated = [getattr(joint.limits, name) for joint in robot.joints]
             both = list(zip(stated, defaults, strict=True))
-            values[name] = np.array([default if value is None else value for value, default in both], dtype=float)
+            values[name] = np.array(
+                [default if value is None else value for value, default in both], dtype=float
+            )
             unknown: dict[str, list[str]] = {}
             for joint, (value, default) in zip(robot.joint_names, both, strict=True):
                 if value is None:
                     unit = robot.units.at(joint, UNITS[name.partition("_")[0]])
-                    unknown.setdefault("no limit" if np.isinf(default) else f"{default:.3g} {unit}", []).append(joint)
+                    unknown.setdefault(
+                        "no limit" if np.isinf(default) else f"{default:.3g} {unit}", []
+                    ).append(joint)
             what = name.replace("_", " ")
-            assumed += [f"{what} of {', '.join(joints)}: {words} assumed" for words, joints in unknown.items()]
-        for name, given in (("velocity", velocity), ("acceleration", acceleration), ("torque", torque)):
+            assumed += [
+                f"{what} of {', '.join(joints)}: {words} assumed"
+                for words, joints in unknown.items()
+            ]
+        for name, given in (
+            ("velocity", velocity),
+            ("acceleration", acceleration),
+            ("torque", torque),
+        ):
             if given is not None:
                 positive = bool(np.isfinite(given)) and given > 0.0
                 require(positive, f"the {name} limit is {given:g}", "Give a number above zero")
                 values[name] = np.minimum(values[name], given)
         workspace = workspace or Workspace.of(robot)
         return cls(
-            robot.joint_names, **values, workspace=workspace, margin=margin, assumed=tuple(assumed), units=robot.units
+            robot.joint_names,
+            **values,
+            workspace=workspace,
+            margin=margin,
+            assumed=tuple(assumed),
+            units=robot.units,
         )
 
     @property
@@ -163,7 +192,9 @@ class LimitUse:
     floor: float
     links: float
     margin: float
-    kinds: tuple[str, ...] = field(default=("position", "velocity", "acceleration", "torque"), init=False)
+    kinds: tuple[str, ...] = field(
+        default=("position", "velocity", "acceleration", "torque"), init=False
+    )
 
     @property
     def excess(self) -> Array:
@@ -184,14 +215,19 @@ class LimitUse:
             shares = getattr(self, self.kinds[index])
             joint = int(np.argmax(shares))
             return f"the {self.kinds[index]} of {self.joints[joint]} reaches {100 * shares[joint]:.0f} % of its limit"
-        what, gap = (("the floor", self.floor), ("another link", self.links))[index - len(self.kinds)]
+        what, gap = (("the floor", self.floor), ("another link", self.links))[
+            index - len(self.kinds)
+        ]
         if gap < 0.0:
             return f"a link goes {-1e3 * gap:.0f} mm into {what}"
         return f"a link comes within {1e3 * gap:.1f} mm of {what}, the margin is {1e3 * self.margin:g} mm"
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain data, null where there is no limit."""
-        shares = {kind: dict(zip(self.joints, getattr(self, kind).tolist(), strict=True)) for kind in self.kinds}
+        shares = {
+            kind: dict(zip(self.joints, getattr(self, kind).tolist(), strict=True))
+            for kind in self.kinds
+        }
         both = (("floor", self.floor), ("links", self.links))
         gaps = {f"{name}_gap_m": None if np.isinf(gap) else gap for name, gap in both}
         gaps["margin_m"] = self.margin
@@ -205,7 +241,11 @@ class LimitUse:
 
     def gaps(self) -> list[tuple[str, float]]:
         """Return the smallest gaps, m, by what is met there; nothing where there is nothing to meet."""
-        return [(name, gap) for name, gap in (("the floor", self.floor), ("another link", self.links)) if gap < np.inf]
+        return [
+            (name, gap)
+            for name, gap in (("the floor", self.floor), ("another link", self.links))
+            if gap < np.inf
+        ]
 
 
 def limit_times(trajectory: FourierTrajectory) -> Array:

@@ -41,17 +41,28 @@ class Shape:
             f"Ask for at least one, and for {MOST_HARMONICS} at most",
         )
         require(
-            np.isfinite(self.period) and self.period > 0.0, f"the period is {self.period:g} s", "Give a time above 0"
+            np.isfinite(self.period) and self.period > 0.0,
+            f"the period is {self.period:g} s",
+            "Give a time above 0",
         )
         require(self.periods >= 1, f"{self.periods} periods are asked for", "Ask for at least one")
         ramp = self.period / 4.0 if self.ramp is None else self.ramp
         longest = LONGEST_RAMP * self.period
-        require(0.0 <= ramp <= longest, f"the ramp is {ramp:g} s", f"Give zero or a time up to {longest:g} s")
+        require(
+            0.0 <= ramp <= longest,
+            f"the ramp is {ramp:g} s",
+            f"Give zero or a time up to {longest:g} s",
+        )
         object.__setattr__(self, "ramp", float(ramp))
 
 
 def random_trajectories(
-    model: Model, limits: MotionLimits, count: int, *, rng: np.random.Generator, shape: Shape | None = None
+    model: Model,
+    limits: MotionLimits,
+    count: int,
+    *,
+    rng: np.random.Generator,
+    shape: Shape | None = None,
 ) -> list[FourierTrajectory]:
     """Return `count` random motions within the limits: coefficients uniform, turned down to the limits.
 
@@ -61,7 +72,11 @@ def random_trajectories(
     found = [problem.trajectory(problem.random(rng)) for _ in range(count)]
     for trajectory in found:
         use = limits.use(trajectory, model)
-        require(use.kept, f"a random motion breaks the limits everywhere: {use.worst()}", "Raise that limit")
+        require(
+            use.kept,
+            f"a random motion breaks the limits everywhere: {use.worst()}",
+            "Raise that limit",
+        )
     return found
 
 
@@ -69,7 +84,9 @@ def liveliest(motions: Sequence[FourierTrajectory], count: int) -> list[FourierT
     """Return the motions whose slowest joint gets fastest, the best last: where a joint rests, nothing shows of it."""
 
     def slowest(motion: FourierTrajectory) -> float:
-        return float(np.abs(motion.evaluate(np.linspace(0.0, motion.duration, 500))[1]).max(axis=0).min())
+        return float(
+            np.abs(motion.evaluate(np.linspace(0.0, motion.duration, 500))[1]).max(axis=0).min()
+        )
 
     return sorted(motions, key=slowest)[-count:]
 

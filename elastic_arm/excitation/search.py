@@ -58,14 +58,20 @@ class ExcitationResult:
     condition_after: float
     random: Array  # (R,) condition numbers of the random motions within the same limits
     columns: tuple[int, ...]  # base columns that were judged
-    indistinct: tuple[int, ...]  # base columns left out, because no ordinary motion separates them from the others
-    history: tuple[tuple[int, float], ...]  # (evaluation, best value so far) wherever it improved, and at the end
+    indistinct: tuple[
+        int, ...
+    ]  # base columns left out, because no ordinary motion separates them from the others
+    history: tuple[
+        tuple[int, float], ...
+    ]  # (evaluation, best value so far) wherever it improved, and at the end
     use: LimitUse  # shares of the limits that `trajectory` uses
     evaluations: int
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain data for JSON."""
-        quartiles = np.percentile(self.random, [0, 25, 50, 75, 100]).tolist() if len(self.random) else None
+        quartiles = (
+            np.percentile(self.random, [0, 25, 50, 75, 100]).tolist() if len(self.random) else None
+        )
         return {
             "criterion": self.criterion,
             "value": {"before": self.value_before, "after": self.value_after},
@@ -100,14 +106,24 @@ def optimise(
     make no sense, or no motion found keeps the limits (names which is broken).
     """
     require(evaluations >= 1, f"{evaluations} evaluations are asked for", "Ask for at least one")
-    require(random >= 1, f"{random} random motions are asked for", "Ask for at least one, to start from")
-    require(len(columns) > 0, "the model has no base parameters", "Give the base columns of its regressor")
+    require(
+        random >= 1, f"{random} random motions are asked for", "Ask for at least one, to start from"
+    )
+    require(
+        len(columns) > 0,
+        "the model has no base parameters",
+        "Give the base columns of its regressor",
+    )
     regressor = BaseRegressor(model, columns, noise)
     problem = Problem(model, limits, regressor, shape or Shape(), find_criterion(criterion))
     drawn = [problem.random(rng) for _ in range(random)]
     kept = [u for u in drawn if problem.excess(u).max() <= 0.0]
     indistinct = problem.refer_to(kept or drawn)
-    start = min(kept, key=problem.value) if kept else min(drawn, key=lambda u: float(problem.excess(u).max()))
+    start = (
+        min(kept, key=problem.value)
+        if kept
+        else min(drawn, key=lambda u: float(problem.excess(u).max()))
+    )
     course = _Course(problem, progress)
     _run_nomad(course, start, evaluations, int(rng.integers(LARGEST_SEED)))
     best = course.best(start)
@@ -128,7 +144,9 @@ def optimise(
     )
 
 
-def _kept_use(model: Model, limits: MotionLimits, trajectory: FourierTrajectory, evaluations: int) -> LimitUse:
+def _kept_use(
+    model: Model, limits: MotionLimits, trajectory: FourierTrajectory, evaluations: int
+) -> LimitUse:
     use = limits.use(trajectory, model)
     require(
         use.kept,
@@ -192,5 +210,7 @@ def _run_nomad(course: _Course, start: Array, evaluations: int, seed: int) -> No
         found = PyNomad.optimize(course, start.tolist(), [-1.0] * size, [1.0] * size, parameters)
     if course.error is not None:
         raise course.error
-    if found["stop_reason"].startswith(INTERRUPTED) and interrupts_count():  # through another thread
+    if (
+        found["stop_reason"].startswith(INTERRUPTED) and interrupts_count()
+    ):  # through another thread
         raise KeyboardInterrupt

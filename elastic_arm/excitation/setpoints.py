@@ -14,7 +14,9 @@ from elastic_arm.output_files import write_result
 REMEDY = "Give a file in a folder you may write to"
 
 
-def write_csv(path: Path, trajectory: FourierTrajectory, joints: Sequence[str], rate: float) -> None:
+def write_csv(
+    path: Path, trajectory: FourierTrajectory, joints: Sequence[str], rate: float
+) -> None:
     """Write time, positions, velocities and accelerations of every joint, `rate` rows a second; or an episode."""
     if path.suffix.lower() == ".parquet":
         _write_episode(path, trajectory, rate)
@@ -26,7 +28,9 @@ def write_csv(path: Path, trajectory: FourierTrajectory, joints: Sequence[str], 
     write_result(path, "\n".join([header, *rows, ""]), ExcitationError, REMEDY)
 
 
-def write_goal(path: Path, trajectory: FourierTrajectory, joints: Sequence[str], rate: float) -> None:
+def write_goal(
+    path: Path, trajectory: FourierTrajectory, joints: Sequence[str], rate: float
+) -> None:
     """Write a goal of control_msgs/action/FollowJointTrajectory, `rate` points a second with all derivatives."""
     t, *values = _sampled(trajectory, rate)
     stamps = [divmod(round(1e9 * at), 10**9) for at in t]
@@ -56,8 +60,14 @@ def _write_episode(path: Path, trajectory: FourierTrajectory, rate: float) -> No
     write_result(path, content.getvalue(), ExcitationError, REMEDY)
 
 
-def _sampled(trajectory: FourierTrajectory, rate: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    require(np.isfinite(rate) and rate > 0.0, f"{rate:g} set-points a second are asked for", "Ask for some")
+def _sampled(
+    trajectory: FourierTrajectory, rate: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    require(
+        np.isfinite(rate) and rate > 0.0,
+        f"{rate:g} set-points a second are asked for",
+        "Ask for some",
+    )
     t = np.linspace(0.0, trajectory.duration, 1 + round(rate * trajectory.duration))
     return t, *trajectory.evaluate(t)
 

@@ -21,7 +21,9 @@ class Workspace:
 
     robot: Robot  # its kinematics
     radius: float  # of the capsules, m
-    floor: float | None  # height of the floor above the ground frame's origin, against gravity, m; None without a floor
+    floor: (
+        float | None
+    )  # height of the floor above the ground frame's origin, against gravity, m; None without a floor
     # indices of the link ends (:func:`elastic_arm.robot.kinematics.link_points`) that must stay above the floor
     heights: NDArray[np.intp]
     pairs: NDArray[np.intp]  # (P, 2) links that must stay clear of each other
@@ -34,12 +36,20 @@ class Workspace:
         whose height no joint changes.
         """
         for name, value in (("radius of the links", radius), ("height of the floor", floor)):
-            require(value is None or bool(np.isfinite(value)), f"the {name} is {value} m", "Give a finite number.")
+            require(
+                value is None or bool(np.isfinite(value)),
+                f"the {name} is {value} m",
+                "Give a finite number.",
+            )
         radius = link_radius(robot) if radius is None else radius
         poses = np.pi * (2.0 * scipy.stats.qmc.Halton(robot.n, scramble=False).random(PROBES) - 1.0)
         points = link_points(robot, poses)
         height = points @ _upward(robot)
-        heights = np.flatnonzero(np.ptp(height, axis=0) > 1e-6) if floor is not None else np.array([], dtype=np.intp)
+        heights = (
+            np.flatnonzero(np.ptp(height, axis=0) > 1e-6)
+            if floor is not None
+            else np.array([], dtype=np.intp)
+        )
         first, second = np.triu_indices(points.shape[1] - 1, k=2)
         pairs = np.column_stack([first, second])
         touching = (_distances(points, pairs) < 2.0 * radius).all(axis=0)
@@ -73,12 +83,16 @@ def _distances(points: Array, pairs: NDArray[np.intp]) -> Array:
     """
     p, q = points[:, pairs[:, 0]], points[:, pairs[:, 1]]
     u, v, w = points[:, pairs[:, 0] + 1] - p, points[:, pairs[:, 1] + 1] - q, p - q
-    uu, vv, uv, uw, vw = (np.einsum("npi,npi->np", a, b) for a, b in ((u, u), (v, v), (u, v), (u, w), (v, w)))
+    uu, vv, uv, uw, vw = (
+        np.einsum("npi,npi->np", a, b) for a, b in ((u, u), (v, v), (u, v), (u, w), (v, w))
+    )
     crossing = uu * vv - uv * uv
     s = np.clip(_quotient(uv * vw - uw * vv, crossing, floor=1e-12 * uu * vv), 0.0, 1.0)
     t = _quotient(uv * s + vw, vv)
     # Where the nearest point of the second line lies beyond its segment, the segment's end decides.
-    s = np.where((t < 0.0) | (t > 1.0), np.clip(_quotient(np.clip(t, 0.0, 1.0) * uv - uw, uu), 0.0, 1.0), s)
+    s = np.where(
+        (t < 0.0) | (t > 1.0), np.clip(_quotient(np.clip(t, 0.0, 1.0) * uv - uw, uu), 0.0, 1.0), s
+    )
     t = np.clip(t, 0.0, 1.0)
     return np.linalg.norm(w + s[..., None] * u - t[..., None] * v, axis=2)
 

@@ -12,7 +12,13 @@ if TYPE_CHECKING:
     from elastic_arm.identification.batch.derivatives import DerivativeStage
     from elastic_arm.identification.batch.identify import identify, identify_with
     from elastic_arm.identification.batch.selection import IdentificationSettings, identifier_of
-    from elastic_arm.identification.result import Comparison, Estimate, Identification, chi_square, compare
+    from elastic_arm.identification.result import (
+        Comparison,
+        Estimate,
+        Identification,
+        chi_square,
+        compare,
+    )
     from elastic_arm.identification.stream import Identifier
 
 __all__ = [
@@ -31,7 +37,9 @@ __all__ = [
 ]
 
 _MODULES = {
-    **dict.fromkeys(("Comparison", "Estimate", "Identification", "chi_square", "compare"), f"{__name__}.result"),
+    **dict.fromkeys(
+        ("Comparison", "Estimate", "Identification", "chi_square", "compare"), f"{__name__}.result"
+    ),
     **dict.fromkeys(("identify", "identify_with"), f"{__name__}.batch.identify"),
     **dict.fromkeys(("IdentificationSettings", "identifier_of"), f"{__name__}.batch.selection"),
     "DerivativeStage": f"{__name__}.batch.derivatives",

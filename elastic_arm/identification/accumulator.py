@@ -77,7 +77,9 @@ class Accumulator:
         # Rows that hold the friction of a joint that sticks are zero.
         statistics, entries = self.statistics, self.equations.equations.entries
         stuck = np.broadcast_to(statistics.stuck / max(statistics.samples, 1), (self.equations.n,))
-        blocks.share = 1.0 - np.array([stuck[j] * (equation.combination[MOTOR] != 0) for equation, j in entries])
+        blocks.share = 1.0 - np.array(
+            [stuck[j] * (equation.combination[MOTOR] != 0) for equation, j in entries]
+        )
         return blocks
 
     @property
@@ -106,10 +108,14 @@ class Accumulator:
         hi, lo = self.equations.information(motion)
         noise = noise_sums(self.equations, motion, *_thinning(blocks, _unit(motion)))
         sums = motion.every * hi, motion.every * lo
-        blocks.add(sums, motion.every * len(motion), units, None if noise is None else motion.every * noise)
+        blocks.add(
+            sums, motion.every * len(motion), units, None if noise is None else motion.every * noise
+        )
 
 
-def averaged(equations: BaseRegression, motion: Motion, unit: int | None = None) -> tuple[Pair, int]:
+def averaged(
+    equations: BaseRegression, motion: Motion, unit: int | None = None
+) -> tuple[Pair, int]:
     """Return [Phi y]'[Phi y] of rows averaged over :data:`AVERAGED`, and the number of averages."""
     unit = unit or len(motion)
     step = float(np.median(np.diff(motion.t))) if len(motion) > 1 else AVERAGED
@@ -119,7 +125,10 @@ def averaged(equations: BaseRegression, motion: Motion, unit: int | None = None)
     starts = starts[starts < len(motion)]
     counts = np.diff(starts, append=len(motion))
     # What is shorter, at the end, counts less.
-    rows = np.add.reduceat(equations.rows(motion), starts, axis=1) / np.sqrt(counts * unit / parts)[:, None]
+    rows = (
+        np.add.reduceat(equations.rows(motion), starts, axis=1)
+        / np.sqrt(counts * unit / parts)[:, None]
+    )
     sums = [gram(group) for group in rows]
     count = max(round(len(motion) * parts / unit), 1)
     return (np.stack([hi for hi, _ in sums]), np.stack([lo for _, lo in sums])), count

@@ -25,7 +25,23 @@ ABSOLUTE_FLOOR = 1e-10
 COEFFICIENT_FLOOR = 1e-9
 ROUNDING = 5e-13
 # What comes first is kept, what comes last is expressed by it.
-PREFERENCE = ("K", "D", "K_b", "D_b", "armature", "Izz", "Ixx", "Ixy", "Ixz", "Iyz", "mx", "my", "mz", "Iyy", "m")
+PREFERENCE = (
+    "K",
+    "D",
+    "K_b",
+    "D_b",
+    "armature",
+    "Izz",
+    "Ixx",
+    "Ixy",
+    "Ixz",
+    "Iyz",
+    "mx",
+    "my",
+    "mz",
+    "Iyy",
+    "m",
+)
 
 
 @dataclass(frozen=True)
@@ -63,7 +79,10 @@ def _preferred(names: Sequence[str]) -> list[int]:
         body, _, kind = names[k].rpartition(".")
         if kind not in PREFERENCE:
             return (9, 0, 0, k)
-        component = next((i for i, what in enumerate((".spline", ".rotor", ".wave_generator")) if what in body), -1)
+        component = next(
+            (i for i, what in enumerate((".spline", ".rotor", ".wave_generator")) if what in body),
+            -1,
+        )
         return (component, bodies.index(body), PREFERENCE.index(kind), k)
 
     return sorted(range(len(names)), key=rank)
@@ -89,7 +108,9 @@ def _independent(Phi: Array, order: list[int]) -> tuple[NDArray[np.intp], dict[i
             dependent.append(k)
     columns = np.array(chosen, dtype=np.intp)
     scale = np.linalg.norm(Phi[:, columns], axis=0)
-    found = np.linalg.lstsq(Phi[:, columns] / scale, Phi[:, dependent], rcond=None)[0] / scale[:, None]
+    found = (
+        np.linalg.lstsq(Phi[:, columns] / scale, Phi[:, dependent], rcond=None)[0] / scale[:, None]
+    )
     found = np.where(np.abs(found) * scale[:, None] < COEFFICIENT_FLOOR * largest, 0.0, found)
     # What is but rounding is zero: coefficients are products of the lengths and ratios of the description.
     found = np.where(np.abs(found) <= ROUNDING, 0.0, found)

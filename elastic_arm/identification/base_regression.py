@@ -59,7 +59,9 @@ class Column:
     values: Callable[[Motion], dict[str, Array]]
     nominal: float = 0.0  # Value in the nominal arm
     least: float = -np.inf  # What a real arm has at least, such as no negative friction
-    ordinary: float | None = None  # Standard deviation of a prior about the nominal; None where it is free
+    ordinary: float | None = (
+        None  # Standard deviation of a prior about the nominal; None where it is free
+    )
     sensor: bool = False  # Whether it is an error of a sensor
     dry: bool = False  # Whether it follows the sign of a velocity
 
@@ -93,10 +95,14 @@ class BaseRegression:
         self.n = model.n
         self.elastic = model.robot.elastic
         self.columns = tuple(columns)
-        self.equations = EquationSet.independent(recorded, self.n, elastic=self.elastic, summed=summed).even()
+        self.equations = EquationSet.independent(
+            recorded, self.n, elastic=self.elastic, summed=summed
+        ).even()
         self.sides = self.equations.sides
         self.partial = len({equation for equation, _ in self.equations.entries}) > len(self.sides)
-        self.summed = self.sides == ("link", "motor") and self.equations.equation("motor").combination == (1, 0, 1)
+        self.summed = self.sides == ("link", "motor") and self.equations.equation(
+            "motor"
+        ).combination == (1, 0, 1)
         self.joints = tuple(joints) or tuple(f"joint_{i + 1}" for i in range(self.n))
         self.groups = tuple((side, joint) for side in self.sides for joint in self.joints)
         own = model.parameters
@@ -106,11 +112,17 @@ class BaseRegression:
         self.names = tuple(p.name for p in own) + tuple(c.name for c in added)
         self.units = tuple(p.unit for p in own) + tuple(c.unit for c in added)
         self.nominal: Array = np.array([p.nominal for p in own] + [c.nominal for c in added])
-        self._springs = np.array([k for k, p in enumerate(own) if p.name.rpartition(".")[2] in ("K", "D")], dtype=int)
-        self._armatures = np.array([k for k, p in enumerate(own) if p.name.endswith(f".{ARMATURE}")], dtype=int)
+        self._springs = np.array(
+            [k for k, p in enumerate(own) if p.name.rpartition(".")[2] in ("K", "D")], dtype=int
+        )
+        self._armatures = np.array(
+            [k for k, p in enumerate(own) if p.name.endswith(f".{ARMATURE}")], dtype=int
+        )
         self._own = len(own)
         phi = self._all_rows(self._random_motion(), np.arange(self._own), np.arange(len(added)))
-        self.base: BaseParameters = find_base(phi.reshape(-1, phi.shape[-1]), self.names, self.units)
+        self.base: BaseParameters = find_base(
+            phi.reshape(-1, phi.shape[-1]), self.names, self.units
+        )
 
     def rows(self, motion: Motion) -> Array:
         """Return regressor columns of the base parameters and, last, the measured side: (groups, N, B + 1).
@@ -144,7 +156,11 @@ class BaseRegression:
         """Return [Phi y]'[Phi y] of all groups, hi and lo (groups, B + 1, B + 1), in twice the working precision."""
         # Equations that no line of the model stands for alone: sums of both, one line measured twice, or a part of one.
         sums = self.summed or ("whole" in self.sides and (self.elastic or "joint" in self.sides))
-        apart = self.partial or motion.stuck is not None or ("joint" in self.sides and len(self._armatures))
+        apart = (
+            self.partial
+            or motion.stuck is not None
+            or ("joint" in self.sides and len(self._armatures))
+        )
         if self.columns or sums or apart:
             rows = self.rows(motion)
             parts = [gram(group) for group in rows]
@@ -193,7 +209,11 @@ class BaseRegression:
     @property
     def wound(self) -> tuple[int, ...]:
         """Joints whose deflection both encoders show."""
-        rows = [self.equations.of_joint("link", j) for j in range(self.n)] if "link" in self.sides else []
+        rows = (
+            [self.equations.of_joint("link", j) for j in range(self.n)]
+            if "link" in self.sides
+            else []
+        )
         return tuple(j for j, equation in enumerate(rows) if equation.combination != VOID)
 
     @cached_property
@@ -201,7 +221,9 @@ class BaseRegression:
         """The places of K and D among the base columns of each joint whose deflection is measured."""
         place = {self.names[c]: k for k, c in enumerate(self.base.columns.tolist())}
         joints = [self.model.robot.joint_names[j] for j in self.wound]
-        if lost := [name for joint in joints for name in (f"{joint}.K", f"{joint}.D") if name not in place]:
+        if lost := [
+            name for joint in joints for name in (f"{joint}.K", f"{joint}.D") if name not in place
+        ]:
             raise IdentificationError(
                 f"{lost[0]} is lost beside numbers of the description that are far larger",
                 "Look at its lengths, ratios and gravity",
@@ -229,7 +251,9 @@ class BaseRegression:
     def by_joint(self, values: Array) -> dict[str, dict[str, float]]:
         """Return numbers (groups,) as equation -> joint -> number, without equations that a joint lacks."""
         found: dict[str, dict[str, float]] = {side: {} for side in self.sides}
-        for (side, joint), value, live in zip(self.groups, values.tolist(), self.equations.live, strict=True):
+        for (side, joint), value, live in zip(
+            self.groups, values.tolist(), self.equations.live, strict=True
+        ):
             if live:
                 found[side][joint] = value
         return found
@@ -269,7 +293,9 @@ class BaseRegression:
                 stacked[:, first : first + self.n, k] = values
         return stacked
 
-    def _all_rows(self, motion: Motion, own: NDArray[np.intp], extra: NDArray[np.intp], beside: int = 0) -> Array:
+    def _all_rows(
+        self, motion: Motion, own: NDArray[np.intp], extra: NDArray[np.intp], beside: int = 0
+    ) -> Array:
         """Return rows (groups, N, columns) of the model's parameters `own`, the columns `extra`, and `beside` zeros."""
         laws = motion.laws if motion.laws is not None else self.laws(motion)
         motion = self._both_sides(motion)
@@ -277,7 +303,9 @@ class BaseRegression:
             laws = np.concatenate([self._stacked(motion, self._encoders), laws], axis=2)
         x, dx, ddx = (self._coordinates(motion, name) for name in ("", "d", "dd"))
         phi = self.model.regressor(x, dx, ddx, columns=own)
-        by_residual = laws[:, :, extra].transpose(1, 0, 2).reshape(3, self.n, len(motion), len(extra))
+        by_residual = (
+            laws[:, :, extra].transpose(1, 0, 2).reshape(3, self.n, len(motion), len(extra))
+        )
         width = len(own) + len(extra)
         rows = np.zeros((len(self.groups), len(motion), width + beside))
         for k, side in enumerate(self.sides):
@@ -287,7 +315,9 @@ class BaseRegression:
                 self._fill_own(part[:, :, : len(own)], phi, (equation, joints), own)
                 if len(extra):
                     combination = np.array(equation.combination, dtype=float)
-                    part[:, :, len(own) : width] = np.tensordot(combination, by_residual[:, joints], 1)
+                    part[:, :, len(own) : width] = np.tensordot(
+                        combination, by_residual[:, joints], 1
+                    )
                 if not isinstance(joints, slice):  # of listed joints it is a copy
                     block[joints] = part
         return rows
@@ -298,10 +328,17 @@ class BaseRegression:
         for equation, joint in self.equations.entries:
             if equation.name == side and equation.combination != VOID:
                 found.setdefault(equation, []).append(joint)
-        return [(equation, slice(None) if len(joints) == self.n else joints) for equation, joints in found.items()]
+        return [
+            (equation, slice(None) if len(joints) == self.n else joints)
+            for equation, joints in found.items()
+        ]
 
     def _fill_own(
-        self, block: Array, phi: Array, of: tuple[Equation, slice | list[int]], own: NDArray[np.intp]
+        self,
+        block: Array,
+        phi: Array,
+        of: tuple[Equation, slice | list[int]],
+        own: NDArray[np.intp],
     ) -> None:
         """Add the model's columns to the rows of one equation and some joints."""
         by_line, (equation, joints) = phi.transpose(1, 0, 2), of
@@ -344,10 +381,16 @@ class BaseRegression:
         return motion
 
 
-def _encoder_columns(joints: Sequence[str], wound: Sequence[int], units: JointUnits) -> tuple[Column, ...]:
+def _encoder_columns(
+    joints: Sequence[str], wound: Sequence[int], units: JointUnits
+) -> tuple[Column, ...]:
     """Return the columns of the link encoders' lags and offsets beside the motor encoders, times the stiffness."""
     return tuple(
-        Column(f"link_encoder:{joints[j]}.{what}", units.at(joints[j], unit), partial(_of_drive, j, what))
+        Column(
+            f"link_encoder:{joints[j]}.{what}",
+            units.at(joints[j], unit),
+            partial(_of_drive, j, what),
+        )
         for j in wound
         for what, unit in (("K_delay", "Nm s/rad"), ("K_offset", "Nm"))
     )

@@ -31,11 +31,15 @@ class Chart:
     Psi0: Array
     columns: list[Array] = field(default_factory=list)  # of G
     start: list[float] = field(default_factory=list)  # x0
-    pseudo: list[slice] = field(default_factory=list)  # of x: the ten entries of a normalised pseudo-inertia
+    pseudo: list[slice] = field(
+        default_factory=list
+    )  # of x: the ten entries of a normalised pseudo-inertia
     # indices of x that must be positive, each with its weight in the divergence
     positive: list[tuple[int, float]] = field(default_factory=list)
     free: list[int] = field(default_factory=list)  # indices of x that may have either sign
-    bounds: list[tuple[int, float]] = field(default_factory=list)  # of `free`, with the least value of each
+    bounds: list[tuple[int, float]] = field(
+        default_factory=list
+    )  # of `free`, with the least value of each
     # indices of x that are parameters of laws over what is ordinary of them; errors of sensors are free
     held: list[int] = field(default_factory=list)
 
@@ -63,7 +67,9 @@ class Chart:
         """Add a link, whose ten parameters are `nominal` without what is folded into it."""
         self.pseudo.append(slice(len(self.start), len(self.start) + 10))
         own, moments = _link_chart(nominal), np.linalg.eigvalsh(pseudo_inertia(nominal))
-        if moments[0] < THINNEST * moments[-1]:  # A point counts as thick as its chart, to become thinner.
+        if (
+            moments[0] < THINNEST * moments[-1]
+        ):  # A point counts as thick as its chart, to become thinner.
             self.Psi0[index] += own @ _UNIT - nominal
         self._add(own, index, _UNIT)
 
@@ -78,7 +84,9 @@ class Chart:
         place, relative = len(self.start), physical and nominal > 0
         # Where masses have to be positive, the zeros of sensors have more to take up than is ordinary.
         ordinary = None if law is None or law.sensor else law.ordinary
-        self._add(np.array([[nominal if relative else ordinary or 1.0]]), [k], (1.0 if relative else 0.0,))
+        self._add(
+            np.array([[nominal if relative else ordinary or 1.0]]), [k], (1.0 if relative else 0.0,)
+        )
         if relative:
             self.positive.append((place, 1.0))
             return
@@ -131,7 +139,14 @@ def pseudo_inertia(ten: Array) -> Array:
     """Return the pseudo-inertia (4, 4) of a body's ten parameters about its frame's origin."""
     m, mx, my, mz, xx, xy, xz, yy, yz, zz = ten
     half = 0.5 * (xx + yy + zz)
-    return np.array([[half - xx, -xy, -xz, mx], [-xy, half - yy, -yz, my], [-xz, -yz, half - zz, mz], [mx, my, mz, m]])
+    return np.array(
+        [
+            [half - xx, -xy, -xz, mx],
+            [-xy, half - yy, -yz, my],
+            [-xz, -yz, half - zz, mz],
+            [mx, my, mz, m],
+        ]
+    )
 
 
 def _link_chart(nominal: Array) -> Array:
@@ -155,4 +170,6 @@ def _solid_chart(nominal: Array) -> Array:
     mass, _, xx, zz = nominal
     radial, axial = 0.5 * zz, max(xx - 0.5 * zz, THINNEST * xx)
     # Izz = 2 radial, Ixx = radial + axial.
-    return np.array([[mass, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, radial, axial], [0.0, 2.0 * radial, 0.0]])
+    return np.array(
+        [[mass, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, radial, axial], [0.0, 2.0 * radial, 0.0]]
+    )

@@ -54,7 +54,9 @@ class Consistent:
     exact: bool = True  # Whether the solver met its tolerance
 
 
-def consistent(fit: Fit, equations: BaseRegression, correlated: float = 1.0, trust: float | None = None) -> Consistent:
+def consistent(
+    fit: Fit, equations: BaseRegression, correlated: float = 1.0, trust: float | None = None
+) -> Consistent:
     """Find the physically consistent parameters that fit best, close to the nominal where the data determine nothing.
 
     Raises an IdentificationError if the solver fails.
@@ -66,7 +68,9 @@ def consistent(fit: Fit, equations: BaseRegression, correlated: float = 1.0, tru
     Psi = chart.Psi0 + chart.G @ (x - chart.x0)
     size = np.sqrt(np.mean((fit.weights * fit.noise) ** 2))
     apart = fit.factor[:-1, :-1] @ (equations.base.T @ Psi - fit.Psi)
-    return Consistent(Psi, trust, float(np.linalg.norm(apart) / size / np.sqrt(max(fit.samples, 1))), exact)
+    return Consistent(
+        Psi, trust, float(np.linalg.norm(apart) / size / np.sqrt(max(fit.samples, 1))), exact
+    )
 
 
 def description_covariance(equations: BaseRegression) -> Array:
@@ -87,7 +91,9 @@ def correlation_of_errors(identifier: Identifier, repeats: bool) -> float:
     fit = identifier.fit()
     # Averages may be fewer than half periods of the quickest joint: none is less than one error.
     most = max(fit.samples / identifier.statistics.effective_samples, 1.0)
-    return most if repeats else min(most, max(correlation(identifier.linear_blocks(), fit, most), 1.0))
+    return (
+        most if repeats else min(most, max(correlation(identifier.linear_blocks(), fit, most), 1.0))
+    )
 
 
 def with_consistency(
@@ -113,13 +119,18 @@ def with_consistency(
         return result.with_(notes=(*result.notes, f"no physically consistent arm: {error.problem}"))
     return result.with_(
         Psi=Psi,
-        notes=(*(note for note in result.notes if note != INEXACT), *(() if found.exact else (INEXACT,))),
+        notes=(
+            *(note for note in result.notes if note != INEXACT),
+            *(() if found.exact else (INEXACT,)),
+        ),
         consistency={"trust": found.trust, "misfit": found.misfit, "correlation": correlated},
         identified=identified,
     )
 
 
-def _data(fit: Fit, equations: BaseRegression, chart: Chart, correlated: float) -> tuple[Array, Array]:
+def _data(
+    fit: Fit, equations: BaseRegression, chart: Chart, correlated: float
+) -> tuple[Array, Array]:
     """Return A, b: the recording gives A (x - x0) = b with unit noise.
 
     Errors are coloured: their effect on the estimate is larger than white ones' by a factor known from the blocks, or
@@ -159,7 +170,9 @@ def _solve(A: Array, b: Array, chart: Chart, trust: float) -> tuple[Array, bool]
 
     x = cp.Variable(len(chart.x0))
     # Whole matrices and vectors: CVXPY takes its time for each expression, not for its size.
-    full = np.array([[float({i, j} == set(pair)) for pair in PAIRS] for i in range(4) for j in range(4)])
+    full = np.array(
+        [[float({i, j} == set(pair)) for pair in PAIRS] for i in range(4) for j in range(4)]
+    )
     divergence: list[cp.Expression] = []
     for piece in chart.pseudo:
         X = cp.reshape(full @ x[piece], (4, 4), order="C")
@@ -180,10 +193,13 @@ def _solve(A: Array, b: Array, chart: Chart, trust: float) -> tuple[Array, bool]
             problem.solve(solver=cp.CLARABEL)
     except cp.SolverError:  # whose words are about other solvers and their options
         raise IdentificationError(
-            "the convex solver gave up, as numbers of very different size meet", "Look at the recording with bag check"
+            "the convex solver gave up, as numbers of very different size meet",
+            "Look at the recording with bag check",
         ) from None
     if x.value is None:
-        raise IdentificationError(f"the convex solver found nothing ({problem.status})", "Record a richer motion.")
+        raise IdentificationError(
+            f"the convex solver found nothing ({problem.status})", "Record a richer motion."
+        )
     solution: Array = np.array(x.value, dtype=float)
     # The solver meets a bound to its tolerance: friction of 1e-10 Nm, or -1e-10 Nm, is none.
     solution[bounded] = np.where(solution[bounded] - least < TOLERANCE, least, solution[bounded])
@@ -205,7 +221,9 @@ def odd_masses(described: Robot, identified: Robot) -> list[str]:
     if not odd:
         return []
     wrong = "no such link has these masses: they make up for something that the model lacks"
-    check = "check signs and units of the torques, how the arm is mounted (base) and what it carries"
+    check = (
+        "check signs and units of the torques, how the arm is mounted (base) and what it carries"
+    )
     return [f"robot.yaml: {', '.join(odd)}: {wrong}; {check}"]
 
 
@@ -215,10 +233,14 @@ def identified_robot(
     """Return the arm with these parameters, laws beyond the model among its effects."""
     value = dict(zip(equations.names, Psi.tolist(), strict=True))
     for joint in robot.joints:
-        changes: dict[str, object] = {"link": inertia_from(_link_alone(robot, equations, joint.name, value))}
+        changes: dict[str, object] = {
+            "link": inertia_from(_link_alone(robot, equations, joint.name, value))
+        }
         t = joint.transmission
         if joint.armature is not None:
-            changes["armature"] = max(0.0, value[f"{joint.name}.{ARMATURE}"])  # of zero to the solver's tolerance
+            changes["armature"] = max(
+                0.0, value[f"{joint.name}.{ARMATURE}"]
+            )  # of zero to the solver's tolerance
         if t is not None:
             solids = {
                 what: replace(
@@ -234,11 +256,17 @@ def identified_robot(
             changes["transmission"] = replace(t, **solids, **springs)  # type: ignore[arg-type]
         robot = robot.with_joint(joint.name, **changes)
     replaced = {(instance.effect.id, instance.joint) for instance in effects}
-    kept = (entry for entry in robot.effects if (entry["effect"], entry.get("joint")) not in replaced)
-    return robot.with_(effects=(*kept, *(_with_values(instance, robot, value) for instance in effects)))
+    kept = (
+        entry for entry in robot.effects if (entry["effect"], entry.get("joint")) not in replaced
+    )
+    return robot.with_(
+        effects=(*kept, *(_with_values(instance, robot, value) for instance in effects))
+    )
 
 
-def _with_values(instance: EffectInstance, robot: Robot, value: dict[str, float]) -> dict[str, object]:
+def _with_values(
+    instance: EffectInstance, robot: Robot, value: dict[str, float]
+) -> dict[str, object]:
     place = f"{instance.effect.id}:{instance.joint or robot.name}"
     found = {}
     for p in instance.effect.parameters:
@@ -249,7 +277,9 @@ def _with_values(instance: EffectInstance, robot: Robot, value: dict[str, float]
     return instance.with_parameters(**found).to_dict()
 
 
-def _link_alone(robot: Robot, equations: BaseRegression, joint: str, value: dict[str, float]) -> Array:
+def _link_alone(
+    robot: Robot, equations: BaseRegression, joint: str, value: dict[str, float]
+) -> Array:
     """Return the ten parameters of a joint's link, without the spline where the model folds that into it."""
     link_name = robot.joints[robot.joint_names.index(joint)].link_name
     body = next(b for b in equations.model.bodies.bodies if b.name == link_name)

@@ -42,7 +42,9 @@ class Deflections:
     """The link's rows of summed regressions as equations for deflections."""
 
     def __init__(self, equations: BaseRegression) -> None:
-        self.rows = equations.wound  # groups of the link's rows: the joints whose deflection both encoders show
+        self.rows = (
+            equations.wound
+        )  # groups of the link's rows: the joints whose deflection both encoders show
         # (k,) places of their K and D among the base parameters
         self.stiffness, self.damping = np.array(equations.drive_columns, dtype=np.intp).T
         self.nominal = equations.described
@@ -77,7 +79,11 @@ class Deflections:
         """Return the places of springs that the recording does not determine, or that no spring can have."""
         places = [*self.stiffness.tolist(), *self.damping.tolist()]
         Psi, std = found.Psi, found.std
-        return [k for k in places if not (Psi[k] > 0 and std[k] < UNKNOWN * max(Psi[k], self.nominal[k]))]
+        return [
+            k
+            for k in places
+            if not (Psi[k] > 0 and std[k] < UNKNOWN * max(Psi[k], self.nominal[k]))
+        ]
 
 
 def fit_deflections(blocks: Blocks, rows: Deflections, prior: Prior | None = None) -> Fit:
@@ -96,7 +102,9 @@ def fit_deflections(blocks: Blocks, rows: Deflections, prior: Prior | None = Non
     return found
 
 
-def _settled(blocks: Blocks, rows: Deflections, fixed: Mapping[int, float], prior: Prior | None) -> Fit:
+def _settled(
+    blocks: Blocks, rows: Deflections, fixed: Mapping[int, float], prior: Prior | None
+) -> Fit:
     """Return the fit at which Gauss-Newton stands still."""
     Psi = rows.nominal.copy()
     for _ in range(MOST_STEPS):
@@ -110,7 +118,9 @@ def _settled(blocks: Blocks, rows: Deflections, fixed: Mapping[int, float], prio
         if done:
             break
     estimated = np.setdiff1d(np.arange(len(Psi)), list(fixed))
-    open_still = linear.undetermined[~np.any(np.abs(linear.undetermined[:, list(fixed)]) > 0.5, axis=1)]
+    open_still = linear.undetermined[
+        ~np.any(np.abs(linear.undetermined[:, list(fixed)]) > 0.5, axis=1)
+    ]
     return replace(
         linear,
         Psi=Psi,

@@ -34,7 +34,11 @@ NORMAL = 1.96
 
 
 def scattered(
-    blocks: Iterable[tuple[Pair, Array]], Psi: Array, weights: Array, back: Array, prior: Array | None = None
+    blocks: Iterable[tuple[Pair, Array]],
+    Psi: Array,
+    weights: Array,
+    back: Array,
+    prior: Array | None = None,
 ) -> Array:
     """Return the covariance (P, P) of an estimate from its blocks' scores.
 
@@ -46,7 +50,9 @@ def scattered(
     known = None if prior is None else prior[:, :-1] @ back
     # The scores add up to what the prior pulls the other way. That is no error of the data, and a block that alone
     # shows a parameter would answer for all of it: scores are those at the estimate before it was pulled.
-    pull = np.zeros(back.shape[1]) if prior is None or known is None else known.T @ (prior @ solution)
+    pull = (
+        np.zeros(back.shape[1]) if prior is None or known is None else known.T @ (prior @ solution)
+    )
     to_unit, from_unit = _unit_errors(back.shape[1], known)
     each = []
     for (hi, lo), noise_in_phi in blocks:
@@ -59,7 +65,9 @@ def scattered(
     for first in range(0, len(each), joined):
         gram, score = (sum(parts) for parts in zip(*each[first : first + joined], strict=True))
         values, vectors = np.linalg.eigh(back.T @ gram @ back)
-        scores.append(to_unit @ vectors @ ((vectors.T @ score) / np.maximum(1.0 - values, LEAST_OWN)))
+        scores.append(
+            to_unit @ vectors @ ((vectors.T @ score) / np.maximum(1.0 - values, LEAST_OWN))
+        )
         own = (to_unit @ vectors * np.maximum(values, 0.0)) @ vectors.T @ to_unit.T
         squares += own @ own
     meat, target, share = shrunk(np.array(scores))
@@ -72,7 +80,9 @@ def resembling(scores: Array) -> int:
 
     Andrews' bandwidth of Bartlett's window for what follows its neighbour by one and the same share.
     """
-    share = max(float(np.sum(scores[1:] * scores[:-1])) / max(float(np.sum(scores**2)), 1e-300), 0.0)
+    share = max(
+        float(np.sum(scores[1:] * scores[:-1])) / max(float(np.sum(scores**2)), 1e-300), 0.0
+    )
     width = 1.1447 * (4.0 * share**2 / (1.0 - share**2) ** 2 * len(scores)) ** (1.0 / 3.0)
     return max(1, min(round(width), len(scores) // FEWEST_BLOCKS))
 

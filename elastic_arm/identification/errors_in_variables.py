@@ -51,7 +51,9 @@ def noise_sums(equations: BaseRegression, motion: Motion, every: int, first: int
     bend -= 2.0 * middle
     bend /= steps**2
     curved = 0.5 * middle[:, 0].transpose(0, 2, 1) @ bend.sum(axis=1)
-    return np.asarray(every * (slope.transpose(0, 2, 1) @ slope + curved + curved.transpose(0, 2, 1)))
+    return np.asarray(
+        every * (slope.transpose(0, 2, 1) @ slope + curved + curved.transpose(0, 2, 1))
+    )
 
 
 @functools.lru_cache(maxsize=8)
@@ -69,7 +71,14 @@ def _directions(noise: StateNoise) -> tuple[Array, dict[str, Array]]:
                 continue
             values, vectors = np.linalg.eigh(covariance / np.outer(std, std))
             for direction in (vectors * np.sqrt(np.maximum(values, 0.0))).T * std:
-                found.append((side, joint, direction, max(1.0, float(1.0 / np.max(np.abs(direction) / STEPS)))))
+                found.append(
+                    (
+                        side,
+                        joint,
+                        direction,
+                        max(1.0, float(1.0 / np.max(np.abs(direction) / STEPS))),
+                    )
+                )
     offsets = {
         rate + side: np.zeros((1 + 2 * len(found), len(covariances)))
         for side, covariances in (("q", noise.link), ("theta", noise.motor))
@@ -109,7 +118,9 @@ def correction_share(whole: Array, noise: Array) -> float:
     return min(1.0, MOST_TAKEN_OFF / max(largest, 1e-300))
 
 
-def covariance_left(noise: Array, whole: Array, Psi: Array, described: Array, samples: int) -> Array:
+def covariance_left(
+    noise: Array, whole: Array, Psi: Array, described: Array, samples: int
+) -> Array:
     """Return what is not known of the noise, as a covariance (B + 1, B + 1) of the sums' right side."""
     total = noise.sum(axis=0)
     level = noise @ np.append(-Psi, 1.0) / np.sqrt(WHITE_SHARE * samples)

@@ -37,14 +37,19 @@ def law_columns(
         return []
     evaluate = _LawColumns(tuple(instances), robot, model, sign_speed)
     # A law that is asked for holds no value of its own: where the description states one, that is the nominal.
-    described = {_place(entry["effect"], entry.get("joint"), robot): entry["parameters"] for entry in robot.effects}
+    described = {
+        _place(entry["effect"], entry.get("joint"), robot): entry["parameters"]
+        for entry in robot.effects
+    }
     found: list[Column] = []
     for instance in instances:
         place, kind = place_of(instance, robot), {"dry": is_dry(instance)}
         kind["sensor"] = isinstance(instance.effect, SensorEffect)
         for p in _linear(instance.effect):
             stated = described.get(place, {}).get(p.name)
-            nominal = np.zeros(p.size) if stated is None else np.atleast_1d(stated) - (p.neutral or 0.0)
+            nominal = (
+                np.zeros(p.size) if stated is None else np.atleast_1d(stated) - (p.neutral or 0.0)
+            )
             unit, least = p.unit_at(instance.joint, robot.units), p.least - (p.neutral or 0.0)
             for name, value in zip(p.component_names, nominal.tolist(), strict=True):
                 values = partial(evaluate.column, len(found))
@@ -62,7 +67,11 @@ def _place(effect: str, joint: str | None, robot: Robot) -> str:
 
 
 def with_stated(
-    effects: Sequence[EffectInstance], robot: Robot, *, motored: bool, catalogue: Catalogue | None = None
+    effects: Sequence[EffectInstance],
+    robot: Robot,
+    *,
+    motored: bool,
+    catalogue: Catalogue | None = None,
 ) -> tuple[EffectInstance, ...]:
     """Return laws that the description states, such as the friction of a simulator's joints, then the user's own."""
     own = {(instance.effect.id, instance.joint) for instance in effects}
@@ -114,7 +123,11 @@ class _LawColumns:
     """All laws compiled together; the columns of the last motion are kept, as they are evaluated one by one."""
 
     def __init__(
-        self, instances: tuple[EffectInstance, ...], robot: Robot, model: str, sign_speed: float | Sequence[float]
+        self,
+        instances: tuple[EffectInstance, ...],
+        robot: Robot,
+        model: str,
+        sign_speed: float | Sequence[float],
     ) -> None:
         self.robot = robot
         terms = [
@@ -142,7 +155,9 @@ class _LawColumns:
         none = np.zeros((len(motion), self.robot.n))
         samples: dict[str, Any] = {"tau_J": none, "tau_m": none, **motion.channels()}
         return Signals.of_samples(
-            CompletedMotion(**samples), (self.standstill, self.standstill), elastic=self.robot.elastic
+            CompletedMotion(**samples),
+            (self.standstill, self.standstill),
+            elastic=self.robot.elastic,
         )
 
 

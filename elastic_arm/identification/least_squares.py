@@ -127,7 +127,12 @@ class Blocks:
 
     def copy(self) -> Blocks:
         """Return blocks that go their own way from here."""
-        return replace(self, grams=list(self.grams), counts=list(self.counts), known_noise=list(self.known_noise))
+        return replace(
+            self,
+            grams=list(self.grams),
+            counts=list(self.counts),
+            known_noise=list(self.known_noise),
+        )
 
     def together(self) -> Blocks:
         """Return all samples, of which there must be some, as one block."""
@@ -138,7 +143,9 @@ class Blocks:
         pairs = [slice(k, k + 2) for k in range(0, len(self.grams), 2)]
         self.grams = [functools.reduce(add, self.grams[pair]) for pair in pairs]
         self.counts = [sum(self.counts[pair]) for pair in pairs]
-        self.known_noise = [sum(self.known_noise[pair][1:], self.known_noise[pair][0]) for pair in pairs]
+        self.known_noise = [
+            sum(self.known_noise[pair][1:], self.known_noise[pair][0]) for pair in pairs
+        ]
         self.span *= 2
 
 
@@ -170,7 +177,9 @@ class Fit:
     condition: float  # Condition number of the equilibrated columns
     undetermined: Array  # (k, P) unit vectors, in units of the equilibrated columns, of what the data leave open
     samples: int  # Number of samples
-    fixed: tuple[int, ...] = ()  # Places of parameters that were not estimated: they are those of the description
+    fixed: tuple[
+        int, ...
+    ] = ()  # Places of parameters that were not estimated: they are those of the description
 
     @property
     def std(self) -> Array:
@@ -187,7 +196,9 @@ def fit(blocks: Blocks, power: float = 1.0, rounds: int = 4, prior: Prior | None
     """
     P, rows = blocks.width - 1, blocks.samples * blocks.groups
     if rows <= P:
-        raise IdentificationError(f"{rows} equations do not determine {P} parameters", "Record some seconds of motion.")
+        raise IdentificationError(
+            f"{rows} equations do not determine {P} parameters", "Record some seconds of motion."
+        )
     together = blocks.together()
     r = together.total()
     live = np.any(r[..., -1] != 0.0, axis=-1)
@@ -216,14 +227,18 @@ def correlation(blocks: Blocks, found: Fit, samples: float) -> float:
     while len(long.grams) >= 2 * FEWEST_LONG_BLOCKS and long.samples < samples * len(long.grams):
         long._halve()
     *_, back = _solve(found.factor)
-    robust, white = _covariances(long, (found.Psi, found.weights, found.noise), back, blocks.total())
+    robust, white = _covariances(
+        long, (found.Psi, found.weights, found.noise), back, blocks.total()
+    )
     return deviations.inflation(robust, white)
 
 
 def _prior_covariance(known: Array, prior: Prior) -> Array:
     """Return what the prior's own errors add to the covariance (P, P), as far as the data leave parameters to it."""
     columns, scale = _equilibrated(known)
-    inverse = np.linalg.pinv(columns.T @ columns, rcond=RANK_FLOOR**2, hermitian=True) / np.outer(scale, scale)
+    inverse = np.linalg.pinv(columns.T @ columns, rcond=RANK_FLOOR**2, hermitian=True) / np.outer(
+        scale, scale
+    )
     passed = inverse @ (prior.factor.T * prior.excess)
     return np.asarray(passed @ passed.T)
 
@@ -260,7 +275,11 @@ def _solve(whole: Array) -> tuple[Array, float, Array, Array]:
 
 
 def _covariances(
-    blocks: Blocks, solved: tuple[Array, Array, Array], back: Array, r: Array, prior: Prior | None = None
+    blocks: Blocks,
+    solved: tuple[Array, Array, Array],
+    back: Array,
+    r: Array,
+    prior: Prior | None = None,
 ) -> tuple[Array, Array]:
     """Return the covariance from the blocks' scores, and that of white errors, for `solved`: Psi, weights and noise.
 

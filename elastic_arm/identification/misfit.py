@@ -28,7 +28,9 @@ ENERGY = 1e-2
 COUNTED = 1000
 
 
-def poor_fits(equations: BaseRegression, motion: Motion, Psi_base: Array, noise: Mapping[str, Array]) -> list[str]:
+def poor_fits(
+    equations: BaseRegression, motion: Motion, Psi_base: Array, noise: Mapping[str, Array]
+) -> list[str]:
     """Return in words which joints' torques the fit leaves unexplained, by `noise`, channel -> (n,) Nm."""
     measured, predicted = equations.measured(motion), equations.predict(motion, Psi_base)
     found, out = [], equations.left_out(motion)
@@ -45,21 +47,29 @@ def poor_fits(equations: BaseRegression, motion: Motion, Psi_base: Array, noise:
             unit = equations.model.robot.units.at(joint, "Nm")
             ratio = float(np.std(left) / max(size, 1e-300))
             times = f"{ratio:.3g}" if ratio < COUNTED else f"more than {COUNTED:g}"
-            said = (
-                f"{joint}: the fit leaves {np.std(left):.3g} of {np.std(torque):.3g} {unit} (rms), {times} times the "
-            )
+            said = f"{joint}: the fit leaves {np.std(left):.3g} of {np.std(torque):.3g} {unit} (rms), {times} times the "
             said += "noise of its sensor"
             # What exceeds the torque itself is no answer to it.
             possible = not equations.elastic and np.std(left) <= np.std(torque)
             line = resonance(equations, motion, Psi_base, side, j) if possible else None
-            said += "" if line is None else f", with a resonance near {line:.2g} Hz: the joint may be elastic"
+            said += (
+                ""
+                if line is None
+                else f", with a resonance near {line:.2g} Hz: the joint may be elastic"
+            )
             rubs = f"{DRY}:{joint}.torque" in equations.names
-            remedy = "the model lacks something there" if rubs else f"identify its friction, too (--with {DRY})"
+            remedy = (
+                "the model lacks something there"
+                if rubs
+                else f"identify its friction, too (--with {DRY})"
+            )
             found.append(f"{said}; {remedy}")
     return found
 
 
-def resonance(equations: BaseRegression, motion: Motion, Psi_base: Array, side: str, joint: int) -> float | None:
+def resonance(
+    equations: BaseRegression, motion: Motion, Psi_base: Array, side: str, joint: int
+) -> float | None:
     """Return the frequency, Hz, at which a joint answers its torque most, None where no peak stands out."""
     still, acceleration = {}, None
     for name in ("ddq", "ddtheta"):
@@ -72,7 +82,10 @@ def resonance(equations: BaseRegression, motion: Motion, Psi_base: Array, side: 
         return None
     inertial = equations.measured(motion)[side][:, joint]
     inertial = inertial - equations.predict(replace(motion, **still), Psi_base)[side][:, joint]
-    given = {"fs": 1.0 / float(np.median(np.diff(motion.t))), "nperseg": 2 * len(motion) // (SEGMENTS + 1)}
+    given = {
+        "fs": 1.0 / float(np.median(np.diff(motion.t))),
+        "nperseg": 2 * len(motion) // (SEGMENTS + 1),
+    }
     f, density = welch(inertial, **given)
     answer = np.abs(csd(inertial, acceleration, **given)[1])
     coherence = answer**2 / np.maximum(density * welch(acceleration, **given)[1], 1e-300)

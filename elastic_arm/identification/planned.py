@@ -15,7 +15,9 @@ RATE = 100  # samples a second of the motion that is judged
 MOST_PERIODS = 10  # beyond which a motion is not repeated: another one is better
 
 
-def judged(model: Model, trajectory: FourierTrajectory, periods: int | None = None) -> tuple[int, Excitation]:
+def judged(
+    model: Model, trajectory: FourierTrajectory, periods: int | None = None
+) -> tuple[int, Excitation]:
     """Judge a motion that is repeated so many times; where None, as many as make it good, if some do."""
     count, n = round(RATE * trajectory.period), model.n
     states = elastic_motion(model, trajectory, count)
@@ -29,7 +31,9 @@ def judged(model: Model, trajectory: FourierTrajectory, periods: int | None = No
     t = np.arange(count) / RATE
     # Only which torques there are matters, not what they are.
     for done in range(1, (periods or MOST_PERIODS) + 1):
-        identifier.add_motion(Motion(t + done * trajectory.period, **channels, tau_m=np.zeros((count, n))))
+        identifier.add_motion(
+            Motion(t + done * trajectory.period, **channels, tau_m=np.zeros((count, n)))
+        )
         found = identifier.excitation()
         if periods is None and not found.poor:
             break

@@ -38,7 +38,11 @@ GAIN = 0.05
 
 
 def prior_of(
-    equations: BaseRegression, width: float, error: float = 0.0, laws: Array | None = None, correlated: float = 1.0
+    equations: BaseRegression,
+    width: float,
+    error: float = 0.0,
+    laws: Array | None = None,
+    correlated: float = 1.0,
 ) -> Prior:
     """Return the description as a prior of relative error `width`; laws beyond the model are free up to a size.
 
@@ -67,7 +71,9 @@ def law_sizes(blocks: Blocks, equations: BaseRegression) -> Array:
     squares = np.diagonal(blocks.sums()[0][0], axis1=1, axis2=2)
     columns, torques = squares[:, :-1], squares[:, -1:]
     whole = np.sum(np.where(columns > 0.0, torques, 0.0), axis=0)
-    law = np.array([":" in name and not name.startswith("link_encoder:") for name in equations.base.names])
+    law = np.array(
+        [":" in name and not name.startswith("link_encoder:") for name in equations.base.names]
+    )
     # What holds parameters of the arm, too, has their prior.
     law &= ~np.isfinite(natural_scales(equations))
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -79,7 +85,9 @@ def law_sizes(blocks: Blocks, equations: BaseRegression) -> Array:
 
 def _ordinary(equations: BaseRegression) -> Array:
     """Return the ordinary size (B,) of each base parameter that is a law's; NaN where none is stated."""
-    stated = {column.name: column.ordinary for column in equations.columns if column.ordinary is not None}
+    stated = {
+        column.name: column.ordinary for column in equations.columns if column.ordinary is not None
+    }
     return np.array([stated.get(name, np.nan) for name in equations.base.names])
 
 
@@ -88,7 +96,9 @@ def _description_errors(equations: BaseRegression) -> tuple[NDArray[np.intp], Ar
     """Return which base parameters are the arm's own, and the covariance of their description at a relative error 1."""
     base, scales = equations.base, natural_scales(equations)
     own = np.flatnonzero(np.isfinite(scales))
-    held = [0.0] * (len(equations.names) - len(equations.columns)) + [c.ordinary or 0.0 for c in equations.columns]
+    held = [0.0] * (len(equations.names) - len(equations.columns)) + [
+        c.ordinary or 0.0 for c in equations.columns
+    ]
     spread = description_covariance(equations) + np.diag(held) ** 2
     covariance = (base.T @ spread @ base.T.T)[np.ix_(own, own)]
     return own, covariance + np.diag((PLACEHOLDER * scales[own]) ** 2)
@@ -114,13 +124,20 @@ def description_error(fit: Fit, equations: BaseRegression, doubt: float = 0.0) -
     return ERRORS[min(unlikely[unlikely > best].tolist(), default=-1)]
 
 
-def chosen_width(blocks: Blocks, fit: Fit, equations: BaseRegression, correlated: float = 1.0) -> float | None:
+def chosen_width(
+    blocks: Blocks, fit: Fit, equations: BaseRegression, correlated: float = 1.0
+) -> float | None:
     """Return the width of the prior that cross-validation prefers; None where none predicts clearly better."""
     if len(blocks.grams) < 2 * FOLDS:
         return None
     laws = law_sizes(blocks, equations)
-    loose, *priors = (prior_of(equations, width, laws=laws, correlated=correlated) for width in (np.inf, *WIDTHS))
-    parts = [_gram(blocks, part, fit.weights) for part in np.array_split(np.arange(len(blocks.grams)), FOLDS)]
+    loose, *priors = (
+        prior_of(equations, width, laws=laws, correlated=correlated) for width in (np.inf, *WIDTHS)
+    )
+    parts = [
+        _gram(blocks, part, fit.weights)
+        for part in np.array_split(np.arange(len(blocks.grams)), FOLDS)
+    ]
     plain, whole = _left_out_errors(parts, loose), np.sum(parts, axis=0)
     solution = np.append(-solved(whole, loose), 1.0)
     if (1.0 - GAIN) * plain.sum() <= solution @ whole @ solution:
@@ -136,7 +153,11 @@ def chosen_width(blocks: Blocks, fit: Fit, equations: BaseRegression, correlated
     gain = errors[0] - errors[best]
     if total[best] > (1.0 - GAIN) * total[0] or gain.sum() < standard_error(gain):
         return None
-    near = [k for k in range(1, len(errors)) if total[k] - total[best] <= standard_error(errors[k] - errors[best])]
+    near = [
+        k
+        for k in range(1, len(errors))
+        if total[k] - total[best] <= standard_error(errors[k] - errors[best])
+    ]
     return WIDTHS[max(near, default=best) - 1]
 
 
@@ -151,7 +172,9 @@ def _left_out_errors(parts: Sequence[Array], prior: Prior | None) -> Array:
     """Return the squared weighted errors of each part, predicted from the others, (folds,)."""
     whole = np.sum(parts, axis=0)
     solutions = [np.append(-solved(whole - part, prior), 1.0) for part in parts]
-    return np.array([solution @ part @ solution for solution, part in zip(solutions, parts, strict=True)])
+    return np.array(
+        [solution @ part @ solution for solution, part in zip(solutions, parts, strict=True)]
+    )
 
 
 def solved(gram: Array, prior: Prior | None) -> Array:
@@ -160,7 +183,9 @@ def solved(gram: Array, prior: Prior | None) -> Array:
     scale = np.sqrt(np.maximum(np.diag(total)[:-1], 0.0))
     scale = np.where(scale > 0, scale, 1.0)
     normal = total[:-1, :-1] / np.outer(scale, scale)
-    return np.asarray(np.linalg.pinv(normal, rcond=1e-13, hermitian=True) @ (total[:-1, -1] / scale) / scale)
+    return np.asarray(
+        np.linalg.pinv(normal, rcond=1e-13, hermitian=True) @ (total[:-1, -1] / scale) / scale
+    )
 
 
 def described_width(width: float, judge: str) -> str:

@@ -16,7 +16,14 @@ from elastic_arm.errors import IdentificationError
 from elastic_arm.formatting import JointUnits
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.least_squares import Fit
-from elastic_arm.identification.verdict import Excitation, checked, directions, relative_std, remarks, verdicts
+from elastic_arm.identification.verdict import (
+    Excitation,
+    checked,
+    directions,
+    relative_std,
+    remarks,
+    verdicts,
+)
 from elastic_arm.output_files import plain, write_result
 from elastic_arm.results import Result, Row
 from elastic_arm.robot import Robot, save_robot
@@ -166,9 +173,14 @@ class Identification(Result):
         counts = f"{words.count('poorly')} poorly, {words.count('not')} not at all"
         found = [f"{words.count('well')} of {len(words)} parameters are well determined, {counts}."]
         for recording, arms in (self.validation or {}).items():
-            worst = [max((e, j, s) for s, at in arms[arm].items() for j, e in at.items()) for arm in ARMS[:2]]
+            worst = [
+                max((e, j, s) for s, at in arms[arm].items() for j, e in at.items())
+                for arm in ARMS[:2]
+            ]
             sizes = [f"{e:.3g} {self.units.at(j, 'Nm')} ({j}, {COMPARED[s]})" for e, j, s in worst]
-            errors = f"the nominal arm errs by up to {sizes[0]}, the identified one by up to {sizes[1]}"
+            errors = (
+                f"the nominal arm errs by up to {sizes[0]}, the identified one by up to {sizes[1]}"
+            )
             found.append(f"On {recording}, which no fit has seen, {errors}.")
         return found
 
@@ -198,9 +210,13 @@ class Identification(Result):
         try:
             data = json.loads(Path(path).read_text(encoding="utf-8"))
         except (OSError, ValueError) as error:
-            raise IdentificationError(f"{path} cannot be read: {error}", "Give an identification.json.") from None
+            raise IdentificationError(
+                f"{path} cannot be read: {error}", "Give an identification.json."
+            ) from None
         if not isinstance(data, dict) or data.pop("schema", None) != SCHEMA:
-            raise IdentificationError(f"{path} is no identification", f"Its schema must be {SCHEMA}.")
+            raise IdentificationError(
+                f"{path} is no identification", f"Its schema must be {SCHEMA}."
+            )
         try:
             return _from_dict(data)
         except (KeyError, TypeError, ValueError, AttributeError) as error:
@@ -240,8 +256,12 @@ def compare(identification: Identification, true_robot: Robot) -> list[Compariso
     parameters = build_model(true_robot, identification.model).parameters
     value = {p.name: p.nominal for p in parameters}
     if not set(value) <= set(identification.parameter_names):
-        raise IdentificationError("the true arm has other bodies than the identified one", "Compare equal arms.")
-    true = identification.T @ np.array([value.get(name, 0.0) for name in identification.parameter_names])
+        raise IdentificationError(
+            "the true arm has other bodies than the identified one", "Compare equal arms."
+        )
+    true = identification.T @ np.array(
+        [value.get(name, 0.0) for name in identification.parameter_names]
+    )
     return [
         Comparison(e.name, e.unit, e.value, e.std, t, (e.value - t) / max(e.std, 1e-300))
         for e, t in zip(identification.estimates, true.tolist(), strict=True)
@@ -279,7 +299,9 @@ def result_of(
         recordings=recordings,
         joints=equations.joints,
         prismatic=tuple(robot.units.prismatic),
-        estimates=tuple(Estimate(*row) for row in zip(base.names, base.units, *numbers, words, strict=True)),
+        estimates=tuple(
+            Estimate(*row) for row in zip(base.names, base.units, *numbers, words, strict=True)
+        ),
         noise=equations.by_joint(fit.noise),
         condition=fit.condition,
         undetermined=directions(fit.undetermined, base.names),
@@ -297,7 +319,15 @@ def _from_dict(data: dict[str, Any]) -> Identification:
     for e in data["estimates"]:
         e |= {name: np.inf for name, value in e.items() if value is None}
     data["estimates"] = tuple(Estimate(**e) for e in data["estimates"])
-    for name in ("recordings", "joints", "undetermined", "derivatives", "parameter_names", "notes", "prismatic"):
+    for name in (
+        "recordings",
+        "joints",
+        "undetermined",
+        "derivatives",
+        "parameter_names",
+        "notes",
+        "prismatic",
+    ):
         data[name] = tuple(data.get(name, ()))
     for name in ("T", "covariance", "Psi"):
         data[name] = None if data[name] is None else np.array(data[name], dtype=float)

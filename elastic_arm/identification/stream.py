@@ -56,17 +56,24 @@ def smoothed(
             whole, raw = whole[kept], raw[kept]
         rows = read_at(whole.t, read)
         some = replace(whole, tau_J=raw.tau_J, tau_m=raw.tau_m)[rows]
-        return replace(some, laws=equations.laws(some), every=max(1, round(len(whole) / max(len(rows), 1))))
+        return replace(
+            some, laws=equations.laws(some), every=max(1, round(len(whole) / max(len(rows), 1)))
+        )
     if not equations.columns:
         return smoother(grid, every)
     motion = smoother(grid)
     if standing is not None:
         velocity = motion.dtheta if motion.dtheta is not None else motion.dq
         assert velocity is not None
-        motion = replace(motion, stuck=sticking(motion.t, velocity, standing, AROUND + 2 * np.pi / smoother.cutoff))
+        motion = replace(
+            motion,
+            stuck=sticking(motion.t, velocity, standing, AROUND + 2 * np.pi / smoother.cutoff),
+        )
     laws = equations.laws(motion)
     filtered = smoother.filter(laws.reshape(len(laws), -1))
-    inner = replace(motion[smoother.lag : -smoother.lag], laws=filtered.reshape(len(filtered), *laws.shape[1:]))
+    inner = replace(
+        motion[smoother.lag : -smoother.lag], laws=filtered.reshape(len(filtered), *laws.shape[1:])
+    )
     return replace(inner[::every], every=every)
 
 
@@ -194,7 +201,9 @@ class Identifier:
         self.progress = Progress()
         self._piece = IncomingRun()
         self._recorded: Recorded = ()
-        self._rest: tuple[Array, float] | None = None  # where the arm was when it last moved, and when
+        self._rest: tuple[Array, float] | None = (
+            None  # where the arm was when it last moved, and when
+        )
 
     def pause(self) -> None:
         """Ignore samples until :meth:`resume`. Those from which no smoother could be chosen yet are given up."""
@@ -224,13 +233,20 @@ class Identifier:
         Raises an IdentificationError if the channels allow no equation, or others than before.
         """
         there = {name for name in SENSED if getattr(channels, name) is not None}
-        recorded = tuple(frozenset(there - {c for c, j in channels.lacking if j == i}) for i in range(self.model.n))
+        recorded = tuple(
+            frozenset(there - {c for c, j in channels.lacking if j == i})
+            for i in range(self.model.n)
+        )
         if self.accumulator is None:
             self.accumulator = self._empty(recorded)
             self._recorded = recorded
         if recorded != self._recorded:
-            one, other = (", ".join(sorted(frozenset().union(*sets))) for sets in (self._recorded, recorded))
-            what = f"one recording holds {one}, another {other}" + ", not at the same joints" * (one == other)
+            one, other = (
+                ", ".join(sorted(frozenset().union(*sets))) for sets in (self._recorded, recorded)
+            )
+            what = f"one recording holds {one}, another {other}" + ", not at the same joints" * (
+                one == other
+            )
             raise IdentificationError(what, "Identify recordings with equal channels.")
         return self.accumulator.equations
 
@@ -293,7 +309,9 @@ class Identifier:
             return blocks
         found = found or self.fit()
         fixed = {k: float(found.Psi[k]) for k in found.fixed}
-        return blocks.transformed(Deflections(self.equations).transform(found.Psi, fixed, blocks.groups))
+        return blocks.transformed(
+            Deflections(self.equations).transform(found.Psi, fixed, blocks.groups)
+        )
 
     def estimate(
         self,
@@ -303,7 +321,9 @@ class Identifier:
     ) -> Identification:
         """Return the estimate with its standard deviations and verdicts; see :meth:`fit` for errors."""
         found = found or self.fit()
-        return result_of(found, self.equations, self.excitation(), self.progress.samples, recordings, methods)
+        return result_of(
+            found, self.equations, self.excitation(), self.progress.samples, recordings, methods
+        )
 
     def excitation(self) -> Excitation:
         """Return what the motion so far can determine; the torques are not looked at."""
@@ -356,7 +376,11 @@ class Identifier:
             return run
         if not ends:
             ready -= ready % self.smoother.thinning
-        standing = standing_speed(0.0, velocity_noise(self.smoother)) if any(c.dry for c in self.columns) else None
+        standing = (
+            standing_speed(0.0, velocity_noise(self.smoother))
+            if any(c.dry for c in self.columns)
+            else None
+        )
         motion = smoothed(self.smoother, run[: ready + self._window], self.equations, standing)
         for moving in self._moving(motion):
             self.add_motion(moving)

@@ -70,7 +70,9 @@ class HeldOut:
             found[source] = cholesky(functools.reduce(add, sums)) / size[:, None, None]
         return found
 
-    def errors(self, Psi_base: Array, *, averages: bool = False) -> dict[str, dict[str, dict[str, float]]]:
+    def errors(
+        self, Psi_base: Array, *, averages: bool = False
+    ) -> dict[str, dict[str, dict[str, float]]]:
         """Return recording -> equation -> joint -> rms, Nm, of base parameters; that of averages is what judges an arm.
 
         Noise in accelerations is weighed by the inertias that predict, so that of two arms the one with less inertia
@@ -79,7 +81,8 @@ class HeldOut:
         scale = self.equations.comparable(Psi_base)
         factors = self._averages if averages else self._rows
         return {
-            source: self.equations.by_joint(scale * residual_norms(own, Psi_base)) for source, own in factors.items()
+            source: self.equations.by_joint(scale * residual_norms(own, Psi_base))
+            for source, own in factors.items()
         }
 
     @cached_property
@@ -95,7 +98,13 @@ class HeldOut:
         sides, equations = self.equations.sides, self.equations.equations
         torques = [side for side in sides if equations.equation(side).torque is not None] or sides
         return [
-            (source, side, joint, max(error, 1e-300), max(self.nominal[source][side][joint], 1e-300))
+            (
+                source,
+                side,
+                joint,
+                max(error, 1e-300),
+                max(self.nominal[source][side][joint], 1e-300),
+            )
             for source, by_side in self.errors(Psi_base, averages=True).items()
             for side in torques
             for joint, error in by_side[side].items()
@@ -103,23 +112,36 @@ class HeldOut:
 
     def ratio(self, Psi_base: Array) -> float:
         """Return the mean log ratio of errors to those of the description; above 0 is worse."""
-        return float(np.mean([np.log(error / described) for *_, error, described in self.compared(Psi_base)]))
+        return float(
+            np.mean([np.log(error / described) for *_, error, described in self.compared(Psi_base)])
+        )
 
     def chance(self, covariance: Array) -> float:
         """Return the mean log ratio of errors to those of a right description that one fit in a hundred exceeds."""
         expected = {
-            source: self.equations.by_joint(np.einsum("gij,jk,gik->g", R[:, :, :-1], covariance, R[:, :, :-1]))
+            source: self.equations.by_joint(
+                np.einsum("gij,jk,gik->g", R[:, :, :-1], covariance, R[:, :, :-1])
+            )
             for source, R in self._averages.items()
         }
         compared = self.compared(self.equations.described)
         return float(
-            np.mean([0.5 * np.log1p(RARE * expected[s][side][j] / error**2) for s, side, j, error, _ in compared])
+            np.mean(
+                [
+                    0.5 * np.log1p(RARE * expected[s][side][j] / error**2)
+                    for s, side, j, error, _ in compared
+                ]
+            )
         )
 
     def worse(self, Psi_base: Array) -> list[str]:
         """Return the joints that some recording shows to be predicted clearly worse than by the description."""
         compared = self.compared(Psi_base)
-        return list(dict.fromkeys(joint for *_, joint, error, described in compared if error > WORSE * described))
+        return list(
+            dict.fromkeys(
+                joint for *_, joint, error, described in compared if error > WORSE * described
+            )
+        )
 
 
 def validated(
@@ -131,28 +153,39 @@ def validated(
     correlated: float = 1.0,
 ) -> Identification:
     """Add the errors on held-out recordings; what they refute is pulled to the description until it is no worse."""
-    linear = not held_out.equations.summed  # Else each prior takes a search of its own: too long for a single joint.
+    linear = (
+        not held_out.equations.summed
+    )  # Else each prior takes a search of its own: too long for a single joint.
     if held_out.ratio(result.Psi_base) > EQUAL or (linear and held_out.worse(result.Psi_base)):
         result = _pulled(result, identifier, held_out, correlated)
     if result.Psi is not None:
-        consistent = partial(with_consistency, result, identifier, robot, effects, correlated=correlated)
+        consistent = partial(
+            with_consistency, result, identifier, robot, effects, correlated=correlated
+        )
         result = _consistent_or_none(result, consistent, held_out)
     equations = held_out.equations
     arms = {"nominal": equations.described, "identified": result.Psi_base}
     if result.Psi is not None:
         arms["consistent"] = equations.base.T @ result.Psi
     tables = {arm: held_out.errors(Psi) for arm, Psi in arms.items()}
-    found = {source: {arm: table[source] for arm, table in tables.items()} for source in held_out.motions}
+    found = {
+        source: {arm: table[source] for arm, table in tables.items()} for source in held_out.motions
+    }
     worse: dict[str, list[str]] = {}
     for source, side, joint, error, described in held_out.compared(result.Psi_base):
         if error > WORSE * described:
             size = f"{error:.3g} against {described:.3g} {result.units.at(joint, 'Nm')}"
             worse.setdefault(source, []).append(f"{joint} ({side}: {size})")
-    notes = [f"{source} is predicted worse than by the description: {', '.join(at)}" for source, at in worse.items()]
+    notes = [
+        f"{source} is predicted worse than by the description: {', '.join(at)}"
+        for source, at in worse.items()
+    ]
     return result.with_(validation=found, notes=(*result.notes, *notes))
 
 
-def _pulled(result: Identification, identifier: Identifier, held_out: HeldOut, correlated: float) -> Identification:
+def _pulled(
+    result: Identification, identifier: Identifier, held_out: HeldOut, correlated: float
+) -> Identification:
     """Return the result with the description as the prior that predicts held-out motion best, joint by joint first.
 
     A fit that is better than the description on the whole stays as it is, unless fewer joints are worse with the prior.
@@ -168,16 +201,27 @@ def _pulled(result: Identification, identifier: Identifier, held_out: HeldOut, c
     if refuted:
         _, ratio, width, best = min(tries, key=lambda each: each[1])
         alike = not worse and now <= held_out.chance(result.covariance)
-        better, said = ratio < now, [ALIKE if alike else f"the fit predicts {HELD_OUT} worse than the description does"]
+        better, said = (
+            ratio < now,
+            [ALIKE if alike else f"the fit predicts {HELD_OUT} worse than the description does"],
+        )
     else:
         count, ratio, width, best = min(tries, key=lambda each: each[:2])
         better, said = count < len(worse) and ratio <= now + EQUAL, list[str]()
     if better:
-        said += [] if refuted else [f"the fit predicts {', '.join(worse)} worse than the description does"]
+        said += (
+            []
+            if refuted
+            else [f"the fit predicts {', '.join(worse)} worse than the description does"]
+        )
         said.append(described_width(width, HELD_OUT))
-        result = result.with_(estimates=best.estimates, covariance=best.covariance, noise=best.noise)
+        result = result.with_(
+            estimates=best.estimates, covariance=best.covariance, noise=best.noise
+        )
     if refuted and not alike and ratio > EQUAL:
-        said.append("no fit near the description is better than it: do not use the identified numbers")
+        said.append(
+            "no fit near the description is better than it: do not use the identified numbers"
+        )
     return result.with_(notes=(*result.notes, *said))
 
 
@@ -198,7 +242,11 @@ def _consistent_or_none(
                 break
             worse = held_out.worse(T @ tried.Psi)
             if not worse and held_out.ratio(T @ tried.Psi) <= 0.0:
-                return tried.with_(notes=(*tried.notes, _described(kept, held_out.equations))) if last else tried
+                return (
+                    tried.with_(notes=(*tried.notes, _described(kept, held_out.equations)))
+                    if last
+                    else tried
+                )
             worst = worst or worse
             if last or not worse:
                 break
@@ -206,9 +254,13 @@ def _consistent_or_none(
             tried = consistent(trust, described=kept)
     where = f" at {', '.join(worst)}" if worst else ""
     said = (
-        [] if ALIKE in result.notes else [f"the consistent arm predicts {HELD_OUT} worse than the description{where}"]
+        []
+        if ALIKE in result.notes
+        else [f"the consistent arm predicts {HELD_OUT} worse than the description{where}"]
     )
-    return result.with_(identified=None, notes=(*result.notes, ": ".join([*said, "no robot.yaml is written"])))
+    return result.with_(
+        identified=None, notes=(*result.notes, ": ".join([*said, "no robot.yaml is written"]))
+    )
 
 
 def _described(joints: Sequence[str], equations: BaseRegression) -> str:

@@ -28,7 +28,9 @@ SHORTEST_PERIODS = 2.0
 # Columns at unit length that are so close to dependent leave the numbers to rounding.
 HOPELESS = 1e12
 # Numbers that no arm has below zero: springs, friction, inertias about axes.
-NEVER_NEGATIVE = re.compile(r"(^[^:]*\.(K|D|m|Izz)|(viscous|coulomb)_friction:\S+\.(coefficient|torque))$")
+NEVER_NEGATIVE = re.compile(
+    r"(^[^:]*\.(K|D|m|Izz)|(viscous|coulomb)_friction:\S+\.(coefficient|torque))$"
+)
 # Deviations below zero from which on a number that no arm has below zero shows that the model lacks something.
 SURE = 3.0
 # Of the quickest joint's rms speed; what is below trembles, or is noise.
@@ -64,7 +66,9 @@ class MotionStatistics:
 
     def add(self, motion: Motion) -> None:
         """Add a run of motion."""
-        dq, ddq = (motion.dq, motion.ddq) if motion.dq is not None else (motion.dtheta, motion.ddtheta)
+        dq, ddq = (
+            (motion.dq, motion.ddq) if motion.dq is not None else (motion.dtheta, motion.ddtheta)
+        )
         if dq is None or ddq is None or not len(motion):
             return
         self.samples += motion.every * len(motion)
@@ -107,7 +111,9 @@ def natural_scales(equations: BaseRegression) -> Array:
     groups: dict[tuple[str, str], list[int]] = {}
     for k, name in enumerate(equations.names):
         body, _, kind = name.rpartition(".")
-        groups.setdefault((body, kind[0] if kind[0] in "mI" and kind != "m" else kind), []).append(k)
+        groups.setdefault((body, kind[0] if kind[0] in "mI" and kind != "m" else kind), []).append(
+            k
+        )
     for members in groups.values():
         sizes[members] = np.max(own[members])
     base = equations.base
@@ -115,7 +121,9 @@ def natural_scales(equations: BaseRegression) -> Array:
     return np.where(scale > 0, scale, np.nan)
 
 
-def excitation(blocks: Blocks, equations: BaseRegression, statistics: MotionStatistics) -> Excitation:
+def excitation(
+    blocks: Blocks, equations: BaseRegression, statistics: MotionStatistics
+) -> Excitation:
     """Judge the motion of a recording; the torques are not looked at.
 
     What a model misses (friction, ripple, elasticity) follows the motion and does not average out as noise does: the
@@ -133,15 +141,21 @@ def excitation(blocks: Blocks, equations: BaseRegression, statistics: MotionStat
         relative = np.where(size > 0, spread / size, np.inf) / scales
     names = equations.base.names
     weakest = tuple(names[k] for k in np.flatnonzero(np.abs(vt[-1]) > TAKES_PART).tolist())
-    reasons = _reasons(statistics, int(equations.equations.live.sum()), relative[np.isfinite(scales)], len(names))
+    reasons = _reasons(
+        statistics, int(equations.equations.live.sum()), relative[np.isfinite(scales)], len(names)
+    )
     one_way = tuple(equations.joints[j] for j in statistics.one_way.tolist())
     return Excitation(condition, relative, weakest, bool(reasons), reasons, one_way)
 
 
-def _reasons(statistics: MotionStatistics, groups: int, relative: Array, parameters: int) -> tuple[str, ...]:
+def _reasons(
+    statistics: MotionStatistics, groups: int, relative: Array, parameters: int
+) -> tuple[str, ...]:
     """Return why the excitation is poor, if it is."""
     reasons = []
-    if statistics.seconds < max(SHORTEST_SECONDS, SHORTEST_PERIODS / max(statistics.frequency, 1e-9)):
+    if statistics.seconds < max(
+        SHORTEST_SECONDS, SHORTEST_PERIODS / max(statistics.frequency, 1e-9)
+    ):
         reasons.append(
             f"{statistics.seconds:.2g} s of motion are too short to judge the errors by: standard deviations may be "
             "several times too small"
@@ -174,13 +188,17 @@ def relative_std(equations: BaseRegression, Psi_base: Array, std: Array) -> Arra
     """
     scale = natural_scales(equations)
     own = np.maximum(np.abs(Psi_base), 1e-300)
-    scale = np.where(np.isfinite(scale), np.where(_positive(equations), np.fmin(scale, own), scale), own)
+    scale = np.where(
+        np.isfinite(scale), np.where(_positive(equations), np.fmin(scale, own), scale), own
+    )
     return std / scale
 
 
 def directions(undetermined: Array, names: Sequence[str]) -> tuple[str, ...]:
     """Name the combinations of base parameters that the data leave open."""
-    taking_part = [np.flatnonzero(np.abs(direction) > TAKES_PART).tolist() for direction in undetermined]
+    taking_part = [
+        np.flatnonzero(np.abs(direction) > TAKES_PART).tolist() for direction in undetermined
+    ]
     return tuple(
         " ".join(f"{direction[k]:+.2f} ({names[k]})" for k in part)
         for direction, part in zip(undetermined, taking_part, strict=True)
@@ -195,13 +213,19 @@ def impossible(equations: BaseRegression, Psi: Array) -> NDArray[np.bool_]:
 def _positive(equations: BaseRegression) -> NDArray[np.bool_]:
     """Return which base parameters are sums of numbers that no arm has below zero, (B,)."""
     never = np.array([NEVER_NEGATIVE.search(name) is not None for name in equations.names])
-    return np.array([bool(np.all(row >= 0) and np.all(never[row != 0])) for row in equations.base.T])
+    return np.array(
+        [bool(np.all(row >= 0) and np.all(never[row != 0])) for row in equations.base.T]
+    )
 
 
-def checked(words: Sequence[str], fit: Fit, equations: BaseRegression, one_way: Sequence[str] = ()) -> tuple[str, ...]:
+def checked(
+    words: Sequence[str], fit: Fit, equations: BaseRegression, one_way: Sequence[str] = ()
+) -> tuple[str, ...]:
     """Return the verdicts `words` with what is impossible called "not" determined, and what is hopeless not "well"."""
     wrong = impossible(equations, fit.Psi)
-    hopeless = (fit.condition > HOPELESS) | (equations.base.T[:, _constants(equations, one_way)] != 0.0).any(axis=1)
+    hopeless = (fit.condition > HOPELESS) | (
+        equations.base.T[:, _constants(equations, one_way)] != 0.0
+    ).any(axis=1)
     found = []
     for word, bad, doubted in zip(words, wrong.tolist(), hopeless.tolist(), strict=True):
         found.append("not" if bad else "poorly" if doubted and word == "well" else word)
@@ -222,16 +246,26 @@ def remarks(fit: Fit, equations: BaseRegression, one_way: Sequence[str] = ()) ->
         kept = ", ".join(names[k] for k in fit.fixed)
         found.append(f"this recording gives no value of {kept}: kept as in the description")
     if constants := [equations.names[k] for k in _constants(equations, one_way)]:
-        joints = ", ".join(dict.fromkeys(CONSTANT.sub(r"\1.", name).rpartition(".")[0] for name in constants))
+        joints = ", ".join(
+            dict.fromkeys(CONSTANT.sub(r"\1.", name).rpartition(".")[0] for name in constants)
+        )
         why = "a zero of the torque and dry friction are one and the same constant there"
-        found.append(f"{joints} turned in one direction only: {why}, and neither is known; record reversals too")
+        found.append(
+            f"{joints} turned in one direction only: {why}, and neither is known; record reversals too"
+        )
     # Not what is zero but for its uncertainty, as a law tried at a joint that does not have it.
-    beyond = impossible(equations, fit.Psi) & (np.abs(fit.Psi) > SURE * np.sqrt(np.diag(fit.covariance)))
+    beyond = impossible(equations, fit.Psi) & (
+        np.abs(fit.Psi) > SURE * np.sqrt(np.diag(fit.covariance))
+    )
     below = [names[k] for k in np.flatnonzero(beyond).tolist()]
     if below:
-        found.append(f"{', '.join(below)}: below zero, which no arm can have; the model lacks something there")
+        found.append(
+            f"{', '.join(below)}: below zero, which no arm can have; the model lacks something there"
+        )
     if fit.condition > HOPELESS:
-        found.append(f"condition number {fit.condition:.1e}: no parameter is known well from this recording")
+        found.append(
+            f"condition number {fit.condition:.1e}: no parameter is known well from this recording"
+        )
     return (*found, *_encoders(fit, equations))
 
 
@@ -247,7 +281,9 @@ def _encoders(fit: Fit, equations: BaseRegression) -> list[str]:
             k = place.get(f"link_encoder:{joint}.K_{what}")
             if k is not None and abs(fit.Psi[k]) > 5.0 * fit.std[k]:
                 own = equations.model.robot.units.at(joint, unit)
-                size = " ± ".join(rounded(1e3 * fit.Psi[k] / fit.Psi[K], 1e3 * fit.std[k] / fit.Psi[K]))
+                size = " ± ".join(
+                    rounded(1e3 * fit.Psi[k] / fit.Psi[K], 1e3 * fit.std[k] / fit.Psi[K])
+                )
                 parts.append(f"{words} {size} {own}")
         if parts:
             found.append(f"link encoder of {joint} against the motor encoder: {', '.join(parts)}")

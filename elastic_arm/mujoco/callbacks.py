@@ -40,15 +40,23 @@ class Attachment:
     """
 
     def __init__(
-        self, model: Any, robot: Robot, instances: Sequence[EffectInstance], stated: Sequence[EffectInstance] = ()
+        self,
+        model: Any,
+        robot: Robot,
+        instances: Sequence[EffectInstance],
+        stated: Sequence[EffectInstance] = (),
     ) -> None:
         self.model, self.robot, self.instances = model, robot, tuple(instances)
         self._theta, self._wound = _addresses(model, robot)
         equations = ArmEquations(robot)
         # What all of them do, less what the model does of itself: a law may scale friction, or follow tau_J.
         self._acting = (*self.instances, *stated)
-        self._sets = [EffectSet(one, robot) for one in ((self._acting, stated) if stated else (self._acting,))]
-        self._laws = [(law_rows(equations, one), (equations.nominal, one.numbers())) for one in self._sets]
+        self._sets = [
+            EffectSet(one, robot) for one in ((self._acting, stated) if stated else (self._acting,))
+        ]
+        self._laws = [
+            (law_rows(equations, one), (equations.nominal, one.numbers())) for one in self._sets
+        ]
         self._states = sum(int(one.z.numel()) for one in self._sets)
         # Motors that nobody commands: their torque is friction, not what drives the joint.
         joints = enumerate(zip(model.actuator_trntype, model.actuator_trnid, strict=True))
@@ -66,7 +74,12 @@ class Attachment:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        at: TracebackType | None,
+    ) -> None:
         self.detach()
 
     def detach(self) -> None:
@@ -109,10 +122,16 @@ class Attachment:
 
     def _evaluate(self, data: Any, z: Array) -> tuple[Array, Array]:
         (positions, dofs), (wound, wound_dofs) = self._theta, self._wound
-        values = [np.array(data.qpos[positions]), np.array(data.qvel[dofs]), np.array(data.qacc[dofs])]
+        values = [
+            np.array(data.qpos[positions]),
+            np.array(data.qvel[dofs]),
+            np.array(data.qacc[dofs]),
+        ]
         if self.robot.elastic:
             apart = (data.qpos[wound], data.qvel[wound_dofs], data.qacc[wound_dofs])
-            values = [np.concatenate([own + more, own]) for own, more in zip(values, apart, strict=True)]
+            values = [
+                np.concatenate([own + more, own]) for own, more in zip(values, apart, strict=True)
+            ]
         torque = data.qfrc_actuator + data.qfrc_applied
         for k, dof in self._passive:
             torque[dof] -= float(self.model.actuator_gear[k, 0]) * float(data.actuator(k).force[0])
@@ -143,15 +162,26 @@ class Attachment:
         found = self._speed.copy()
         for k in range(2 * n):
             i, side = k % n, "link" if k < n else "motor"
-            mass = least[(self._wound if side == "link" and self.robot.elastic else self._theta)[1][i]]
+            mass = least[
+                (self._wound if side == "link" and self.robot.elastic else self._theta)[1][i]
+            ]
             dry = [e for e in self._acting if i in e.joint_indices(self.robot) and side in e.sides]
-            torque = sum(abs(float(v)) for e in dry for p, v in e.numbers.items() if e.effect.parameter(p).unit == "Nm")
+            torque = sum(
+                abs(float(v))
+                for e in dry
+                for p, v in e.numbers.items()
+                if e.effect.parameter(p).unit == "Nm"
+            )
             found[k] = max(found[k], torque * float(model.opt.timestep) / float(mass) / STEEPEST)
         return found
 
 
 def attach(
-    model: Any, robot: Robot | str | Path, *, chain: str | None = None, catalogue: Catalogue | None = None
+    model: Any,
+    robot: Robot | str | Path,
+    *,
+    chain: str | None = None,
+    catalogue: Catalogue | None = None,
 ) -> Attachment:
     """Let the laws of an arm's effects act in a MuJoCo model: those that the numbers of its file do not state.
 
@@ -167,7 +197,8 @@ def attach(
     structural = [e for e in left if isinstance(e.effect, StructuralEffect)]
     if structural:
         raise EffectError(
-            f"{structural[0].effect.id} changes what the arm is made of", "Leave it out, or model it in the MJCF."
+            f"{structural[0].effect.id} changes what the arm is made of",
+            "Leave it out, or model it in the MJCF.",
         )
     known = [e for e in robot_effects(arm, catalogue) if e.effect.friction or "drive" in e.sides]
     stated = [e for e in known if e not in left and acts_by_law(e.effect)]
@@ -199,7 +230,10 @@ def _addresses(model: Any, robot: Robot) -> tuple[Addresses, Addresses]:
     mj = engine()
     found = []
     for end in ("", DEFLECTION) if robot.elastic else ("",):
-        ids = [mj.mj_name2id(model, mj.mjtObj.mjOBJ_JOINT, f"{name}{end}") for name in robot.joint_names]
+        ids = [
+            mj.mj_name2id(model, mj.mjtObj.mjOBJ_JOINT, f"{name}{end}")
+            for name in robot.joint_names
+        ]
         missing = [f"{name}{end}" for name, k in zip(robot.joint_names, ids, strict=True) if k < 0]
         if missing:
             raise RobotError(

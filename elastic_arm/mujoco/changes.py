@@ -46,7 +46,9 @@ def joint_changes(
 ) -> dict[tuple[int, str], Change]:
     """Return the numbers of joints that change, by joint index and field of :class:`.StatedJoint`."""
     found = {}
-    for i, (joint, old, new) in enumerate(zip(robot.joints, before.joints, after.joints, strict=True)):
+    for i, (joint, old, new) in enumerate(
+        zip(robot.joints, before.joints, after.joints, strict=True)
+    ):
         for field, (number, unit, effect, parameter) in JOINT_NUMBERS.items():
             unit = joint.unit(unit).replace("kg m²", "kg") if joint.prismatic else unit
             values = getattr(old, field), getattr(new, field)
@@ -90,7 +92,8 @@ def inertial_change(name: str, before: Inertia, after: Inertia) -> list[Change]:
     return [
         Change(name, number, unit, _without_rounding(old), _without_rounding(new))
         for number, unit, old, new in found
-        if np.abs(np.subtract(old, new)).max() > SAME * max(np.abs(old).max(), np.abs(new).max(), 1e-12)
+        if np.abs(np.subtract(old, new)).max()
+        > SAME * max(np.abs(old).max(), np.abs(new).max(), 1e-12)
     ]
 
 

@@ -52,7 +52,9 @@ class Play:
     resolution: Array  # (n,) the smallest step between recorded positions
 
 
-def play(arm: MjcfArm, recording: Recording, *, span: Span | None = None, late: float = 0.0) -> Play | None:
+def play(
+    arm: MjcfArm, recording: Recording, *, span: Span | None = None, late: float = 0.0
+) -> Play | None:
     """Play a recording's commands by a model's servos, and compare angles with the recorded ones.
 
     span: which part is played, the whole when None; late: s for which commands have to be known before, if more than
@@ -64,12 +66,17 @@ def play(arm: MjcfArm, recording: Recording, *, span: Span | None = None, late: 
         return None
     if not has_servos(arm) or not len(reference) or not np.isfinite(reference.position).all():
         return None
-    given, t = (np.asarray(s.stamp_ns - reference.stamp_ns[0], dtype=float) * 1e-9 for s in (reference, side))
+    given, t = (
+        np.asarray(s.stamp_ns - reference.stamp_ns[0], dtype=float) * 1e-9
+        for s in (reference, side)
+    )
     begin, end = (-np.inf, np.inf) if span is None else span
     offset = 1e-9 * float(recording.start_ns - reference.stamp_ns[0])
     whole = np.isfinite(side.position).all(axis=1)
     first = max(float(given[0]) + max(late, latest(arm)), begin + offset)
-    played = np.flatnonzero(whole & (t >= first - 1e-9) & (t <= min(float(given[-1]), end + offset)))
+    played = np.flatnonzero(
+        whole & (t >= first - 1e-9) & (t <= min(float(given[-1]), end + offset))
+    )
     if len(played) < FEWEST:
         return None
     start = int(played[0])
@@ -123,7 +130,9 @@ def lead(model: Any, step: float) -> float:
     return 0.0 if model.opt.integrator == engine().mjtIntegrator.mjINT_RK4 else 0.5 * step
 
 
-def servo_motion(arm: MjcfArm, start: StartState, commands: Array, before: Array | None = None) -> Array:
+def servo_motion(
+    arm: MjcfArm, start: StartState, commands: Array, before: Array | None = None
+) -> Array:
     """Return the angles (K, n) after each time step of the model, under commands (K, n).
 
     before: (H, n) commands of the time steps before, of which late actuators take theirs; the first one when None.
@@ -141,7 +150,9 @@ def servo_motion(arm: MjcfArm, start: StartState, commands: Array, before: Array
         hold, found = held(arm), np.empty_like(commands)
         for k, command in enumerate(commands):
             error = command - data.qpos[arm.positions]
-            data.ctrl[given] = command - np.clip(error, -dead_band, dead_band) + integrating * integral
+            data.ctrl[given] = (
+                command - np.clip(error, -dead_band, dead_band) + integrating * integral
+            )
             integral += step * error
             mj.mj_step(model, data)
             hold(data)
@@ -203,9 +214,13 @@ def _started(arm: MjcfArm, start: StartState, before: Array) -> Any:
             values = np.concatenate([np.full(samples - len(known), known[0]), known])
             inputs = np.zeros((samples, int(model.actuator_ctrlnum[actuator])))
             inputs[:, 0] = values
-            mj.mj_initCtrlHistory(model, data, actuator, -step * np.arange(samples, 0.0, -1.0), inputs)
+            mj.mj_initCtrlHistory(
+                model, data, actuator, -step * np.arange(samples, 0.0, -1.0), inputs
+            )
         if int(model.actuator_actnum[actuator]):
-            data.act[int(model.actuator_actadr[actuator])] = _activation(arm, i, actuator, start, before)
+            data.act[int(model.actuator_actadr[actuator])] = _activation(
+                arm, i, actuator, start, before
+            )
     return data
 
 
@@ -222,13 +237,17 @@ def _activation(arm: MjcfArm, i: int, actuator: int, start: StartState, before: 
 
 def _dead_bands(arm: MjcfArm) -> Array:
     """Return the dead bands of the controllers, (n,) rad."""
-    return np.array([joint.controller.dead_band if joint.controller else 0.0 for joint in arm.robot.joints])
+    return np.array(
+        [joint.controller.dead_band if joint.controller else 0.0 for joint in arm.robot.joints]
+    )
 
 
 def _beside(arm: MjcfArm) -> Array:
     """Return ki / kp of what is integrated beside the actuators, (n,) 1/s."""
     drives = [joint.controller or JointController() for joint in arm.robot.joints]
-    return np.array([drive.ki / drive.kp if drive.mode == "position" and drive.kp else 0.0 for drive in drives])
+    return np.array(
+        [drive.ki / drive.kp if drive.mode == "position" and drive.kp else 0.0 for drive in drives]
+    )
 
 
 def _integrating(arm: MjcfArm) -> NDArray[np.bool_]:
@@ -288,7 +307,12 @@ def _state(known: tuple[Array, Array], at: float, behind: float) -> StartState:
 
 
 def _settled(
-    arm: MjcfArm, state: StartState, commands: Array, before: Array, known: tuple[Array, Array], at: float
+    arm: MjcfArm,
+    state: StartState,
+    commands: Array,
+    before: Array,
+    known: tuple[Array, Array],
+    at: float,
 ) -> StartState:
     """Return the state with the integrals with which the first second is followed best."""
     step = float(arm.model.opt.timestep)

@@ -69,7 +69,9 @@ class Elements:
     def __init__(self, robot: Robot, arm: StatedArm, timestep: float) -> None:
         self.robot, self.timestep = robot, timestep
         gears = [joint.transmission for joint in robot.joints]
-        self.springs = np.array([(gear.stiffness if gear else 0.0, 0.0, 0.0) for gear in gears])  # (n, 3) a, b, c
+        self.springs = np.array(
+            [(gear.stiffness if gear else 0.0, 0.0, 0.0) for gear in gears]
+        )  # (n, 3) a, b, c
         self.dampings = np.array([gear.damping if gear else 0.0 for gear in gears])  # (n,)
         self.found: list[Element] = []
         self.left: list[tuple[EffectInstance, str]] = []
@@ -86,9 +88,16 @@ class Elements:
         """Return the effects that a compiled model does not state: a user's own file has none of the elements."""
         mj = engine()
         kinds = {"fixed": mj.mjtObj.mjOBJ_TENDON, "dcmotor": mj.mjtObj.mjOBJ_ACTUATOR}
-        absent = [e.of for e in self.found if mj.mj_name2id(model, kinds[e.tag], str(e.attributes["name"])) < 0]
+        absent = [
+            e.of
+            for e in self.found
+            if mj.mj_name2id(model, kinds[e.tag], str(e.attributes["name"])) < 0
+        ]
         # One effect may have an element at each of several joints.
-        return [*(instance for instance, _ in self.left), *(e for k, e in enumerate(absent) if e not in absent[:k])]
+        return [
+            *(instance for instance, _ in self.left),
+            *(e for k, e in enumerate(absent) if e not in absent[:k]),
+        ]
 
     def link(self, i: int) -> dict[str, float]:
         """Return the joints whose sum is the link's angle."""
@@ -99,12 +108,18 @@ class Elements:
         """Return the joint that drive i winds by."""
         return {f"{self.robot.joint_names[i]}{DEFLECTION}": 1.0}
 
-    def add(self, i: int, what: str, attributes: dict[str, Any], joints: Mapping[str, float] = {}) -> str:
+    def add(
+        self, i: int, what: str, attributes: dict[str, Any], joints: Mapping[str, float] = {}
+    ) -> str:
         """Add a tendon over joints, or a motor where there are none, and return its name."""
         name = f"{self.robot.joint_names[i]}_{what}_{len(self.found)}"
         if attributes.get("frictionloss"):
             attributes["solreffriction"] = sharp(self.timestep)
-        self.found.append(Element("fixed" if joints else "dcmotor", {"name": name, **attributes}, joints, self._now))
+        self.found.append(
+            Element(
+                "fixed" if joints else "dcmotor", {"name": name, **attributes}, joints, self._now
+            )
+        )
         return name
 
     def free_inertia(self, i: int, side: str) -> float:
@@ -128,7 +143,9 @@ def _stribeck(elements: Elements, i: int, instance: EffectInstance) -> None:
     """Bristles as stiff as the time step can follow: LuGre's friction is then that of its speed."""
     side = str(instance.parameters["side"])
     stiffness = elements.free_inertia(i, side) / elements.timestep**2
-    lugre = f"{stiffness:.10g} 0 0 {number(instance, 'torque'):.10g} {number(instance, 'speed'):.10g}"
+    lugre = (
+        f"{stiffness:.10g} 0 0 {number(instance, 'torque'):.10g} {number(instance, 'speed'):.10g}"
+    )
     at = {"joint": elements.robot.joint_names[i]}
     if elements.robot.elastic and side == "link":
         at = {"tendon": elements.add(i, "link", {}, elements.link(i))}
@@ -182,7 +199,10 @@ def _play(elements: Elements, i: int, instance: EffectInstance) -> None:
 
 
 Rule = Callable[[Elements, int, EffectInstance], None]
-RIGID: Mapping[str, Rule] = {"stribeck_friction": _stribeck, "wrist_coupling": _wrist}  # of arms without drives, too
+RIGID: Mapping[str, Rule] = {
+    "stribeck_friction": _stribeck,
+    "wrist_coupling": _wrist,
+}  # of arms without drives, too
 RULES: Mapping[str, Rule] = {
     **RIGID,
     "viscous_friction": _friction("damping", "coefficient"),

@@ -86,7 +86,11 @@ class ClosedLoop:
 
 def closed_loop(arm: MjcfArm, judging: Sequence[Judging], late: float = 0.0) -> ClosedLoop | None:
     """Play recordings in a model; None where there is nothing to play. Later starts by `late` s of known commands."""
-    plays = [play(arm, one.recording, span=span, late=late) for one in judging for span in one.stretches()]
+    plays = [
+        play(arm, one.recording, span=span, late=late)
+        for one in judging
+        for span in one.stretches()
+    ]
     found = [one for one in plays if one is not None]
     if not found:
         return None
@@ -106,7 +110,9 @@ class Choice:
 
     errors: Mapping[str, ClosedLoopError]  # by joint
     taken_back: tuple[str, ...]  # joints, and effects of the whole arm, that stay as described
-    worse: tuple[str, ...]  # joints that move worse with all that was found, or that no simulator takes so
+    worse: tuple[
+        str, ...
+    ]  # joints that move worse with all that was found, or that no simulator takes so
     better: bool  # whether any joint moves nearer with what is written
     reason: str = ""  # why no simulator takes all that was found; empty where one does
 
@@ -115,7 +121,9 @@ class Choice:
         return replace(self, errors=errors)
 
 
-def chosen(described: MjcfArm, build: Build, units: Sequence[str], judging: Sequence[Judging]) -> Choice | None:
+def chosen(
+    described: MjcfArm, build: Build, units: Sequence[str], judging: Sequence[Judging]
+) -> Choice | None:
     """Choose what is written of a correction; None where nothing can be played.
 
     described: the model as it is; units: joints, and causes of the whole arm, each of which can be taken back.
@@ -149,7 +157,9 @@ def chosen(described: MjcfArm, build: Build, units: Sequence[str], judging: Sequ
         if name in worse:
             refused = np.inf if whole is None else float(whole.errors[i])
         unit = described.robot.units.at(name, "rad")
-        errors[name] = ClosedLoopError(float(first.errors[i]), float(written.errors[i]), unit, refused)
+        errors[name] = ClosedLoopError(
+            float(first.errors[i]), float(written.errors[i]), unit, refused
+        )
     better = bool(first.worse_than(written).any())
     ordered = tuple(one for one in units if one in back)
     return Choice(errors, ordered, tuple(name for name in joints if name in worse), better, reason)
@@ -185,7 +195,9 @@ class _Search:
         """Return how the arm moves without some corrections; None where no simulator takes it."""
         if back not in self._met:
             model = self._model(back)
-            self._met[back] = None if model is None else closed_loop(model, self._judging, self._late)
+            self._met[back] = (
+                None if model is None else closed_loop(model, self._judging, self._late)
+            )
             self._models.pop(back, None)
         return self._met[back]
 
@@ -193,4 +205,8 @@ class _Search:
         """Return what is to be small."""
         found = self.of(back)
         assert self.described is not None
-        return (len(self.described.halves[0]) + 1, np.inf) if found is None else found.loss(self.described)
+        return (
+            (len(self.described.halves[0]) + 1, np.inf)
+            if found is None
+            else found.loss(self.described)
+        )

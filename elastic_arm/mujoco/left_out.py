@@ -40,7 +40,12 @@ class Left:
     def to_dict(self) -> dict[str, Any]:
         """Return it as plain data."""
         plain = {k: list(v) if isinstance(v, tuple) else v for k, v in self.numbers.items()}
-        named = {"effect": self.what, "joint": self.joint, "parameters": plain, "units": dict(self.units)}
+        named = {
+            "effect": self.what,
+            "joint": self.joint,
+            "parameters": plain,
+            "units": dict(self.units),
+        }
         return named | {"reason": self.reason, "cost_nm": dict(self.cost)}
 
 
@@ -56,7 +61,9 @@ def left_effects(
         missing = state.of_effects([*scaled, instance]) - state.of_effects(scaled)
         # What sensors make of the truth is no torque that the arm lacks.
         costs = {} if isinstance(instance.effect, SensorEffect) else state.cost(missing)
-        yield Left(instance.effect.id, instance.joint, dict(instance.parameters), reason, units, costs)
+        yield Left(
+            instance.effect.id, instance.joint, dict(instance.parameters), reason, units, costs
+        )
 
 
 def left_numbers(
@@ -69,26 +76,46 @@ def left_numbers(
         if len(armatures) and armatures[i]:
             missing = state.only(i, float(armatures[i]) * state.ddq[:, i])
             inertia = {"armature": "kg" if joint.prismatic else "kg m²"}
-            yield Left("armature", joint.name, {"armature": float(armatures[i])}, reason, inertia, state.cost(missing))
+            yield Left(
+                "armature",
+                joint.name,
+                {"armature": float(armatures[i])},
+                reason,
+                inertia,
+                state.cost(missing),
+            )
         if gear is not None and elasticity:
             numbers = {"stiffness": gear.stiffness, "damping": gear.damping}
             units = {"stiffness": unit("Nm/rad"), "damping": unit("Nm s/rad")}
             yield Left("drive", joint.name, numbers, reason, units)
         if gear is not None and gear.bearing is not None:
             numbers = {"stiffness": gear.bearing.stiffness, "damping": gear.bearing.damping}
-            yield Left("bearing", joint.name, numbers, reason, {"stiffness": "Nm/rad", "damping": "Nm s/rad"})
+            yield Left(
+                "bearing",
+                joint.name,
+                numbers,
+                reason,
+                {"stiffness": "Nm/rad", "damping": "Nm s/rad"},
+            )
         if joint.controller is not None:
             names = ("mode", "kp", "kd", "ki", "delay", "torque", "dead_band")
             gains = {name: getattr(joint.controller, name) for name in names}
             ordinary = JointController()
-            told = {k: v for k, v in gains.items() if k in ("mode", "kp", "kd") or v != getattr(ordinary, k)}
+            told = {
+                k: v
+                for k, v in gains.items()
+                if k in ("mode", "kp", "kd") or v != getattr(ordinary, k)
+            }
             yield Left("controller", joint.name, told, reason)
 
 
 def left_coupling(robot: Robot, reason: str) -> Iterator[Left]:
     """Yield the coupling of links and spinning rotors, which mod3 has of an elastic arm and mod2 has not."""
     state = Swing(robot)
-    three, two = (build_model(robot, name, engine="numpy").inverse_dynamics(*state.motion) for name in ("mod3", "mod2"))
+    three, two = (
+        build_model(robot, name, engine="numpy").inverse_dynamics(*state.motion)
+        for name in ("mod3", "mod2")
+    )
     yield Left("inertia_coupling", None, {}, reason, {}, state.cost(three - two))
 
 
@@ -105,7 +132,9 @@ class Swing:
         self.tau_m = rows.reshape(self.samples, sides, robot.n).sum(axis=1)
         if robot.elastic:
             # The drives are wound by what the links need.
-            K = np.array([joint.transmission.stiffness for joint in robot.joints if joint.transmission])
+            K = np.array(
+                [joint.transmission.stiffness for joint in robot.joints if joint.transmission]
+            )
             self.motion[0][:, robot.n :] += rows[:, : robot.n] / K
 
     def only(self, i: int, torque: Array) -> Array:
@@ -128,14 +157,20 @@ class Swing:
         z, speed = np.zeros(int(effects.z.numel())), np.full(2 * self.robot.n, SIGN_SPEED)
         given = (equations.nominal, effects.numbers(), speed)
         samples = zip(*self.motion, self.tau_m, strict=True)
-        return np.array([np.array(law(x, dx, ddx, z, tau, *given)[0]).ravel() for x, dx, ddx, tau in samples])
+        return np.array(
+            [np.array(law(x, dx, ddx, z, tau, *given)[0]).ravel() for x, dx, ddx, tau in samples]
+        )
 
     def cost(self, rows: Array) -> dict[str, float]:
         """Return root mean squares by joint, both sides of a joint together, of those that feel any."""
         torque = rows.reshape(self.samples, -1, self.robot.n).sum(axis=1)
         sizes = np.sqrt(np.mean(torque**2, axis=0))
         named = zip(self.robot.joint_names, sizes.tolist(), strict=True)
-        return {name: float(f"{size:.4g}") for name, size in named if size > 1e-9 * max(1.0, sizes.max())}
+        return {
+            name: float(f"{size:.4g}")
+            for name, size in named
+            if size > 1e-9 * max(1.0, sizes.max())
+        }
 
 
 def _swinging(robot: Robot) -> Motion:
@@ -144,7 +179,9 @@ def _swinging(robot: Robot) -> Motion:
     limits = [joint.limits for joint in robot.joints]
     low, high = ([getattr(one, end) for one in limits] for end in ("position_min", "position_max"))
     spans = [None if a is None or b is None else (a, b) for a, b in zip(low, high, strict=True)]
-    size = np.array([SWING if span is None else min(SWING, 0.5 * (span[1] - span[0])) for span in spans])
+    size = np.array(
+        [SWING if span is None else min(SWING, 0.5 * (span[1] - span[0])) for span in spans]
+    )
     middle = np.array([0.0 if span is None else 0.5 * (span[0] + span[1]) for span in spans])
     q, dq = middle + size * np.sin(phases), size * SPEED * np.cos(phases)
     return q, dq, -size * SPEED**2 * np.sin(phases)

@@ -36,9 +36,7 @@ from elastic_arm.robot.urdf_tree import Chain
 
 # What is read back from a written file is what was meant, to this share: nine digits are written.
 READ_BACK = 1e-6
-UNROLLED = (
-    "the file is as MuJoCo saves it, without your layout: bodies of the arm come from <attach>, <replicate> or a URDF"
-)
+UNROLLED = "the file is as MuJoCo saves it, without your layout: bodies of the arm come from <attach>, <replicate> or a URDF"
 _NEW = "a new file (without --base) states it; to this one elastic_arm.mujoco.attach adds its law"
 _ORIENTATIONS = ("quat", "axisangle", "xyaxes", "zaxis", "euler")
 
@@ -55,7 +53,9 @@ class Exported:
     left: tuple[Left, ...]  # what the file does not hold of the arm
     notes: tuple[str, ...] = ()  # what else is to be known of the file
     units: JointUnits = _ALL_TURN  # at the arm's joints
-    stand_ins: tuple[str, ...] = ()  # which numbers stand for laws that the file has none for, a sentence each
+    stand_ins: tuple[
+        str, ...
+    ] = ()  # which numbers stand for laws that the file has none for, a sentence each
 
 
 def require_same_joints(robot: Robot, base: Robot, path: Path) -> None:
@@ -66,7 +66,10 @@ def require_same_joints(robot: Robot, base: Robot, path: Path) -> None:
             "Give the file that the arm was read from, with the same --chain",
         )
     if robot.elastic:
-        raise RobotError(f"{robot.name} has transmissions, {path} has none", "Export it without --base, as a new file")
+        raise RobotError(
+            f"{robot.name} has transmissions, {path} has none",
+            "Export it without --base, as a new file",
+        )
 
 
 def export_mjcf(
@@ -89,7 +92,9 @@ def export_mjcf(
     """
     arm = open_mjcf(base, chain, at)
     require_same_joints(robot, arm.robot, base)
-    before, after = (stated_arm(one, catalogue, base=arm.robot.base_placement) for one in (arm.robot, robot))
+    before, after = (
+        stated_arm(one, catalogue, base=arm.robot.base_placement) for one in (arm.robot, robot)
+    )
     stated = [instance.to_dict() for instance, _ in before.left]
     # What the base states by other numbers, such as gravcomp, stays as it is.
     lacking = [(one, _NEW if one.effect.id in RIGID else reason) for one, reason in after.left]
@@ -107,19 +112,33 @@ def export_mjcf(
         _check(out, chain, at, after)
         written = read_mjcf(out, chain, at)
     lacking = explained(lacking, stand_ins)
-    left = [*left_effects(robot, (*lacking, *document.left), catalogue), *_controllers(robot, written)]
+    left = [
+        *left_effects(robot, (*lacking, *document.left), catalogue),
+        *_controllers(robot, written),
+    ]
     notes = (UNROLLED,) if unrolled else ()
     return Exported(
-        tuple(files), tuple(changes), tuple(left), notes, robot.units, tuple(one.words(robot) for one in stand_ins)
+        tuple(files),
+        tuple(changes),
+        tuple(left),
+        notes,
+        robot.units,
+        tuple(one.words(robot) for one in stand_ins),
     )
 
 
 def _controllers(robot: Robot, base: Robot) -> Iterator[Left]:
     """Yield the controllers that a file's actuators do not state, to nine digits; these stay as they are."""
     own = {joint.name: joint.controller for joint in base.joints}
-    other = [joint for joint in robot.joints if joint.controller and not _alike(joint.controller, own[joint.name])]
+    other = [
+        joint
+        for joint in robot.joints
+        if joint.controller and not _alike(joint.controller, own[joint.name])
+    ]
     for joint in other:
-        yield from left_numbers(robot.with_(joints=(joint,)), "the actuators of the file stay as they are")
+        yield from left_numbers(
+            robot.with_(joints=(joint,)), "the actuators of the file stay as they are"
+        )
 
 
 def _alike(one: JointController, other: JointController | None) -> bool:
@@ -127,7 +146,10 @@ def _alike(one: JointController, other: JointController | None) -> bool:
         return False
     numbers = ("kp", "kd", "ki", "delay", "torque")
     same = replace(one, **{name: getattr(other, name) for name in numbers}) == other
-    pairs = [[np.inf if (v := getattr(drive, k)) is None else v for drive in (one, other)] for k in numbers]
+    pairs = [
+        [np.inf if (v := getattr(drive, k)) is None else v for drive in (one, other)]
+        for k in numbers
+    ]
     return same and all(np.isclose(a, b, rtol=READ_BACK, atol=0.0) for a, b in pairs)
 
 
@@ -146,7 +168,10 @@ class _Document:
         self.left: list[tuple[EffectInstance, str]] = []
         elements = _carriers(file, arm)
         if elements is None:
-            raise RobotError("some bodies of the arm have no name and no line in the file", "Name them in the file")
+            raise RobotError(
+                "some bodies of the arm have no name and no line in the file",
+                "Name them in the file",
+            )
         self._elements = elements
         self._carriers = [int(arm.model.jnt_bodyid[joint]) for joint in arm.chain.joints]
 
@@ -240,7 +265,10 @@ class _Document:
         """Let new friction loss turn over with the velocity: by MuJoCo's default it does some 10 ms earlier."""
         if element.get("solreffriction") is not None:
             return []
-        own = tuple(float(v) for v in self.arm.model.dof_solref[int(self.arm.model.jnt_dofadr[self._id(name)])])
+        own = tuple(
+            float(v)
+            for v in self.arm.model.dof_solref[int(self.arm.model.jnt_dofadr[self._id(name)])]
+        )
         new = (2.0 * float(self.arm.model.opt.timestep), 1.0)
         if not 0.0 < new[0] < own[0]:
             return []
@@ -249,7 +277,11 @@ class _Document:
 
     def _angle(self, i: int) -> float:
         """Return what a joint's angle in rad, or travel in m, is multiplied by in the file."""
-        stated = [element.get("angle") for element in self.file.elements("compiler") if element.get("angle")]
+        stated = [
+            element.get("angle")
+            for element in self.file.elements("compiler")
+            if element.get("angle")
+        ]
         return 1.0 if self.arm.robot.joints[i].prismatic or "radian" in stated else 180.0 / np.pi
 
     def _id(self, joint: str) -> int:
@@ -270,7 +302,10 @@ class _Document:
         joint, body = self.arm.chain.joints[i], self._carriers[i]
         elements = self.file.children(self._elements[i], "joint")
         k = joint - int(self.arm.model.body_jntadr[body])
-        if k >= len(elements) or elements[k].get("name") not in (None, self.arm.robot.joint_names[i]):
+        if k >= len(elements) or elements[k].get("name") not in (
+            None,
+            self.arm.robot.joint_names[i],
+        ):
             raise RobotError(
                 f"joint {self.arm.robot.joint_names[i]!r} has no line of its own in the file",
                 "Give each joint of the arm a line in its body",
@@ -290,10 +325,13 @@ class _Document:
         model, body = self.arm.model, self._carriers[i]
         name = self.arm.robot.joints[i].link_name
         if self._carriers[i + 1 : i + 2] == [body]:
-            raise RobotError(f"{name} is no body of its own in the file", "Give each joint a body of its own")
+            raise RobotError(
+                f"{name} is no body of its own in the file", "Give each joint a body of its own"
+            )
         if any(e.get("inertiafromgeom") == "true" for e in self.file.elements("compiler")):
             raise RobotError(
-                "its compiler takes all inertia from geoms (inertiafromgeom)", 'Set inertiafromgeom="auto"'
+                "its compiler takes all inertia from geoms (inertiafromgeom)",
+                'Set inertiafromgeom="auto"',
             )
         own = own_inertia(model, body)
         new = body_after(own, self.before.links[i], self.after.links[i], name)
@@ -308,7 +346,11 @@ class _Document:
         return inertial_change(name, own, new)
 
     def _gravity(self) -> None:
-        options = [element for element in self.file.elements("option") if element.getparent().tag != "default"]
+        options = [
+            element
+            for element in self.file.elements("option")
+            if element.getparent().tag != "default"
+        ]
         option = options[0] if options else self.file.insert_first(self.file.root, "option")
         self.file.set(option, gravity=text_of(*self.after.gravity))
 
@@ -318,7 +360,10 @@ def own_inertia(model: Any, body: int) -> Inertia:
     rotation = np.empty(9)
     engine().mju_quat2Mat(rotation, model.body_iquat[body])
     principal = np.diag(np.array(model.body_inertia[body], dtype=float))
-    return moved(Inertia(float(model.body_mass[body]), inertia=principal), placed(rotation, model.body_ipos[body]))
+    return moved(
+        Inertia(float(model.body_mass[body]), inertia=principal),
+        placed(rotation, model.body_ipos[body]),
+    )
 
 
 def _check(out: Path, chain: Chain | None, at: str | None, wanted: StatedArm) -> None:
@@ -332,10 +377,14 @@ def _check(out: Path, chain: Chain | None, at: str | None, wanted: StatedArm) ->
         ),
     )
     q, dq, ddq = np.random.default_rng(0).uniform(-2.0, 2.0, (3, 10, again.robot.n))
-    read, asked = (build_model(robot, engine="numpy").inverse_dynamics(q, dq, ddq) for robot in (again.robot, meant))
+    read, asked = (
+        build_model(robot, engine="numpy").inverse_dynamics(q, dq, ddq)
+        for robot in (again.robot, meant)
+    )
     joints = stated_arm(again.robot).joints
     found, meant_to_be = (
-        [(j.damping, j.friction_loss, j.stiffness, j.rest) for j in e] for e in (joints, wanted.joints)
+        [(j.damping, j.friction_loss, j.stiffness, j.rest) for j in e]
+        for e in (joints, wanted.joints)
     )
     if np.abs(read - asked).max() > READ_BACK * np.abs(asked).max() or not np.allclose(
         found, meant_to_be, rtol=READ_BACK

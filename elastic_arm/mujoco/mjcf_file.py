@@ -27,7 +27,9 @@ class ShapedMjcf:
         """Return the elements of some bodies, or None where one has none: <attach> and <replicate> make bodies too."""
         if len(self.bodies) == count:
             return [self.bodies[place - 1] for place in places]
-        same = [[element for element in self.bodies if element.get("name") == name] for name in names]
+        same = [
+            [element for element in self.bodies if element.get("name") == name] for name in names
+        ]
         return [found[0] for found in same] if all(len(found) == 1 for found in same) else None
 
     def elements(self, tag: str) -> Iterator[Any]:
@@ -100,12 +102,22 @@ class ShapedMjcf:
         for compiler in compilers:
             for name in FOLDERS:
                 if compiler.get(name) and not Path(compiler.get(name)).is_absolute():
-                    self.set(compiler, **{name: _relative(self._path.parent / compiler.get(name), folder)})
-        files = {tag for tag in ("mesh", "texture", "hfield", "skin") for e in self.elements(tag) if e.get("file")}
+                    self.set(
+                        compiler,
+                        **{name: _relative(self._path.parent / compiler.get(name), folder)},
+                    )
+        files = {
+            tag
+            for tag in ("mesh", "texture", "hfield", "skin")
+            for e in self.elements(tag)
+            if e.get("file")
+        }
         if files and "assetdir" not in named and not {"meshdir", "texturedir"} <= named:
             compiler = compilers[0] if compilers else self.insert_first(self.root, "compiler")
             here = _relative(self._path.parent, folder)
-            self.set(compiler, **{name: here for name in ("meshdir", "texturedir") if name not in named})
+            self.set(
+                compiler, **{name: here for name in ("meshdir", "texturedir") if name not in named}
+            )
         for model in self.elements("model"):
             if model.get("file"):
                 self.set(model, file=_relative(self._path.parent / model.get("file"), folder))
@@ -116,7 +128,9 @@ class ShapedMjcf:
 
     def _load(self, path: Path, text: str | None = None) -> None:
         read = (
-            read_bytes(path, RobotError, "Give an MJCF file and what it includes.") if text is None else text.encode()
+            read_bytes(path, RobotError, "Give an MJCF file and what it includes.")
+            if text is None
+            else text.encode()
         )
         self._trees[path] = ShapedXml(read, str(path))
         for include in self._trees[path].root.iter("include"):

@@ -32,11 +32,19 @@ TIMESTEP = 1e-3
 
 
 def export_new_mjcf(
-    robot: Robot, base: None, out: Path, *, catalogue: Catalogue | None = None, timestep: float = TIMESTEP
+    robot: Robot,
+    base: None,
+    out: Path,
+    *,
+    catalogue: Catalogue | None = None,
+    timestep: float = TIMESTEP,
 ) -> Exported:
     """Write an arm with its effects as a new MJCF for a time step, s; an OutputError if it cannot be written."""
     text, effects, stand_ins = _written(robot, catalogue, timestep)
-    others = [replace(one, controller=None) if servo(one.controller) == one.controller else one for one in robot.joints]
+    others = [
+        replace(one, controller=None) if servo(one.controller) == one.controller else one
+        for one in robot.joints
+    ]
     numbers = left_numbers(robot.with_(joints=tuple(others)), "the new file has no such number")
     left = [*left_effects(robot, effects, catalogue), *numbers]
     if robot.elastic:
@@ -62,16 +70,30 @@ def _written(
     arm, stand_ins = stood_in(arm, robot, elements.left)
     root = ET.Element("mujoco", model=robot.name)
     root.append(
-        ET.Comment(" elastic: a motor joint and a spring joint a drive " if robot.elastic else " rigid joints ")
+        ET.Comment(
+            " elastic: a motor joint and a spring joint a drive "
+            if robot.elastic
+            else " rigid joints "
+        )
     )
     ET.SubElement(root, "compiler", angle="radian", autolimits="true")
-    ET.SubElement(root, "option", timestep=text_of(timestep), integrator="implicitfast", gravity=words_of(arm.gravity))
-    base = ET.SubElement(ET.SubElement(root, "worldbody"), "body", {"name": "base", **_placed(robot.base_placement)})
+    ET.SubElement(
+        root,
+        "option",
+        timestep=text_of(timestep),
+        integrator="implicitfast",
+        gravity=words_of(arm.gravity),
+    )
+    base = ET.SubElement(
+        ET.SubElement(root, "worldbody"), "body", {"name": "base", **_placed(robot.base_placement)}
+    )
     bodies = _bodies(robot, arm)
     if bodies[0].mass > 0.0:
         _inertial(base, bodies[0])
     parent, place, radius = base, np.eye(4), link_radius(robot)
-    waiting: list[tuple[int, Array]] = []  # joints of massless links, which MuJoCo has on the next body
+    waiting: list[
+        tuple[int, Array]
+    ] = []  # joints of massless links, which MuJoCo has on the next body
     for i, joint in enumerate(robot.joints):
         waiting.append((i, place @ joint.before))
         place = place @ joint.before @ joint.after
@@ -105,7 +127,9 @@ def playable(robot: Robot, file: Path, catalogue: Catalogue | None = None) -> Mj
     """
     drives = [joint.controller for joint in robot.joints]
     if not all(servo(drive) and drive and drive.feedforward == "none" for drive in drives):
-        raise RobotError("some joint has no controller of angles", "State `controller:` in the arm file")
+        raise RobotError(
+            "some joint has no controller of angles", "State `controller:` in the arm file"
+        )
     write_result(file, to_mjcf(robot, catalogue=catalogue)[0])
     return with_controllers(open_mjcf(file), robot)
 
@@ -113,12 +137,16 @@ def playable(robot: Robot, file: Path, catalogue: Catalogue | None = None) -> Mj
 def _bodies(robot: Robot, arm: StatedArm) -> list[Inertia]:
     """Return the base and the links with what rides on them; the links as the effects have changed them."""
     changed = robot.with_(
-        joints=tuple(replace(joint, link=link) for joint, link in zip(robot.joints, arm.links, strict=True))
+        joints=tuple(
+            replace(joint, link=link) for joint, link in zip(robot.joints, arm.links, strict=True)
+        )
     )
     return bodies_with_components(changed)
 
 
-def _joints(body: ET.Element, robot: Robot, arm: StatedArm, elements: Elements, i: int, frame: Array) -> None:
+def _joints(
+    body: ET.Element, robot: Robot, arm: StatedArm, elements: Elements, i: int, frame: Array
+) -> None:
     """Add joint i, whose frame stands at `frame` in the body's, and the joint that its drive winds by."""
     joint, numbers = robot.joints[i], arm.joints[i]
     where = {"pos": words_of(frame[:3, 3]), "axis": words_of(frame[:3, 2])}
@@ -126,7 +154,11 @@ def _joints(body: ET.Element, robot: Robot, arm: StatedArm, elements: Elements, 
     ranged = {}
     if limits.position_min is not None and limits.position_max is not None:
         ranged = {"range": text_of(limits.position_min, limits.position_max)}
-    stated = {"armature": numbers.armature, "damping": numbers.damping, "frictionloss": numbers.friction_loss}
+    stated = {
+        "armature": numbers.armature,
+        "damping": numbers.damping,
+        "frictionloss": numbers.friction_loss,
+    }
     stated |= {"stiffness": numbers.stiffness, "springref": numbers.rest, "ref": numbers.zero}
     words = {name: text_of(value) for name, value in stated.items() if value}
     if numbers.friction_loss:
@@ -135,8 +167,13 @@ def _joints(body: ET.Element, robot: Robot, arm: StatedArm, elements: Elements, 
     ET.SubElement(body, "joint", {"name": joint.name, "type": kind, **where, **ranged, **words})
     if joint.transmission is not None:
         a, b, c = elements.springs[i]
-        texts = {"stiffness": text_of(a, b, c) if c else text_of(a), "damping": text_of(elements.dampings[i])}
-        ET.SubElement(body, "joint", {"name": f"{joint.name}{DEFLECTION}", "type": kind, **where, **texts})
+        texts = {
+            "stiffness": text_of(a, b, c) if c else text_of(a),
+            "damping": text_of(elements.dampings[i]),
+        }
+        ET.SubElement(
+            body, "joint", {"name": f"{joint.name}{DEFLECTION}", "type": kind, **where, **texts}
+        )
 
 
 def _drives(root: ET.Element, arm: StatedArm, robot: Robot, timestep: float) -> None:
@@ -152,11 +189,17 @@ def _drives(root: ET.Element, arm: StatedArm, robot: Robot, timestep: float) -> 
             limit = {"forcerange": text_of(-min(limits), min(limits))} if limits else {}
             gains = {"kp": text_of(drive.kp), "kv": text_of(drive.kd)}
             late = {**delayed(drive.delay, timestep), "interp": "linear"} if drive.delay else {}
-            ET.SubElement(actuators, "position", {"name": motor, "joint": joint.name, **gains, **limit, **late})
+            ET.SubElement(
+                actuators,
+                "position",
+                {"name": motor, "joint": joint.name, **gains, **limit, **late},
+            )
         ET.SubElement(sensors, "jointpos", name=f"{joint.name}_theta", joint=joint.name)
         # Of the motor, not of the joint: what friction and cogging take from it is not recorded.
         late = delayed(numbers.delay, timestep) if numbers.delay else {}
-        ET.SubElement(sensors, "actuatorfrc", {"name": f"{joint.name}_tau_m", "actuator": motor, **late})
+        ET.SubElement(
+            sensors, "actuatorfrc", {"name": f"{joint.name}_tau_m", "actuator": motor, **late}
+        )
 
 
 def _elements(root: ET.Element, elements: Elements) -> None:
@@ -182,9 +225,14 @@ def _capsule(body: ET.Element, start: Array, end: Array, radius: float) -> None:
     if np.linalg.norm(end - start) > 1e-6:
         ends = text_of(*start, *end)
         seen = {"contype": "0", "conaffinity": "0", "mass": "0"}
-        ET.SubElement(body, "geom", {"type": "capsule", "size": text_of(0.7 * radius), "fromto": ends, **seen})
+        ET.SubElement(
+            body, "geom", {"type": "capsule", "size": text_of(0.7 * radius), "fromto": ends, **seen}
+        )
 
 
 def _placed(placement: Array) -> dict[str, str]:
     rotation = placement[:3, :3]
-    return {"pos": words_of(placement[:3, 3]), "xyaxes": words_of(np.concatenate([rotation[:, 0], rotation[:, 1]]))}
+    return {
+        "pos": words_of(placement[:3, 3]),
+        "xyaxes": words_of(np.concatenate([rotation[:, 0], rotation[:, 1]])),
+    }

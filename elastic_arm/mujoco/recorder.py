@@ -58,14 +58,21 @@ def record(
     return Recording(
         joints=arm.robot.joint_names,
         motor=Side(stamp_ns, position=measured, velocity=dq, effort=effort),
-        reference=Side(stamp_ns, position=reference[0], velocity=reference[1], acceleration=reference[2]),
+        reference=Side(
+            stamp_ns, position=reference[0], velocity=reference[1], acceleration=reference[2]
+        ),
         robot_description=to_urdf(believed),
         source="MuJoCo",
     )
 
 
 def record_commands(
-    arm: MjcfArm, commands: Array, *, rate: float, recorded: float | None = None, bits: int | None = None
+    arm: MjcfArm,
+    commands: Array,
+    *,
+    rate: float,
+    recorded: float | None = None,
+    bits: int | None = None,
 ) -> Recording:
     """Let the model's own position servos follow commands (N, n), rad, and record commands and angles, no torques.
 
@@ -80,7 +87,9 @@ def record_commands(
     every, kept = (max(1, round(1.0 / (one * step))) for one in (rate, recorded))
     angles = servo_motion(arm, StartState.at_rest(commands[0]), np.repeat(commands, every, axis=0))
     if not np.isfinite(angles).all():
-        raise SimulationError("the motion left the finite numbers", "Take slower commands or a smaller timestep.")
+        raise SimulationError(
+            "the motion left the finite numbers", "Take slower commands or a smaller timestep."
+        )
     q = np.vstack([commands[:1], angles])[:-1:kept]
     if bits is not None:
         code = 2.0 * np.pi / 2**bits
@@ -112,12 +121,16 @@ def _followed(
     with without(model, "ACTUATION", timestep=step):
         for k in range(len(q_ref)):
             q[k], dq[k] = data.qpos[positions], data.qvel[dofs]
-            command[k] = forward[k] + controller.kp * (q_ref[k] - q[k]) + controller.kd * (dq_ref[k] - dq[k])
+            command[k] = (
+                forward[k] + controller.kp * (q_ref[k] - q[k]) + controller.kd * (dq_ref[k] - dq[k])
+            )
             data.qfrc_applied[dofs] = command[k]
             for _ in range(substeps):
                 mj.mj_step(model, data)
     if not (np.isfinite(q).all() and np.isfinite(dq).all()):
-        raise SimulationError("the motion left the finite numbers", "Take a slower motion or a smaller timestep.")
+        raise SimulationError(
+            "the motion left the finite numbers", "Take a slower motion or a smaller timestep."
+        )
     return q, dq, command
 
 

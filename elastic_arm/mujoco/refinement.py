@@ -33,7 +33,9 @@ LEAST = -0.9  # of a ratio less 1
 TOLD = 0.98  # of the prior's deviation, beyond which a recording does not tell of a number
 LONGEST = 10.0  # s of recordings that are simulated for each number
 ROUNDS = 8
-TAILS = 4.0  # degrees of freedom of Student's t: the posterior is of the sets of causes that were met
+TAILS = (
+    4.0  # degrees of freedom of Student's t: the posterior is of the sets of causes that were met
+)
 LITTLE = 0.01  # nats, by which errors fall in a round that is the last
 DIFFERENCE = 0.1  # of a number's deviation, over which derivatives are taken
 # Effects that are numbers of a joint, and the parameter that is one.
@@ -56,7 +58,12 @@ class Refinable:
 
 def refinable(found: Diagnosis) -> tuple[Refinable, ...]:
     """Return the numbers of a diagnosed servo arm that its recordings determine, with their posterior deviations."""
-    return (*_of_description(found), *_of_friction(found), *_of_masses(found), *_of_controllers(found))
+    return (
+        *_of_description(found),
+        *_of_friction(found),
+        *_of_masses(found),
+        *_of_controllers(found),
+    )
 
 
 def _of_description(found: Diagnosis) -> Iterator[Refinable]:
@@ -73,8 +80,14 @@ def _of_description(found: Diagnosis) -> Iterator[Refinable]:
 
 
 def _of_friction(found: Diagnosis) -> Iterator[Refinable]:
-    causes = {(cause.effect, cause.joint): cause.parameters for cause in found.causes if cause.held_as == "effect"}
-    sizes = {place: {name: (e.value, e.std) for name, e in own.items()} for place, own in causes.items()}
+    causes = {
+        (cause.effect, cause.joint): cause.parameters
+        for cause in found.causes
+        if cause.held_as == "effect"
+    }
+    sizes = {
+        place: {name: (e.value, e.std) for name, e in own.items()} for place, own in causes.items()
+    }
     for one in found.known:
         stated = {name: (e["value"], e["std"]) for name, e in one["parameters"].items()}
         sizes.setdefault((one["effect"], one["joint"]), stated)
@@ -106,13 +119,17 @@ def _of_controllers(found: Diagnosis) -> Iterator[Refinable]:
 
 def by_words(number: Refinable, by: float) -> str:
     """Return by how much a number was refined, in words."""
-    what = {"scale": "kp and kd", "limit": "limit of torque"}.get(number.what, number.what.replace("_", " "))
+    what = {"scale": "kp and kd", "limit": "limit of torque"}.get(
+        number.what, number.what.replace("_", " ")
+    )
     ratio = number.what in ("scale", "kd", "armature", "mass")
     size = f"{100.0 * by:+.2g} %" if ratio else f"{by:+.2g}"
     return f"{what} of {number.joint or 'all joints'} by {size}"
 
 
-def refine(arm: MjcfArm, robot: Robot, numbers: Sequence[Refinable], fitted: Sequence[Judging]) -> Array:
+def refine(
+    arm: MjcfArm, robot: Robot, numbers: Sequence[Refinable], fitted: Sequence[Judging]
+) -> Array:
     """Return by how much to change numbers of a corrected arm, (k,); zeros where that brings nothing.
 
     arm: the model of `robot`, as it is played; numbers: what may change; fitted: recordings that were fitted.
@@ -143,7 +160,9 @@ def _changed(robot: Robot, name: str, what: str, by: float) -> Robot:
     if what == "armature":
         return robot.with_joint(name, armature=(joint.armature or 0.0) * (1.0 + by))
     if what == "mass":
-        heavier = replace(link, mass=link.mass * (1.0 + by), inertia=np.asarray(link.inertia) * (1.0 + by))
+        heavier = replace(
+            link, mass=link.mass * (1.0 + by), inertia=np.asarray(link.inertia) * (1.0 + by)
+        )
         return robot.with_joint(name, link=heavier)
     if what.startswith("com_"):
         com = np.asarray(link.com, dtype=float) + by * np.eye(3)["xyz".index(what[-1])]
@@ -165,7 +184,8 @@ def _moved(effect: Mapping[str, Any], joint: str, what: str, by: float) -> Mappi
     values = dict(effect["parameters"])
     if parameter.startswith("position"):
         values["position"] = [
-            v + by * (axis == parameter[-1]) for axis, v in zip("xyz", values["position"], strict=True)
+            v + by * (axis == parameter[-1])
+            for axis, v in zip("xyz", values["position"], strict=True)
         ]
     else:
         key = parameter or FRICTION[name]
@@ -188,7 +208,9 @@ def _spans(fitted: Sequence[Judging]) -> Sequence[Judging]:
 class _Search:
     """Gauss-Newton over simulations."""
 
-    def __init__(self, arm: MjcfArm, robot: Robot, numbers: Sequence[Refinable], spans: Sequence[Judging]) -> None:
+    def __init__(
+        self, arm: MjcfArm, robot: Robot, numbers: Sequence[Refinable], spans: Sequence[Judging]
+    ) -> None:
         self.arm, self.robot, self.numbers, self.spans = arm, robot, numbers, spans
         self.stds = np.array([one.std for one in numbers])
         self.least = np.array([one.least for one in numbers])
@@ -231,7 +253,10 @@ class _Search:
         low = np.minimum((self.least - x) / self.stds, -1e-9)
         normal = rows.T @ rows
         factor = np.linalg.cholesky(normal)
-        return np.asarray(self.stds * lsq_linear(factor.T, np.linalg.solve(factor, rows.T @ wanted), (low, np.inf)).x)
+        return np.asarray(
+            self.stds
+            * lsq_linear(factor.T, np.linalg.solve(factor, rows.T @ wanted), (low, np.inf)).x
+        )
 
     def slopes(self, x: Array, here: Array) -> Array:
         """Return the derivatives (k, N, n) of the errors."""
@@ -266,11 +291,15 @@ class _Search:
         """Return the model with the numbers of another arm of the same shape."""
         mj, after = engine(), stated_arm(robot)
         model = copy.copy(self.arm.model)
-        for i, (joint, own, new) in enumerate(zip(self.arm.chain.joints, self.robot.joints, robot.joints, strict=True)):
+        for i, (joint, own, new) in enumerate(
+            zip(self.arm.chain.joints, self.robot.joints, robot.joints, strict=True)
+        ):
             dof = int(model.jnt_dofadr[joint])
             old, numbers = self.before.joints[i], after.joints[i]
             model.dof_armature[dof] += numbers.armature - old.armature
-            model.dof_damping[dof] = max(0.0, model.dof_damping[dof] + numbers.damping - old.damping)
+            model.dof_damping[dof] = max(
+                0.0, model.dof_damping[dof] + numbers.damping - old.damping
+            )
             dry = model.dof_frictionloss[dof] + numbers.friction_loss - old.friction_loss
             model.dof_frictionloss[dof] = max(0.0, dry)
             if differs(self.before.links[i], after.links[i]):
@@ -293,7 +322,9 @@ class _Search:
     def _inertia(self, model: Any, i: int, link: Any) -> None:
         """Change the body that carries a joint so that its link is another one."""
         body = self.carriers[i]
-        new = body_after(own_inertia(self.arm.model, body), self.before.links[i], link, self.robot.link_names[i])
+        new = body_after(
+            own_inertia(self.arm.model, body), self.before.links[i], link, self.robot.link_names[i]
+        )
         moments, axes = np.linalg.eigh(np.asarray(new.inertia))
         axes[:, 2] *= np.sign(np.linalg.det(axes))
         quaternion = np.empty(4)

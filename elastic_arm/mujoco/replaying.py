@@ -71,7 +71,10 @@ class Replay:
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as plain data, courses left out."""
-        errors = {name: _by_joint(self.joints, getattr(self.open_loop, name)) for name in vars(self.open_loop)}
+        errors = {
+            name: _by_joint(self.joints, getattr(self.open_loop, name))
+            for name in vars(self.open_loop)
+        }
         closed = None if self.closed_loop is None else _by_joint(self.joints, self.closed_loop)
         return {
             "model": self.name,
@@ -98,9 +101,14 @@ def replay(recording: Recording, arm: MjcfArm, *, window: float = WINDOW, name: 
     steps = round(window * observation.rate)
     if steps < 1 or not any(len(piece) > steps for piece in pieces):
         raise DiagnosisError(
-            f"{recording.source or 'the recording'} has no stretch of {window:g} s", "Give a shorter --window"
+            f"{recording.source or 'the recording'} has no stretch of {window:g} s",
+            "Give a shorter --window",
         )
-    runs = [_open_loop(arm, piece, steps, 1.0 / observation.rate) for piece in pieces if len(piece) > steps]
+    runs = [
+        _open_loop(arm, piece, steps, 1.0 / observation.rate)
+        for piece in pieces
+        if len(piece) > steps
+    ]
     used = [piece for piece in pieces if len(piece) > steps]
     needed = [_inverse(arm, piece) for piece in used]
     errors = _errors(used, runs, needed, observation.rate)
@@ -127,15 +135,24 @@ def labels(found: Sequence[Replay]) -> list[str]:
 
 
 def _by_joint(joints: Sequence[str], values: Array) -> dict[str, float | None]:
-    return {joint: float(f"{v:.6g}") if np.isfinite(v) else None for joint, v in zip(joints, values, strict=True)}
+    return {
+        joint: float(f"{v:.6g}") if np.isfinite(v) else None
+        for joint, v in zip(joints, values, strict=True)
+    }
 
 
 def _rigid(piece: Motion) -> Motion:
     """Return the motion of joints without elasticity: one angle, and the motor's torque."""
     torque = piece.tau_m if piece.tau_m is not None else piece.tau_J
     if torque is None:
-        raise DiagnosisError("the recording holds no torque: there is nothing to drive with", "Record /motor_states")
-    q, dq, ddq = (piece.q, piece.dq, piece.ddq) if piece.q is not None else (piece.theta, piece.dtheta, piece.ddtheta)
+        raise DiagnosisError(
+            "the recording holds no torque: there is nothing to drive with", "Record /motor_states"
+        )
+    q, dq, ddq = (
+        (piece.q, piece.dq, piece.ddq)
+        if piece.q is not None
+        else (piece.theta, piece.dtheta, piece.ddtheta)
+    )
     return replace(piece, q=q, dq=dq, ddq=ddq, tau_m=torque)
 
 
@@ -152,7 +169,9 @@ def _present(values: Array | None) -> Array:
 def _open_loop(arm: MjcfArm, piece: Motion, steps: int, period: float) -> tuple[Array, Array]:
     """Return positions and velocities (N, n) replayed; NaN at the starts of windows and after the last."""
     mj, model = engine(), arm.model
-    q, dq, ddq, torque = (_present(values) for values in (piece.q, piece.dq, piece.ddq, piece.tau_m))
+    q, dq, ddq, torque = (
+        _present(values) for values in (piece.q, piece.dq, piece.ddq, piece.tau_m)
+    )
     data, substeps = mj.MjData(model), max(1, int(np.ceil(period / model.opt.timestep - 1e-9)))
     behind = lead(model, period / substeps)
     # Acts between two samples, as much earlier as velocities are.
@@ -207,12 +226,21 @@ def _inverse(arm: MjcfArm, piece: Motion) -> Array:
 
 
 def _errors(
-    pieces: Sequence[Motion], runs: Sequence[tuple[Array, Array]], needed: Sequence[Array], rate: float
+    pieces: Sequence[Motion],
+    runs: Sequence[tuple[Array, Array]],
+    needed: Sequence[Array],
+    rate: float,
 ) -> JointErrors:
-    apart_q = np.concatenate([run[0] - _present(piece.q) for piece, run in zip(pieces, runs, strict=True)])
-    apart_v = np.concatenate([run[1] - _present(piece.dq) for piece, run in zip(pieces, runs, strict=True)])
+    apart_q = np.concatenate(
+        [run[0] - _present(piece.q) for piece, run in zip(pieces, runs, strict=True)]
+    )
+    apart_v = np.concatenate(
+        [run[1] - _present(piece.dq) for piece, run in zip(pieces, runs, strict=True)]
+    )
     torque, model = np.concatenate([_present(p.tau_m) for p in pieces]), np.concatenate(needed)
-    lags = [_lag(_present(piece.tau_m), own, rate) for piece, own in zip(pieces, needed, strict=True)]
+    lags = [
+        _lag(_present(piece.tau_m), own, rate) for piece, own in zip(pieces, needed, strict=True)
+    ]
     weights = [len(piece) for piece in pieces]
     return JointErrors(
         np.sqrt(np.nanmean(apart_q**2, axis=0)),
@@ -252,8 +280,13 @@ def _lag(recorded: Array, needed: Array, rate: float) -> Array:
 
 
 def _course(
-    pieces: Sequence[Motion], runs: Sequence[tuple[Array, Array]], needed: Sequence[Array], steps: int
+    pieces: Sequence[Motion],
+    runs: Sequence[tuple[Array, Array]],
+    needed: Sequence[Array],
+    steps: int,
 ) -> ReplayedCourse:
     piece, run, own = max(zip(pieces, runs, needed, strict=True), key=lambda each: len(each[0]))
     kept = slice(0, 20000)  # samples of a course that are kept for figures
-    return ReplayedCourse(piece.t[kept], _present(piece.q)[kept], run[0][kept], _present(piece.tau_m)[kept], own[kept])
+    return ReplayedCourse(
+        piece.t[kept], _present(piece.q)[kept], run[0][kept], _present(piece.tau_m)[kept], own[kept]
+    )

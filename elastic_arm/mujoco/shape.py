@@ -21,12 +21,16 @@ class ShapedXml:
             self.root = etree.fromstring(text, parser)
         except etree.XMLSyntaxError as error:
             raise RobotError(f"{what}: {' '.join(str(error).split())}", "Mend the XML") from None
-        self._original = text.decode(self.root.getroottree().docinfo.encoding or "utf-8", errors="replace")
+        self._original = text.decode(
+            self.root.getroottree().docinfo.encoding or "utf-8", errors="replace"
+        )
         self._plain = self._serialised()
 
     def text(self) -> str:
         """Return the file with what changed in the tree; the rest is the original to the letter."""
-        before, plain, after = (_TOKEN.findall(t) for t in (self._original, self._plain, self._serialised()))
+        before, plain, after = (
+            _TOKEN.findall(t) for t in (self._original, self._plain, self._serialised())
+        )
         elements = [k for k, token in enumerate(before) if token[0] == "<" and token[1] not in "?!"]
         # What stands around the root element is the original's.
         body = before[elements[0] : elements[-1] + 1]

@@ -59,7 +59,9 @@ def stood_in(
     """Return a rigid arm's numbers with what stands for friction laws among those that it lacks."""
     if robot.elastic:
         return arm, ()
-    found = tuple(_stand_ins(arm, robot, [law for law, _ in lacking if law.effect.friction], motion))
+    found = tuple(
+        _stand_ins(arm, robot, [law for law, _ in lacking if law.effect.friction], motion)
+    )
     for one in found:
         i = robot.joint_names.index(one.joint)
         arm = arm.with_joint(i, friction_loss=one.friction_loss, damping=one.damping)

@@ -14,7 +14,13 @@ import numpy as np
 
 from elastic_arm.arrays import Array
 from elastic_arm.dynamics.composition import exchanged
-from elastic_arm.effects import Catalogue, EffectInstance, SensorEffect, StructuralEffect, robot_effects
+from elastic_arm.effects import (
+    Catalogue,
+    EffectInstance,
+    SensorEffect,
+    StructuralEffect,
+    robot_effects,
+)
 from elastic_arm.effects.model import ControllerEffect, Effect
 from elastic_arm.identification.batch.mounting import turned
 from elastic_arm.robot import Inertia, Joint, Robot
@@ -63,7 +69,9 @@ class StatedArm:
         return replace(self, left=(*self.left, (instance, reason or reason_left(instance))))
 
 
-def stated_arm(robot: Robot, catalogue: Catalogue | None = None, *, base: Array | None = None) -> StatedArm:
+def stated_arm(
+    robot: Robot, catalogue: Catalogue | None = None, *, base: Array | None = None
+) -> StatedArm:
     """Return the numbers of a robot with those of its effects in them."""
     arm = StatedArm(
         tuple(joint.link for joint in robot.joints),
@@ -86,12 +94,17 @@ def motor_inertia(joint: Joint) -> float:
     """Return the nominal inertia on the motor side of a joint, kg m²: B of mod2, or its armature."""
     if joint.transmission is None:
         return joint.armature or 0.0
-    return sum(ratio**2 * component.izz for component, ratio in joint.transmission.components.values())
+    return sum(
+        ratio**2 * component.izz for component, ratio in joint.transmission.components.values()
+    )
 
 
 def acts_by_law(effect: Effect) -> bool:
     """Return whether a callback can add an effect to a model: a whole arm's, not one of its sensors or controllers."""
-    return not isinstance(effect, SensorEffect | StructuralEffect | ControllerEffect) and "mod3" in effect.lacked_by
+    return (
+        not isinstance(effect, SensorEffect | StructuralEffect | ControllerEffect)
+        and "mod3" in effect.lacked_by
+    )
 
 
 def reason_left(instance: EffectInstance) -> str:
@@ -137,7 +150,9 @@ def _zero(arm: StatedArm, robot: Robot, i: int, instance: EffectInstance) -> Sta
 
 
 def _rotor(arm: StatedArm, robot: Robot, i: int, instance: EffectInstance) -> StatedArm:
-    return arm.with_joint(i, armature=(number(instance, "inertia") - 1.0) * motor_inertia(robot.joints[i]))
+    return arm.with_joint(
+        i, armature=(number(instance, "inertia") - 1.0) * motor_inertia(robot.joints[i])
+    )
 
 
 def _payload(arm: StatedArm, robot: Robot, i: int, instance: EffectInstance) -> StatedArm:

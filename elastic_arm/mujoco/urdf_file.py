@@ -75,16 +75,24 @@ def export_urdf(
         before = stated_arm(arm, catalogue)
         after, stand_ins = stood_in(after, numbers, after.left, motion)
         left = explained(after.left, stand_ins) + [(one, _NO_NUMBER) for one in after.delays]
-        changes = [*_joints(root, arm, before, after, deviations, left), *_links(root, arm, before, after)]
+        changes = [
+            *_joints(root, arm, before, after, deviations, left),
+            *_links(root, arm, before, after),
+        ]
         if not numbers.elastic:
-            springs = [one for one in robot_effects(numbers, catalogue) if one.effect.id == "joint_spring"]
+            springs = [
+                one for one in robot_effects(numbers, catalogue) if one.effect.id == "joint_spring"
+            ]
             left += [(spring, _NO_NUMBER) for spring in springs]
         if not np.allclose(before.gravity, after.gravity, rtol=0.0, atol=1e-9):
             left.append((_mounting(before.gravity, after.gravity), _MOUNTING))
         _check(document.text(), chain, after)
     write_result(out, document.text())
     as_placed = numbers.with_(base_placement=arm.base_placement)
-    listed = [*left_effects(as_placed, left, catalogue), *_numbers_left(robot, stated_arm(robot, catalogue), before)]
+    listed = [
+        *left_effects(as_placed, left, catalogue),
+        *_numbers_left(robot, stated_arm(robot, catalogue), before),
+    ]
     told = tuple(one.words(robot) for one in stand_ins)
     return Exported((out,), tuple(changes), tuple(listed), units=robot.units, stand_ins=told)
 
@@ -92,14 +100,19 @@ def export_urdf(
 def _mounting(before: Array, after: Array) -> EffectInstance:
     """Return the tilt of the base under which what is straight down by the file is felt as `after` (3,)."""
     if not np.isclose(np.linalg.norm(before), np.linalg.norm(after)):
-        raise RobotError("gravity changes, and a URDF does not state it", "Tilt the joint that carries the base")
+        raise RobotError(
+            "gravity changes, and a URDF does not state it", "Tilt the joint that carries the base"
+        )
     x, y = tilt_of(after)
     return EffectInstance(EFFECTS[TILT], None, {"x": x, "y": y})
 
 
 def _numbers_left(robot: Robot, whole: StatedArm, before: StatedArm) -> Iterator[Left]:
     """Yield motor inertia that the file does not state by Drake's tags, elasticity and controllers."""
-    missing = [all_of.armature - of_file.armature for all_of, of_file in zip(whole.joints, before.joints, strict=True)]
+    missing = [
+        all_of.armature - of_file.armature
+        for all_of, of_file in zip(whole.joints, before.joints, strict=True)
+    ]
     yield from left_numbers(robot, _NO_NUMBER, armatures=missing, elasticity=True)
 
 
@@ -140,7 +153,9 @@ def _turned(joint: Any, by: float) -> Change:
         number, unit, before = "origin rpy", "rad", rpy
         after = rpy = np.array(rpy_of(stands @ Rotation.from_rotvec(by * direction).as_matrix()))
     _child(joint, "origin", xyz=text_of(*xyz), rpy=text_of(*rpy))
-    return Change(str(joint.get("name")), number, unit, tuple(map(float, before)), tuple(map(float, after)))
+    return Change(
+        str(joint.get("name")), number, unit, tuple(map(float, before)), tuple(map(float, after))
+    )
 
 
 def _links(root: Any, arm: Robot, before: StatedArm, after: StatedArm) -> list[Change]:
@@ -192,7 +207,10 @@ def _child(parent: Any, tag: str, **attributes: str) -> None:
 def _check(text: str, chain: Chain | None, wanted: StatedArm) -> None:
     again = stated_arm(parse_urdf(text, chain))
     for i, (read, meant) in enumerate(zip(again.links, wanted.links, strict=True)):
-        if not np.allclose(read.mass, meant.mass, rtol=1e-6) or not np.allclose(read.com, meant.com, atol=1e-7):
+        if not np.allclose(read.mass, meant.mass, rtol=1e-6) or not np.allclose(
+            read.com, meant.com, atol=1e-7
+        ):
             raise RobotError(
-                f"link {i + 1} of the written file is not what was meant", "Please report it with the file"
+                f"link {i + 1} of the written file is not what was meant",
+                "Please report it with the file",
             )

@@ -28,7 +28,9 @@ from elastic_arm.robot.urdf_export import bodies_with_components
 _REASON = "USD has no number for it"
 
 
-def export_usd(robot: Robot, base: None, out: Path, *, catalogue: Catalogue | None = None) -> Exported:
+def export_usd(
+    robot: Robot, base: None, out: Path, *, catalogue: Catalogue | None = None
+) -> Exported:
     """Write an arm as a new USD file (.usda), and list what it does not hold.
 
     Of an elastic arm the joints are rigid, with the motors' inertia. Raises a MissingExtraError if USD is not
@@ -47,7 +49,9 @@ def export_usd(robot: Robot, base: None, out: Path, *, catalogue: Catalogue | No
     others = [replace(joint, controller=None) if _drive(joint) else joint for joint in robot.joints]
     numbers = left_numbers(robot.with_(joints=tuple(others)), _REASON, elasticity=True)
     write_result(out, _stage(rigid, stated))
-    return Exported((out,), (), (*left_effects(rigid, effects, catalogue), *numbers), units=robot.units)
+    return Exported(
+        (out,), (), (*left_effects(rigid, effects, catalogue), *numbers), units=robot.units
+    )
 
 
 def _drive(joint: Joint) -> JointController | None:
@@ -71,7 +75,9 @@ def _stage(robot: Robot, stated: StatedArm) -> str:
     stage.SetDefaultPrim(root)
     UsdPhysics.ArticulationRootAPI.Apply(root)
     place, paths = robot.base_placement, []
-    for i, (name, body) in enumerate(zip(("base", *robot.link_names), _bodies(robot, stated), strict=True)):
+    for i, (name, body) in enumerate(
+        zip(("base", *robot.link_names), _bodies(robot, stated), strict=True)
+    ):
         if i:
             place = place @ _start(robot, stated, i - 1) @ robot.joints[i - 1].after
         link = UsdGeom.Xform.Define(stage, f"{root.GetPath()}/{_name(name)}")
@@ -101,7 +107,9 @@ def _stage(robot: Robot, stated: StatedArm) -> str:
 def _bodies(robot: Robot, stated: StatedArm) -> list[Inertia]:
     base = bodies_with_components(robot)[0]
     if not base.mass:
-        base = Inertia(1.0, np.zeros(3), np.eye(3))  # it is fixed, so that any mass will do, but USD wants one
+        base = Inertia(
+            1.0, np.zeros(3), np.eye(3)
+        )  # it is fixed, so that any mass will do, but USD wants one
     return [base, *stated.links]
 
 
@@ -116,17 +124,26 @@ def _numbers(made: Any, joint: Joint, numbers: StatedJoint) -> None:
     from pxr import Sdf, UsdPhysics
 
     kind = "linear" if joint.prismatic else "angular"
-    turn = 1.0 if joint.prismatic else float(np.rad2deg(1.0))  # degrees in what the arm counts angles by
+    turn = (
+        1.0 if joint.prismatic else float(np.rad2deg(1.0))
+    )  # degrees in what the arm counts angles by
     prim, limits, own = made.GetPrim(), joint.limits, f"physxJointAxis:{kind}:"
     if limits.position_min is not None and limits.position_max is not None:
         made.CreateLowerLimitAttr(turn * limits.position_min)
         made.CreateUpperLimitAttr(turn * limits.position_max)
     viscous, dry = numbers.damping / turn, numbers.friction_loss
-    values = {"newton:armature": numbers.armature, "newton:damping": viscous, "newton:friction": dry}
+    values = {
+        "newton:armature": numbers.armature,
+        "newton:damping": viscous,
+        "newton:friction": dry,
+    }
     values |= {f"{own}armature": numbers.armature, f"{own}viscousFrictionCoefficient": viscous}
     values |= {f"{own}staticFrictionEffort": dry, f"{own}dynamicFrictionEffort": dry}
     if limits.velocity is not None:
-        values |= {"newton:velocityLimit": turn * limits.velocity, f"{own}maxJointVelocity": turn * limits.velocity}
+        values |= {
+            "newton:velocityLimit": turn * limits.velocity,
+            f"{own}maxJointVelocity": turn * limits.velocity,
+        }
     for schema in ("NewtonJointAPI", f"PhysxJointAxisAPI:{kind}"):
         prim.AddAppliedSchema(schema)
     for name, value in values.items():
@@ -135,7 +152,9 @@ def _numbers(made: Any, joint: Joint, numbers: StatedJoint) -> None:
     drive.CreateTypeAttr("force")
     drive.CreateStiffnessAttr(controller.kp / turn if controller else 0.0)
     drive.CreateDampingAttr(controller.kd / turn if controller else 0.0)
-    torques = [one for one in (limits.torque, controller.torque if controller else None) if one is not None]
+    torques = [
+        one for one in (limits.torque, controller.torque if controller else None) if one is not None
+    ]
     if torques:
         drive.CreateMaxForceAttr(min(torques))
 
@@ -143,7 +162,11 @@ def _numbers(made: Any, joint: Joint, numbers: StatedJoint) -> None:
 def _mass(prim: Any, name: str, body: Inertia) -> None:
     from pxr import Gf, UsdPhysics
 
-    require(body.mass > 0.0, f"{name} has no mass, and USD has no link without", "Give it a mass in the description")
+    require(
+        body.mass > 0.0,
+        f"{name} has no mass, and USD has no link without",
+        "Give it a mass in the description",
+    )
     moments, axes = np.linalg.eigh(body.inertia)
     mass = UsdPhysics.MassAPI.Apply(prim)
     mass.CreateMassAttr(body.mass)
@@ -178,7 +201,9 @@ def _turned(rotation: Array) -> Any:
     """Return the rotation of a rotation, or of a placement, as a quaternion of USD."""
     from pxr import Gf
 
-    x, y, z, w = Rotation.from_matrix(rotation[:3, :3].copy()).as_quat().tolist()  # as in recording/writing.py
+    x, y, z, w = (
+        Rotation.from_matrix(rotation[:3, :3].copy()).as_quat().tolist()
+    )  # as in recording/writing.py
     return Gf.Quatf(w, x, y, z)
 
 

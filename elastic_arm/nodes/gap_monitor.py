@@ -32,14 +32,22 @@ PARAMETERS = {
     "robot": ROBOT,
     "model": MODEL,
     "known": Setting([], "Effects that count as part of the model: EFFECT[:JOINT][:NAME=VALUE,…]"),
-    "effects_files": Setting([], "Python files with effects of your own, in addition to the catalogue"),
+    "effects_files": Setting(
+        [], "Python files with effects of your own, in addition to the catalogue"
+    ),
     "refit": Setting(False, "The description cannot be exact: its numbers are fitted too"),
     "channels": CHANNELS,
     "sides": SIDES,
-    "window": Setting(15.0, "Samples diagnosed, s; the last third of them judges", between=(LEAST, 120.0)),
-    "period": Setting(20.0, "From one diagnosis to the next, s; each takes some seconds", between=(1.0, 3600.0)),
+    "window": Setting(
+        15.0, "Samples diagnosed, s; the last third of them judges", between=(LEAST, 120.0)
+    ),
+    "period": Setting(
+        20.0, "From one diagnosis to the next, s; each takes some seconds", between=(1.0, 3600.0)
+    ),
     "save_to": Setting("diagnosis", "Folder of what ~/save writes"),
-    "save_period": Setting(3600.0, "Between reports that it keeps by itself, s; 0: none", between=(0.0, 86400.0)),
+    "save_period": Setting(
+        3600.0, "Between reports that it keeps by itself, s; 0: none", between=(0.0, 86400.0)
+    ),
 }
 
 
@@ -54,10 +62,18 @@ class GapMonitorNode(SamplingNode):
         # A mistake is to be heard of here.
         known_effects(wanted.known, robot, Catalogue.default().with_files(wanted.effects_files))
         channels = self.collect(robot)
-        question = wanted.robot or None, wanted.model, wanted.known, wanted.refit, wanted.effects_files
+        question = (
+            wanted.robot or None,
+            wanted.model,
+            wanted.known,
+            wanted.refit,
+            wanted.effects_files,
+        )
         self._worker = WorkerProcess(answering, *question)
         source = " ".join(graph.resolved(self, topic) for topic in self.collector.inboxes)
-        self._window = Window(robot.joint_names, wanted.window, source, channels.currents() if channels else ())
+        self._window = Window(
+            robot.joint_names, wanted.window, source, channels.currents() if channels else ()
+        )
         self._output = self.output(topics.GAP, GapDiagnosis)
         self._latest_ns = 0
         self._arrived = time.monotonic()
@@ -94,7 +110,11 @@ class GapMonitorNode(SamplingNode):
     def _ask(self, now: float) -> None:
         """Start the diagnosis that is due, of new samples; the last one at the end of the data."""
         over = now > self._arrived + QUIET
-        enough = self._window.seconds >= LEAST if over else self._window.full and now >= self._diagnosis_due
+        enough = (
+            self._window.seconds >= LEAST
+            if over
+            else self._window.full and now >= self._diagnosis_due
+        )
         if not enough or self.collector.last_ns == self._latest_ns:
             return
         self._diagnosis_due = now + self.settings.period

@@ -47,7 +47,9 @@ class IdentifierNode(SamplingNode):
         super().__init__("identifier")
         self.settings = declared(self, PARAMETERS)
         robot = load_robot(self.settings.robot or None)
-        self._identifier = identifier_of(robot, self.settings.model, parse_laws(self.settings.effects, robot))
+        self._identifier = identifier_of(
+            robot, self.settings.model, parse_laws(self.settings.effects, robot)
+        )
         self._screen = StreamScreen()
         self._warm_up(robot.n)
         self._output = self.output(topics.PARAMETER_ESTIMATE, ParameterEstimate)
@@ -108,7 +110,9 @@ class IdentifierNode(SamplingNode):
             condition_number=self._fit.condition,
             samples=self._identifier.progress.samples,
         )
-        message.header.stamp.sec, message.header.stamp.nanosec = divmod(self.collector.last_ns, NANOSECONDS)
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(
+            self.collector.last_ns, NANOSECONDS
+        )
         self._output.publish(message)
         if self.settings.print:
             self._print(message)
@@ -133,10 +137,14 @@ class IdentifierNode(SamplingNode):
 
     def save(self, request: Trigger.Request) -> str:
         """Write the estimate; return what was done, in words."""
-        result = self._identifier.estimate(tuple(graph.resolved(self, topic) for topic in self.collector.inboxes))
+        result = self._identifier.estimate(
+            tuple(graph.resolved(self, topic) for topic in self.collector.inboxes)
+        )
         file = Path(self.settings.save_to) / "identification.json"
         result.to_json(file)
-        received = self._identifier.progress.received  # the smoother keeps some at both ends of every piece
+        received = (
+            self._identifier.progress.received
+        )  # the smoother keeps some at both ends of every piece
         laws = [e for e in result.estimates if e.is_friction]
         sizes = [f"{e.short} {' ± '.join(rounded(e.value, e.std))} {e.unit}" for e in laws]
         found = " ".join([*result.summary(), *([f"{'; '.join(sizes)}."] if sizes else [])])
@@ -153,8 +161,13 @@ class IdentifierNode(SamplingNode):
             "samples absurd": absurd,
         }
         if self._fit is not None:
-            figures |= {"residual RMS, Nm": rms(self._fit.noise), "condition number": self._fit.condition}
-        return [f"{absurd} samples hold absurd numbers, and are left out"] if absurd else [], figures
+            figures |= {
+                "residual RMS, Nm": rms(self._fit.noise),
+                "condition number": self._fit.condition,
+            }
+        return [
+            f"{absurd} samples hold absurd numbers, and are left out"
+        ] if absurd else [], figures
 
 
 def rms(noise: NDArray[np.float64]) -> float:

@@ -17,7 +17,10 @@ TRAJECTORY = (EXCITATION, "file made by `elastic-arm excite`")
 ROBOT = ("", "nominal arm: file (YAML) or URDF; empty: the arm of the package")
 MODEL = ("mod3", "mod1, mod2 or mod3")
 SEED = ("1", "of the sensors' noise")
-EFFECTS = ("['']", "what the arm has more than the model, such as ['coulomb_friction:joint_2:torque=13.9']")
+EFFECTS = (
+    "['']",
+    "what the arm has more than the model, such as ['coulomb_friction:joint_2:torque=13.9']",
+)
 NAMESPACE = ("", "of all nodes: left for /left/joint_states and so on")
 SAVED = {
     "save_to": ("identified", "folder of identification.json"),
@@ -29,7 +32,9 @@ ARM = {
     "real_time_factor": ("1.0", "simulated seconds a second; other than 1: with /clock"),
     "torque_noise": ("0.26", "standard deviation of the torque sensors, Nm"),
     "use_sim_time": (
-        PythonExpression(["'false' if float('", LaunchConfiguration("real_time_factor"), "') == 1.0 else 'true'"]),
+        PythonExpression(
+            ["'false' if float('", LaunchConfiguration("real_time_factor"), "') == 1.0 else 'true'"]
+        ),
         "whether the other nodes go by /clock; by default where the arm publishes it",
     ),
 }
@@ -47,7 +52,9 @@ TYPES = {
 }
 
 
-def scenario(arguments: Mapping[str, tuple[Any, str]], nodes: Mapping[str, Sequence[str]]) -> LaunchDescription:
+def scenario(
+    arguments: Mapping[str, tuple[Any, str]], nodes: Mapping[str, Sequence[str]]
+) -> LaunchDescription:
     """Return a launch of some nodes, all of which stop with the first that does.
 
     arguments: default (None: it has to be given) and words of each; `namespace` is added; nodes: for each node the
@@ -55,14 +62,18 @@ def scenario(arguments: Mapping[str, tuple[Any, str]], nodes: Mapping[str, Seque
     """
     namespace = LaunchConfiguration("namespace")
     return LaunchDescription(
-        [*declared({**arguments, "namespace": NAMESPACE}), *(arm_node(name, nodes[name], namespace) for name in nodes)]
+        [
+            *declared({**arguments, "namespace": NAMESPACE}),
+            *(arm_node(name, nodes[name], namespace) for name in nodes),
+        ]
     )
 
 
 def declared(arguments: Mapping[str, tuple[Any, str]]) -> list[DeclareLaunchArgument]:
     """Return the declarations of arguments: default (None: it has to be given) and words of each."""
     return [
-        DeclareLaunchArgument(name, default_value=given, description=text) for name, (given, text) in arguments.items()
+        DeclareLaunchArgument(name, default_value=given, description=text)
+        for name, (given, text) in arguments.items()
     ]
 
 
@@ -79,7 +90,10 @@ def arm_node(
     arguments; on_exit: what happens when it ends; the launch ends as well by default.
     """
     defaults = [FindPackageShare(PACKAGE), "/config/elastic_arm.yaml"]
-    given = {parameter: _value(parameter, (renamed or {}).get(parameter, parameter)) for parameter in taken}
+    given = {
+        parameter: _value(parameter, (renamed or {}).get(parameter, parameter))
+        for parameter in taken
+    }
     return Node(
         package=PACKAGE,
         executable=name,

@@ -38,10 +38,14 @@ class Recorder(ArmNode):
         _load_types()  # takes long where the machine is busy: not while samples arrive
         names = wanted.topics or [graph.relative(topic) for topic in topics.TYPES]
         self._wanted = {self._resolved(name) for name in names}
-        self._listeners: dict[str, tuple[str, Listener]] = {}  # topic -> type of its messages, and who receives them
+        self._listeners: dict[
+            str, tuple[str, Listener]
+        ] = {}  # topic -> type of its messages, and who receives them
         self._refused: set[str] = set()  # whose type is not installed
         self._writer = StreamWriter(wanted.bag, wanted.compression)
-        for topic in sorted(self._wanted):  # before anybody publishes: what comes first is kept, too
+        for topic in sorted(
+            self._wanted
+        ):  # before anybody publishes: what comes first is kept, too
             if (own := f"/{topic.rpartition('/')[2]}") in topics.TYPES:
                 self._listen(topic, topics.TYPES[own])
         Health(self, "bag", "recording", self._status)
@@ -68,7 +72,9 @@ class Recorder(ArmNode):
             return  # a full disk takes no more; what is there is readable
         self._writer.close()
         counts = self._writer.counts
-        self.get_logger().info(f"{sum(counts.values())} messages of {len(counts)} topics in {self._writer.path}")
+        self.get_logger().info(
+            f"{sum(counts.values())} messages of {len(counts)} topics in {self._writer.path}"
+        )
 
     def _search(self) -> None:
         """Listen to the wanted topics that have a publisher by now, as what it publishes."""
@@ -87,7 +93,10 @@ class Recorder(ArmNode):
             self._refused.add(topic)
             self.get_logger().error(f"{topic} is not recorded: {error}")
             return
-        self._listeners[topic] = type_name, Listener(self, kind, topic, partial(self._take, topic), raw=True)
+        self._listeners[topic] = (
+            type_name,
+            Listener(self, kind, topic, partial(self._take, topic), raw=True),
+        )
         self._writer.tick()  # to subscribe may take long as well
 
     def _announce(self, topic: str) -> None:
@@ -104,7 +113,10 @@ class Recorder(ArmNode):
 
     def _status(self) -> tuple[list[str], dict[str, Any]]:
         counts = self._writer.counts
-        return [] if counts else ["none of the topics is published"], {"messages": sum(counts.values()), **counts}
+        return [] if counts else ["none of the topics is published"], {
+            "messages": sum(counts.values()),
+            **counts,
+        }
 
 
 _SEPARATOR = "=" * 80

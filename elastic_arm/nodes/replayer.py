@@ -77,7 +77,10 @@ class Replayer(ArmNode):
         self._sent = self._rounds = 0
         self._begin()
         if self._playback.next is None:
-            raise GraphError(f"{self._bag} holds no messages on {', '.join(self._outputs)}", "Choose other topics.")
+            raise GraphError(
+                f"{self._bag} holds no messages on {', '.join(self._outputs)}",
+                "Choose other topics.",
+            )
         self._begun = False
         self._matched: float | None = None
         self._finished = False
@@ -114,10 +117,14 @@ class Replayer(ArmNode):
             except GraphError as error:
                 self.get_logger().warning(f"{topic.name} is not played: {error}")
                 continue
-            outputs[topic.name] = self.create_publisher(kind, self._placed(topic.name), graph.qos(topic.name))
+            outputs[topic.name] = self.create_publisher(
+                kind, self._placed(topic.name), graph.qos(topic.name)
+            )
         if not outputs:
             held = ", ".join(topic.name for topic in found) or "no topics"
-            raise GraphError(f"{self._bag} has nothing to play; it holds {held}", "Choose other topics.")
+            raise GraphError(
+                f"{self._bag} has nothing to play; it holds {held}", "Choose other topics."
+            )
         return outputs
 
     def _placed(self, topic: str) -> str:
@@ -130,7 +137,9 @@ class Replayer(ArmNode):
         self._clock_ns = 0
 
     def _listened(self) -> bool:
-        return not self._wait or any(output.get_subscription_count() for output in self._outputs.values())
+        return not self._wait or any(
+            output.get_subscription_count() for output in self._outputs.values()
+        )
 
     def _settled(self) -> bool:
         """Return whether somebody listens, and others have had the time to be found too."""
@@ -164,7 +173,9 @@ class Replayer(ArmNode):
     def _status(self) -> tuple[list[str], dict[str, Any]]:
         problems = [] if self._listened() else ["nobody listens"]
         if problems and not self._begun:
-            problems = ["nobody listens: waiting for a subscriber (with wait:=false, the bag is played to nobody)"]
+            problems = [
+                "nobody listens: waiting for a subscriber (with wait:=false, the bag is played to nobody)"
+            ]
         return problems, {"messages": self._sent, "rate": self._rate, "rounds": self._rounds}
 
 

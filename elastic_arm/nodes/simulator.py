@@ -63,15 +63,25 @@ PARAMETERS = {
     "effects": Setting([], "What the arm has more: EFFECT[:JOINT][:NAME=VALUE,…]", live=True),
     "torque_noise": Setting(0.26, "Standard deviation, Nm", between=(0.0, 1000.0)),
     "encoder_noise": Setting(0.0, "Standard deviation, rad", between=(0.0, 0.1)),
-    "velocity_noise": Setting(0.0, "Of the encoders' velocities, standard deviation, rad/s", between=(0.0, 10.0)),
+    "velocity_noise": Setting(
+        0.0, "Of the encoders' velocities, standard deviation, rad/s", between=(0.0, 10.0)
+    ),
     "seed": Setting(1, "Of the noise", between=(0, 2**31 - 1)),
     "rate": Setting(1000.0, "Samples per second", between=(10.0, 10_000.0)),
-    "real_time_factor": Setting(1.0, "Simulated per real seconds; not 1: with /clock", between=(0.01, 20.0), live=True),
-    "limits": Setting(
-        "refuse", "What to do with a goal that breaks a limit of position, velocity or acceleration", choices=POLICIES
+    "real_time_factor": Setting(
+        1.0, "Simulated per real seconds; not 1: with /clock", between=(0.01, 20.0), live=True
     ),
-    "command_period": Setting(0.02, "After a message on ~/joint_commands it is reached, s", between=(0.001, 0.5)),
-    "initial_position": Setting([0.0], "Where the arm starts, rad; one angle a joint, or one for all"),
+    "limits": Setting(
+        "refuse",
+        "What to do with a goal that breaks a limit of position, velocity or acceleration",
+        choices=POLICIES,
+    ),
+    "command_period": Setting(
+        0.02, "After a message on ~/joint_commands it is reached, s", between=(0.001, 0.5)
+    ),
+    "initial_position": Setting(
+        [0.0], "Where the arm starts, rad; one angle a joint, or one for all"
+    ),
 }
 
 
@@ -157,7 +167,9 @@ class SimulatorNode(ArmNode):
         wanted = self._wanted
         robot = load_robot(wanted.robot or None)
         if len(wanted.initial_position) not in (1, robot.n):
-            given = f"initial_position has {len(wanted.initial_position)} values for {robot.n} joints"
+            given = (
+                f"initial_position has {len(wanted.initial_position)} values for {robot.n} joints"
+            )
             raise GraphError(given, "Give one a joint, or one.")
         self._start = np.broadcast_to(wanted.initial_position, (robot.n,)).astype(float)
         torque = TorqueSensor(noise=wanted.torque_noise)
@@ -208,7 +220,9 @@ class SimulatorNode(ArmNode):
         self._skipped = self._refused = 0
         self._told = Counter[str]()
         self._reference = self._standing()
-        self._pace = Pace(self._arm.rate, self._wanted.real_time_factor, CATCH_UP if real_time else MAKE_GOOD)
+        self._pace = Pace(
+            self._arm.rate, self._wanted.real_time_factor, CATCH_UP if real_time else MAKE_GOOD
+        )
         self._pace.wait(time.monotonic())
 
     def tick(self) -> float:
@@ -242,7 +256,11 @@ class SimulatorNode(ArmNode):
         torques = {"motor_torque": measured["tau_m"][0]}
         if self._arm.robot.elastic:
             link["effort"] = torques["joint_torque"] = measured["tau_J"][0]
-        motor = {"position": measured["theta"][0], "velocity": measured["dtheta"][0], "effort": measured["tau_m"][0]}
+        motor = {
+            "position": measured["theta"][0],
+            "velocity": measured["dtheta"][0],
+            "effort": measured["tau_m"][0],
+        }
         for topic, values in (
             (topics.JOINT_STATES, link),
             (topics.MOTOR_STATES, motor),
@@ -282,7 +300,9 @@ class SimulatorNode(ArmNode):
 
     def _standing(self) -> Follower:
         """Return what holds the arm at its initial position."""
-        return Follower(self._arm.nominal, self._start, self._origin_ns, self._step_ns, self._wanted.limits)
+        return Follower(
+            self._arm.nominal, self._start, self._origin_ns, self._step_ns, self._wanted.limits
+        )
 
     def _reset(self, _: Trigger.Request) -> str:
         self._arm.reset(self._start)
@@ -301,17 +321,23 @@ class SimulatorNode(ArmNode):
         except GraphError as error:
             self._refused += 1
             self._refusal = error.problem
-            self.get_logger().error(f"refused a message on {topic} that {error}", throttle_duration_sec=5.0)
+            self.get_logger().error(
+                f"refused a message on {topic} that {error}", throttle_duration_sec=5.0
+            )
             return
         if goal is not None and goal.reason:
-            self.get_logger().warning(f"slowed a goal down {goal.slower:.3g} times: as asked for it {goal.reason}")
+            self.get_logger().warning(
+                f"slowed a goal down {goal.slower:.3g} times: as asked for it {goal.reason}"
+            )
 
     def _change(self, parameters: Sequence[Parameter]) -> SetParametersResult:
         """Change the speed or the effects while running."""
         for parameter in parameters:
             if parameter.name == "real_time_factor":
                 if self._clock_output is None and parameter.value != 1.0:
-                    return SetParametersResult(successful=False, reason="started in real time, without /clock")
+                    return SetParametersResult(
+                        successful=False, reason="started in real time, without /clock"
+                    )
                 self._pace.set_factor(parameter.value)
             if parameter.name == "effects":
                 try:
@@ -346,9 +372,13 @@ class SimulatorNode(ArmNode):
             problems.append(f"{new['skipped']} samples skipped, as the process was held up")
         delay = reference.delay / self._arm.rate
         if new["starved"]:
-            problems.append(f"the stream on {self._reference_topic} broke off in motion: the arm slowed down")
+            problems.append(
+                f"the stream on {self._reference_topic} broke off in motion: the arm slowed down"
+            )
         elif delay > 0:
-            problems.append(f"the reference came late: it is followed {delay:.3g} s behind its stamps")
+            problems.append(
+                f"the reference came late: it is followed {delay:.3g} s behind its stamps"
+            )
         if new["refused"]:
             said = f"refused, the last one {self._refusal}"
             problems.append(f"{new['refused']} messages on {self._reference_topic} {said}")

@@ -42,7 +42,9 @@ PARAMETERS = {
     "trajectory": Setting("", "Trajectory file (YAML, as `elastic-arm excite` writes it)"),
     "repeat": Setting(1, "How often it is run; 0: until stopped", between=(0, 1_000_000)),
     "rate": Setting(1000.0, "Points per second", between=(10.0, 10_000.0)),
-    "approach_speed": Setting(1.0, "Joint speed on the way to the start, rad/s", between=(0.01, 3.0)),
+    "approach_speed": Setting(
+        1.0, "Joint speed on the way to the start, rad/s", between=(0.01, 3.0)
+    ),
 }
 
 
@@ -59,11 +61,16 @@ class Plan:
     position: (n,) where the arm stands.
     """
 
-    def __init__(self, trajectory: FourierTrajectory, position: Array, repeat: int = 1, speed: float = 0.3) -> None:
+    def __init__(
+        self, trajectory: FourierTrajectory, position: Array, repeat: int = 1, speed: float = 0.3
+    ) -> None:
         self._trajectory, self._repeat = trajectory, repeat
         first = np.array([values[0] for values in trajectory.evaluate(np.zeros(1))])
         distance = float(np.max(np.abs(first[0] - position)))
-        self.approach = max(QUINTIC_SPEED * distance / speed, float(np.sqrt(QUINTIC_ACCELERATION * distance / GENTLE)))
+        self.approach = max(
+            QUINTIC_SPEED * distance / speed,
+            float(np.sqrt(QUINTIC_ACCELERATION * distance / GENTLE)),
+        )
         at_rest = np.array([position, np.zeros_like(position), np.zeros_like(position)])
         self._way: list[BPoly] = []
         if self.approach > 0:
@@ -73,7 +80,9 @@ class Plan:
     @property
     def duration(self) -> float:
         """Seconds from the first to the last point; infinite when repeated for ever."""
-        return self.approach + (self._repeat * self._trajectory.duration if self._repeat else np.inf)
+        return self.approach + (
+            self._repeat * self._trajectory.duration if self._repeat else np.inf
+        )
 
     def evaluate(self, t: Array) -> Row:
         """Return the points at times t (N,), seconds from the beginning of the approach."""
@@ -129,7 +138,9 @@ class TrajectoryGenerator(ArmNode):
             self._start()
             return 0.01
         if not self._publisher.get_subscription_count() and not self.done():
-            self.get_logger().warning(f"the arm has gone: nobody reads {self._publisher.topic_name}; waiting for it")
+            self.get_logger().warning(
+                f"the arm has gone: nobody reads {self._publisher.topic_name}; waiting for it"
+            )
             self._wait()
             return LONGEST_REST
         now = self.get_clock().now().nanoseconds
@@ -160,7 +171,8 @@ class TrajectoryGenerator(ArmNode):
             return GraphError(f"use_sim_time is set, and nobody publishes {topics.CLOCK}", remedy)
         if abs(now - stamp) > LARGEST_OFFSET:
             return GraphError(
-                f"the arm's clock is {stamp - now:+.0f} s off: give both use_sim_time, or neither", remedy
+                f"the arm's clock is {stamp - now:+.0f} s off: give both use_sim_time, or neither",
+                remedy,
             )
         return None
 
@@ -169,7 +181,9 @@ class TrajectoryGenerator(ArmNode):
         said, joints = f"{graph.resolved(self, topics.MOTOR_STATES)} holds", len(message.name)
         remedy = "Look at it with `ros2 topic echo`: the motion begins where the arm stands."
         if len(message.position) != joints:
-            return GraphError(f"{said} {len(message.position)} positions for {joints} joints", remedy)
+            return GraphError(
+                f"{said} {len(message.position)} positions for {joints} joints", remedy
+            )
         if len(set(message.name)) != joints:
             return GraphError(f"{said} a joint twice: {', '.join(message.name)}", remedy)
         for name, position in zip(message.name, message.position, strict=True):
@@ -179,7 +193,10 @@ class TrajectoryGenerator(ArmNode):
 
     def _prepare(self) -> None:
         """Plan the motion as soon as it is known where the arm stands."""
-        if self._trouble is not None and time.monotonic() - self._born > PATIENCE * graph.slowness():
+        if (
+            self._trouble is not None
+            and time.monotonic() - self._born > PATIENCE * graph.slowness()
+        ):
             raise self._trouble
         if not self._names:
             return
@@ -218,7 +235,10 @@ class TrajectoryGenerator(ArmNode):
         now = time.monotonic()
         self._matched = self._matched or now
         states = graph.resolved(self, topics.MOTOR_STATES)
-        arms = {(info.node_namespace, info.node_name) for info in self.get_publishers_info_by_topic(states)}
+        arms = {
+            (info.node_namespace, info.node_name)
+            for info in self.get_publishers_info_by_topic(states)
+        }
         own = any((info.node_namespace, info.node_name) in arms for info in readers)
         return now - self._matched >= (SETTLING if own else READER_PATIENCE) * graph.slowness()
 
@@ -234,7 +254,9 @@ class TrajectoryGenerator(ArmNode):
         assert self._plan is not None
         assert self._form is not None
         # Messages are all alike; the last one goes on at rest behind the end of the motion.
-        rows: Row = self._plan.evaluate((self._sent + np.arange(POINTS)) * self._step_ns / NANOSECONDS)
+        rows: Row = self._plan.evaluate(
+            (self._sent + np.arange(POINTS)) * self._step_ns / NANOSECONDS
+        )
         for i in range(POINTS):
             self._form.fields[f"points.{i}.positions"][:] = rows.position[i]
             self._form.fields[f"points.{i}.velocities"][:] = rows.velocity[i]

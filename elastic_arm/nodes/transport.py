@@ -31,7 +31,9 @@ def choose_transport(environment: MutableMapping[str, str]) -> None:
     if PROFILE_VARIABLE in environment:
         return
     own_transports = TRANSPORTS_VARIABLE in environment
-    local = environment.get(LOCALHOST_VARIABLE) == "1" or environment.get(RANGE_VARIABLE) == "LOCALHOST"
+    local = (
+        environment.get(LOCALHOST_VARIABLE) == "1" or environment.get(RANGE_VARIABLE) == "LOCALHOST"
+    )
     if local and not own_transports and not environment.get(PEERS_VARIABLE):
         environment[PROFILE_VARIABLE] = str(LOOPBACK_PROFILE)
         environment[RANGE_VARIABLE] = "SYSTEM_DEFAULT"

@@ -15,7 +15,15 @@ if TYPE_CHECKING:
     from elastic_arm.recording.sides import Samples, Side
     from elastic_arm.recording.writing import write_recording
 
-__all__ = ["ChannelMap", "Recording", "Samples", "Side", "load_channels", "read_recording", "write_recording"]
+__all__ = [
+    "ChannelMap",
+    "Recording",
+    "Samples",
+    "Side",
+    "load_channels",
+    "read_recording",
+    "write_recording",
+]
 
 _MODULES = {
     "ChannelMap": "elastic_arm.recording.foreign.channels",

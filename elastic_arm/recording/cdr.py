@@ -20,7 +20,10 @@ from elastic_arm.recording.spans import Bytes, Offsets, Spans, column, offsets_o
 
 _ORIGIN = 4  # alignment counts from behind the encapsulation header
 _NUMBERS = {
-    **{name: name for name in ("int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64")},
+    **{
+        name: name
+        for name in ("int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64")
+    },
     "float32": "float32",
     "float64": "float64",
     "bool": "uint8",
@@ -51,7 +54,9 @@ class Layout:
     text: dict[str, tuple[int, int]] = field(default_factory=dict)
     # the bytes (begin, end) that must agree for another message to have this layout and these names
     fixed: list[tuple[int, int]] = field(default_factory=list)
-    words: list[tuple[int, str, int]] = field(default_factory=list)  # what they hold: (begin, dtype, value)
+    words: list[tuple[int, str, int]] = field(
+        default_factory=list
+    )  # what they hold: (begin, dtype, value)
 
     def learn(self, pattern: memoryview) -> None:
         """Keep what `pattern`, a message of this layout, has in its fixed bytes."""
@@ -104,8 +109,14 @@ class Layout:
 def layout_of(data: memoryview, type_name: str, types: Typesdict | None = None) -> Layout:
     """Find the layout of one message, of a type among those given, or else among the known ones."""
     if len(data) < _ORIGIN or data[0] != 0 or data[1] not in (0, 1):
-        raise RecordingError(f"a {type_name} message is not plain CDR", "Record with serialization format cdr.")
-    walker = _Walker(data, message_types.typestore().fielddefs if types is None else types, "<" if data[1] else ">")
+        raise RecordingError(
+            f"a {type_name} message is not plain CDR", "Record with serialization format cdr."
+        )
+    walker = _Walker(
+        data,
+        message_types.typestore().fielddefs if types is None else types,
+        "<" if data[1] else ">",
+    )
     try:
         walker.message(type_name, "")
     except RecursionError:
@@ -113,7 +124,9 @@ def layout_of(data: memoryview, type_name: str, types: Typesdict | None = None) 
     except (struct.error, KeyError, UnicodeDecodeError) as error:
         raise RecordingError(f"a message does not fit its type {type_name} ({error})") from None
     if walker.at > len(data):
-        raise RecordingError(f"a message is shorter ({len(data)} bytes) than its type {type_name} wants")
+        raise RecordingError(
+            f"a message is shorter ({len(data)} bytes) than its type {type_name} wants"
+        )
     return walker.layout
 
 
@@ -146,9 +159,16 @@ class Layouts:
         for layout in known:
             if layout.matches(one).all():
                 return layout
-        if sum(map(len, self.known.values())) >= limits.LAYOUTS or self._walked > limits.LAYOUT_FIELDS:
-            problem = f"its messages differ in more than {limits.LAYOUTS} ways in their names and lengths"
-            raise RecordingError(problem, "Stop publishers that change the names or the number of joints.")
+        if (
+            sum(map(len, self.known.values())) >= limits.LAYOUTS
+            or self._walked > limits.LAYOUT_FIELDS
+        ):
+            problem = (
+                f"its messages differ in more than {limits.LAYOUTS} ways in their names and lengths"
+            )
+            raise RecordingError(
+                problem, "Stop publishers that change the names or the number of joints."
+            )
         layout = layout_of(pattern, self.type_name, self.types)
         layout.learn(pattern)
         self._walked += len(layout.fixed) + len(layout.numbers)
@@ -204,7 +224,9 @@ class _Walker:
             self.count(count)
             spans = [self.string() for _ in range(count)]
             self.layout.fixed += spans
-            self.layout.strings[path] = [bytes(self.data[begin:end]).rstrip(b"\0").decode() for begin, end in spans]
+            self.layout.strings[path] = [
+                bytes(self.data[begin:end]).rstrip(b"\0").decode() for begin, end in spans
+            ]
         else:
             self.numbers(inner[0], count, path)
 

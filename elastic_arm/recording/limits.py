@@ -41,7 +41,9 @@ def chunk_bytes() -> int:
 def unpacked_bytes() -> int:
     """Return how many bytes all that is packed in a file may unpack to."""
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    return _configured("ELASTIC_ARM_MAX_UNPACKED_MB", max(int(MEMORY_SHARE * memory) // MEGABYTE, CHUNK_MB))
+    return _configured(
+        "ELASTIC_ARM_MAX_UNPACKED_MB", max(int(MEMORY_SHARE * memory) // MEGABYTE, CHUNK_MB)
+    )
 
 
 def _configured(name: str, megabytes: int) -> int:

@@ -24,7 +24,11 @@ FEWEST = 12  # samples and commands of which anything is made
 def is_commanded(recording: Recording) -> bool:
     """Whether a recording holds positions and commands, and no torque."""
     measured, reference = recording.measured().values(), recording.reference
-    if reference is None or len(reference) < FEWEST or (reference.position is None and reference.velocity is None):
+    if (
+        reference is None
+        or len(reference) < FEWEST
+        or (reference.position is None and reference.velocity is None)
+    ):
         return False
     moved = any(side.position is not None and len(side) >= FEWEST for side in measured)
     return moved and all(side.effort is None for side in measured)
@@ -36,30 +40,50 @@ def with_made_torque(recording: Recording, robot: Robot) -> Recording:
     Any other recording is returned as it is. The reference becomes the command as the drives take it, at the stamps of
     the positions; what lies before the first command and after the last is left out.
     """
-    side = recording.motor if recording.motor is not None and recording.motor.position is not None else recording.link
-    reference, stated = recording.reference, {joint.name: joint.controller for joint in robot.joints}
+    side = (
+        recording.motor
+        if recording.motor is not None and recording.motor.position is not None
+        else recording.link
+    )
+    reference, stated = (
+        recording.reference,
+        {joint.name: joint.controller for joint in robot.joints},
+    )
     if not is_commanded(recording) or reference is None or side is None or side.position is None:
         return recording
     there = joints_with(side.position)
     made = {
         name: _limited(controller, robot.joints[robot.joint_names.index(name)].limits.torque)
         for i, name in enumerate(recording.joints)
-        if (controller := stated.get(name)) is not None and there[i] and _is_told(reference, controller, i)
+        if (controller := stated.get(name)) is not None
+        and there[i]
+        and _is_told(reference, controller, i)
     }
     if not made:
         return recording
-    given, t = ((stamps - reference.stamp_ns[0]) * 1e-9 for stamps in (reference.stamp_ns, side.stamp_ns))
-    known = (t >= max(c.delay for c in made.values()) + float(np.median(np.diff(given)))) & (t <= given[-1])
+    given, t = (
+        (stamps - reference.stamp_ns[0]) * 1e-9 for stamps in (reference.stamp_ns, side.stamp_ns)
+    )
+    known = (t >= max(c.delay for c in made.values()) + float(np.median(np.diff(given)))) & (
+        t <= given[-1]
+    )
     t, angles, stamps = t[known], side.position[known], side.stamp_ns[known]
     r, torque = np.full((2, *angles.shape), np.nan)
     columns = {recording.joints.index(name): controller for name, controller in made.items()}
-    commands = {i: _Command(reference, given, i, controller, angles[0, i]) for i, controller in columns.items()}
+    commands = {
+        i: _Command(reference, given, i, controller, angles[0, i])
+        for i, controller in columns.items()
+    }
     for i, command in commands.items():
         r[:, i] = command(t)[0]
     forward = _fed_forward(robot, t, np.where(np.isnan(r), angles, r), list(made.values()))
     for i, controller in columns.items():
-        torque[:, i] = _torque(controller, commands[i], t, angles[:, i], forward[controller.feedforward][:, i])
-    cut = {name: one.at(np.isin(one.stamp_ns, stamps)) for name, one in recording.measured().items()}
+        torque[:, i] = _torque(
+            controller, commands[i], t, angles[:, i], forward[controller.feedforward][:, i]
+        )
+    cut = {
+        name: one.at(np.isin(one.stamp_ns, stamps)) for name, one in recording.measured().items()
+    }
     motor = cut["motor"] if side is recording.motor else Side(stamps)
     whose = listed(recording.joints, [name in made for name in recording.joints])
     note = (
@@ -91,7 +115,9 @@ def _is_told(reference: Side, controller: JointController, i: int) -> bool:
 class _Command:
     """The command of a joint as its controller takes it, over time."""
 
-    def __init__(self, reference: Side, given: Array, i: int, controller: JointController, start: float) -> None:
+    def __init__(
+        self, reference: Side, given: Array, i: int, controller: JointController, start: float
+    ) -> None:
         def spline(values: Array | None) -> PPoly | None:
             there = values is not None and not np.isnan(values[:, i]).any()
             return CubicSpline(given, values[:, i]) if there and values is not None else None
@@ -101,7 +127,10 @@ class _Command:
         self._held, self._begin = controller.between == "held", 0.0
         if controller.mode == "velocity":
             assert rate is not None
-            angle, self._begin = rate.antiderivative(), start  # the integral of the error begins with none
+            angle, self._begin = (
+                rate.antiderivative(),
+                start,
+            )  # the integral of the error begins with none
         assert angle is not None
         self._splines = angle, angle.derivative() if rate is None else rate
 
@@ -112,13 +141,20 @@ class _Command:
             angle, rate = (spline(t) for spline in self._splines)
         else:
             sums = [spline.antiderivative() for spline in self._splines]
-            angle, rate = ((total(t) - total(t - self._interval)) / self._interval for total in sums)
+            angle, rate = (
+                (total(t) - total(t - self._interval)) / self._interval for total in sums
+            )
         return angle + self._begin, rate
 
 
-def _torque(controller: JointController, command: _Command, t: Array, angle: Array, forward: Array) -> Array:
+def _torque(
+    controller: JointController, command: _Command, t: Array, angle: Array, forward: Array
+) -> Array:
     """Return the torque (N,) of a joint, each sample the mean over its interval, Nm."""
-    (kp, kd, ki), limit = controller.gains, np.inf if controller.torque is None else controller.torque
+    (kp, kd, ki), limit = (
+        controller.gains,
+        np.inf if controller.torque is None else controller.torque,
+    )
     q, step = CubicSpline(t, angle), float(np.median(np.diff(t)))
     at = t[:, None] + step * ((np.arange(FINER) + 0.5) / FINER - 0.5)
     r, dr = command(at)
@@ -130,7 +166,9 @@ def _torque(controller: JointController, command: _Command, t: Array, angle: Arr
     return np.asarray(np.clip(torque, -limit, limit).mean(axis=1))
 
 
-def _fed_forward(robot: Robot, t: Array, r: Array, controllers: list[JointController]) -> dict[str, Array]:
+def _fed_forward(
+    robot: Robot, t: Array, r: Array, controllers: list[JointController]
+) -> dict[str, Array]:
     """Return what is fed forward of a command (N, n) by the name of it, Nm: as if link and motor turned alike."""
     found = {"none": np.zeros_like(r)}
     if all(controller.feedforward == "none" for controller in controllers):

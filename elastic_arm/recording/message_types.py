@@ -12,7 +12,13 @@ from typing import Any
 
 from rosbags.interfaces import Nodetype
 from rosbags.interfaces.typing import Typesdict
-from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
+from rosbags.typesys import (
+    Stores,
+    TypesysError,
+    get_types_from_idl,
+    get_types_from_msg,
+    get_typestore,
+)
 from rosbags.typesys.store import Typestore
 
 from elastic_arm.errors import RecordingError
@@ -39,7 +45,9 @@ def typestore() -> Typestore:
     """Return Jazzy's standard types with those of elastic_arm_msgs (whose .msg files lie in `recording/msg`)."""
     store = get_typestore(Stores.ROS2_JAZZY)
     types = {}
-    for file in sorted(resources.files(__package__).joinpath("msg").iterdir(), key=lambda entry: entry.name):
+    for file in sorted(
+        resources.files(__package__).joinpath("msg").iterdir(), key=lambda entry: entry.name
+    ):
         if file.name.endswith(".msg"):
             name = f"{OWN_PACKAGE}/msg/{file.name.removesuffix('.msg')}"
             types.update(get_types_from_msg(file.read_text(encoding="utf-8"), name))
@@ -56,7 +64,9 @@ def definition(type_name: str) -> tuple[str, str]:
     """Return the full ros2msg text of a type, with all it is made of, and its RIHS01 hash."""
     store = typestore()
     if not known(type_name):
-        raise RecordingError(f"message type {type_name} is not known", "Give its definition with the topic.")
+        raise RecordingError(
+            f"message type {type_name} is not known", "Give its definition with the topic."
+        )
     text, _ = store.generate_msgdef(type_name, ros_version=2)
     return text, store.hash_rihs01(type_name)
 
@@ -73,7 +83,9 @@ def types_of(topic: Topic) -> Typesdict:
 # What makes ROS messages, or tables, of messages in other languages.
 _AS_JSON = "Export them as JSON Lines and import these: mcap cat --json FILE > a.jsonl; elastic-arm bag import a.jsonl."
 _FOREIGN = dict.fromkeys(("protobuf", "jsonschema", "flatbuffer", "omgidl"), _AS_JSON)
-_FOREIGN["ros1msg"] = "Convert the bag to ROS 2 first: rosbags-convert --src FILE --dst BAG (pip install rosbags)."
+_FOREIGN["ros1msg"] = (
+    "Convert the bag to ROS 2 first: rosbags-convert --src FILE --dst BAG (pip install rosbags)."
+)
 
 
 @lru_cache(maxsize=64)
@@ -99,7 +111,9 @@ def parse_definition(type_name: str, encoding: str, text: str) -> Typesdict:
     except (TypesysError, ValueError, RecursionError) as error:
         reason = "it does not follow the grammar" if "\n" in str(error) else str(error)[:80]
     if reason:
-        problem = f"the definition of message type {type_name[:60]!r} in the bag cannot be read: {reason}"
+        problem = (
+            f"the definition of message type {type_name[:60]!r} in the bag cannot be read: {reason}"
+        )
         raise RecordingError(problem, "Record again with the definitions of ROS.")
     return {name: (constants, fields or _EMPTY) for name, (constants, fields) in found.items()}
 
@@ -121,7 +135,9 @@ def _plain_msg(text: str) -> str:
 def _plain_idl(text: str) -> str:
     """Return an IDL text without comments, annotations, preprocessor lines and what texts hold."""
     kept = "\n".join(line for line in text.splitlines() if not _NO_IDL.fullmatch(line))
-    plain = _ANNOTATION.sub("", _SPOKEN.sub(lambda found: '""' if found[0][0] == '"' else " ", kept))
+    plain = _ANNOTATION.sub(
+        "", _SPOKEN.sub(lambda found: '""' if found[0][0] == '"' else " ", kept)
+    )
     if found := _EXPRESSION.search(plain):
         raise ValueError(f"{plain[found.start() :][:20]!r} stands in it")
     _check_count(plain.count(";") + plain.count(","))

@@ -22,7 +22,14 @@ from elastic_arm.recording.storage.mcap_scan import McapBlock
 from elastic_arm.recording.storage.messages import topics_of
 from elastic_arm.recording.timebase.joining import pair
 from elastic_arm.recording.timebase.ordering import LATE_NS
-from elastic_arm.recording.topics import JOINT_STATES, JOINT_TORQUES, MOTOR_STATES, REFERENCE, ROBOT_DESCRIPTION, TYPES
+from elastic_arm.recording.topics import (
+    JOINT_STATES,
+    JOINT_TORQUES,
+    MOTOR_STATES,
+    REFERENCE,
+    ROBOT_DESCRIPTION,
+    TYPES,
+)
 
 PART = 400_000  # messages of a part of a long bag: three minutes of two topics at 1 kHz
 _CONTRACT = (JOINT_STATES, MOTOR_STATES, JOINT_TORQUES, REFERENCE)
@@ -39,14 +46,20 @@ _POINT = {
 class Content:
     """The topics of one or several bags."""
 
-    series: dict[str, Series] = field(default_factory=dict)  # By topic, those requested; the series once all is read
+    series: dict[str, Series] = field(
+        default_factory=dict
+    )  # By topic, those requested; the series once all is read
     decoders: dict[str, Decoder] = field(default_factory=dict)
     robot_description: str | None = None  # The last URDF on /robot_description
-    topics: dict[str, str] = field(default_factory=dict)  # All topics that have messages, with their types
+    topics: dict[str, str] = field(
+        default_factory=dict
+    )  # All topics that have messages, with their types
     messages: int = 0  # Number of messages on all topics
     damage: list[str] = field(default_factory=list)  # What was wrong with the bags
     promised: int | None = None  # Number of messages by metadata.yaml; None where it does not say
-    source: str = ""  # The bags by name; their torque channels that are currents times a torque constant
+    source: str = (
+        ""  # The bags by name; their torque channels that are currents times a torque constant
+    )
     currents: tuple[str, ...] = ()
     namespace: str = ""  # Of the arm; names in `series` and `decoders` are those within it
 
@@ -69,7 +82,9 @@ class Content:
             self.messages += count
             name = local_name(topic.name, self.namespace)
             if name is not None and name in wanted:
-                self.decoders.setdefault(name, Decoder(name, topic.type_name)).add(file, channel, block)
+                self.decoders.setdefault(name, Decoder(name, topic.type_name)).add(
+                    file, channel, block
+                )
             elif name == ROBOT_DESCRIPTION and topic.type_name == TYPES[ROBOT_DESCRIPTION]:
                 data = block.spans(channel).message(-1)
                 begin, end = cdr.layout_of(data, topic.type_name).text["data"]
@@ -129,7 +144,9 @@ def contents(
     if not paths:
         raise RecordingError("no bag was given", "Name at least one.")
     if channels is not None and namespace is not None:
-        raise RecordingError("a channel map and a namespace are given", "Name whole topics in the map.")
+        raise RecordingError(
+            "a channel map and a namespace are given", "Name whole topics in the map."
+        )
     bags = [open_bag(each) for each in paths]
     if wanted is None:
         wanted = _CONTRACT if channels is None else channels.topics()
@@ -201,13 +218,17 @@ def choose_namespace(bags: Sequence[Bag], wanted: str | None = None) -> str:
     if wanted is None:
         if len(found) > 1 and "" not in found:
             source = ", ".join(str(bag.path) for bag in bags)
-            raise RecordingError(f"{source} holds {len(found)} arms: {', '.join(found)}", "Choose one: --namespace.")
+            raise RecordingError(
+                f"{source} holds {len(found)} arms: {', '.join(found)}", "Choose one: --namespace."
+            )
         return found[0] if found else ""
     namespace = f"/{wanted.strip('/')}".rstrip("/")
     if namespace not in found:
         source = ", ".join(str(bag.path) for bag in bags)
         held = ", ".join(name or "/" for name in found) or "none"
-        raise RecordingError(f"{source} holds no arm in the namespace {namespace or '/'}", f"There are: {held}.")
+        raise RecordingError(
+            f"{source} holds no arm in the namespace {namespace or '/'}", f"There are: {held}."
+        )
     return namespace
 
 
@@ -219,7 +240,11 @@ def local_name(topic: str, namespace: str) -> str | None:
 
 
 def recording_of(
-    content: Content, channels: ChannelMap | None, joints: Sequence[str] | None, *, arrival: bool = False
+    content: Content,
+    channels: ChannelMap | None,
+    joints: Sequence[str] | None,
+    *,
+    arrival: bool = False,
 ) -> tuple[Recording, list[Finding]]:
     """Return the recording that decoded topics hold, and what had to be assumed or mended; its notes say so, too."""
     source, series = content.source, content.series
@@ -235,7 +260,9 @@ def recording_of(
     except RecordingError as error:
         raise RecordingError(f"{source}: {error.problem}", error.remedy) from None
     found = list(dict.fromkeys(found))
-    notes = tuple(dict.fromkeys((*content.damage, *(finding.message for finding in found), *recording.notes)))
+    notes = tuple(
+        dict.fromkeys((*content.damage, *(finding.message for finding in found), *recording.notes))
+    )
     return replace(recording, source=source, notes=notes), found
 
 
@@ -244,45 +271,83 @@ def _mapped_recording(
 ) -> Recording:
     link, motor, command = (mapped_side(channels, side, series, found) for side in SIDE_NAMES)
     joints, urdf = tuple(channels.joints), content.robot_description
-    return Recording(joints, link, motor, command, robot_description=urdf, currents=channels.currents())
+    return Recording(
+        joints, link, motor, command, robot_description=urdf, currents=channels.currents()
+    )
 
 
 def _contract_recording(
-    series: Mapping[str, Series], content: Content, wanted: Sequence[str] | None, found: list[Finding]
+    series: Mapping[str, Series],
+    content: Content,
+    wanted: Sequence[str] | None,
+    found: list[Finding],
 ) -> Recording:
     for topic, each in series.items():
         if each.type_name != TYPES[topic]:
             raise RecordingError(
-                f"{topic} has type {each.type_name}, not {TYPES[topic]}", "Describe it in a channel map."
+                f"{topic} has type {each.type_name}, not {TYPES[topic]}",
+                "Describe it in a channel map.",
             )
     states = [series[topic] for topic in (JOINT_STATES, MOTOR_STATES) if topic in series]
     if not states:
-        listed = ", ".join(f"{topic} ({name})" for topic, name in content.topics.items()) or "no messages at all"
+        listed = (
+            ", ".join(f"{topic} ({name})" for topic, name in content.topics.items())
+            or "no messages at all"
+        )
         raise RecordingError(
             f"neither {JOINT_STATES} nor {MOTOR_STATES} was recorded; the bag holds {listed}",
             "Record one of them, or name in a channel map (--channels) the topics that hold the joints.",
         )
     joints = _joints(states, wanted, content.robot_description)
-    sides = {topic: _side(series.get(topic), joints, _STATE, found) for topic in (JOINT_STATES, MOTOR_STATES)}
+    sides = {
+        topic: _side(series.get(topic), joints, _STATE, found)
+        for topic in (JOINT_STATES, MOTOR_STATES)
+    }
     link, motor = _place_torques(sides[JOINT_STATES], sides[MOTOR_STATES], series, joints, found)
     reference = _reference(series.get(REFERENCE), joints, found)
     called = joints if wanted is None else tuple(wanted)
     if called != joints:
-        found.append(note(f"{', '.join(joints)} are {', '.join(called)} by their names without what all of them share"))
-    return Recording(called, link, motor, reference, content.robot_description, currents=content.currents)
+        found.append(
+            note(
+                f"{', '.join(joints)} are {', '.join(called)} by their names without what all of them share"
+            )
+        )
+    return Recording(
+        called, link, motor, reference, content.robot_description, currents=content.currents
+    )
 
 
 def _place_torques(
-    link: Side | None, motor: Side | None, series: Mapping[str, Series], joints: tuple[str, ...], found: list[Finding]
+    link: Side | None,
+    motor: Side | None,
+    series: Mapping[str, Series],
+    joints: tuple[str, ...],
+    found: list[Finding],
 ) -> tuple[Side | None, Side | None]:
     """Decide what /joint_states.effort measured, and take torques that stand in /joint_torques alone."""
     torques = series.get(JOINT_TORQUES)
-    sensed, driven = (_side(torques, joints, {"effort": name}, found) for name in ("joint_torque", "motor_torque"))
-    if link is not None and link.effort is not None and motor is None and (sensed is None or sensed.effort is None):
-        found.append(note(f"{JOINT_STATES}.effort was taken as the motor torque, as {MOTOR_STATES} was not recorded"))
+    sensed, driven = (
+        _side(torques, joints, {"effort": name}, found) for name in ("joint_torque", "motor_torque")
+    )
+    if (
+        link is not None
+        and link.effort is not None
+        and motor is None
+        and (sensed is None or sensed.effort is None)
+    ):
+        found.append(
+            note(
+                f"{JOINT_STATES}.effort was taken as the motor torque, as {MOTOR_STATES} was not recorded"
+            )
+        )
         motor = Side(link.stamp_ns, effort=link.effort)
         link = replace(link, effort=None)
-    if link is not None and link.effort is None and sensed is not None and sensed.effort is not None:
+    if (
+        link is not None
+        and link.effort is None
+        and sensed is not None
+        and sensed.effort is not None
+    ):
         link = _with_torque(link, sensed, "joint_torque", JOINT_STATES, found)
     if driven is not None and driven.effort is not None:
         if motor is None:
@@ -297,10 +362,14 @@ def _with_torque(side: Side, torques: Side, name: str, topic: str, found: list[F
     return replace(side, effort=torques.effort)
 
 
-def _joints(states: Sequence[Series], wanted: Sequence[str] | None, urdf: str | None) -> tuple[str, ...]:
+def _joints(
+    states: Sequence[Series], wanted: Sequence[str] | None, urdf: str | None
+) -> tuple[str, ...]:
     names = list(dict.fromkeys(name for series in states for name in series.names()))
     if not names:
-        raise RecordingError(f"{states[0].topic} names no joints", "The publisher must fill the field name.")
+        raise RecordingError(
+            f"{states[0].topic} names no joints", "The publisher must fill the field name."
+        )
     if wanted is not None:
         matched = matched_names(wanted, names)
         if matched is None:
@@ -315,7 +384,10 @@ def _joints(states: Sequence[Series], wanted: Sequence[str] | None, urdf: str | 
     if recorded <= set(known):
         return tuple(name for name in known if name in recorded)
     numbers = {name: _number_at_end(name) for name in names}
-    if all(numbers.values()) and len({name.removesuffix(digits) for name, digits in numbers.items()}) == 1:
+    if (
+        all(numbers.values())
+        and len({name.removesuffix(digits) for name, digits in numbers.items()}) == 1
+    ):
         return tuple(sorted(names, key=lambda name: int(numbers[name])))
     return tuple(names)
 
@@ -324,18 +396,24 @@ def _number_at_end(name: str) -> str:
     """Return the digits at the end of a name; nothing where they are too many to count joints."""
     # From the end, as a search from the start would look through each run of digits once for every digit of it.
     found = re.match(r"\d*", name[::-1])
-    return "" if found is None or found.end() > 18 else found[0][::-1]  # more digits are no number of a joint
+    return (
+        "" if found is None or found.end() > 18 else found[0][::-1]
+    )  # more digits are no number of a joint
 
 
 def urdf_joints(urdf: str | None) -> list[str]:
     """Return the names of all joints of a URDF; none if there is no readable one."""
     try:
-        return [joint.get("name", "") for joint in ElementTree.fromstring(urdf or "").findall("joint")]
+        return [
+            joint.get("name", "") for joint in ElementTree.fromstring(urdf or "").findall("joint")
+        ]
     except ElementTree.ParseError:
         return []
 
 
-def _side(series: Series | None, joints: tuple[str, ...], paths: dict[str, str], found: list[Finding]) -> Side | None:
+def _side(
+    series: Series | None, joints: tuple[str, ...], paths: dict[str, str], found: list[Finding]
+) -> Side | None:
     """Build a side from the messages that hold the joints, joined where several kinds have a part of them each."""
     if series is None:
         return None
@@ -343,9 +421,15 @@ def _side(series: Series | None, joints: tuple[str, ...], paths: dict[str, str],
     parts = series.holding(joints)
     used = sum(part.count for part, _ in parts)
     if used < series.count:
-        others = series.keep(lambda piece: not any(set(names) <= set(piece.names) for _, names in parts))
+        others = series.keep(
+            lambda piece: not any(set(names) <= set(piece.names) for _, names in parts)
+        )
         absent = [joint for joint in joints if joint not in others.names()]
-        which = f"without {', '.join(absent)}" if len(absent) < len(joints) else "that hold other joints"
+        which = (
+            f"without {', '.join(absent)}"
+            if len(absent) < len(joints)
+            else "that hold other joints"
+        )
         last = float(others.log_ns.max() - series.log_ns.min()) * 1e-9
         words = f"messages on {series.topic} {which} were left out, the last after {last:.1f} s"
         found.append(note(f"{series.count - used} {words}"))
@@ -359,9 +443,14 @@ def _side(series: Series | None, joints: tuple[str, ...], paths: dict[str, str],
         words = f"{series.topic} holds messages of {', '.join(names)} apart from the others: they are joined"
         found.append(note(words))
         own = checked(own.holding(), series.topic, joints)
-        side, own = pair(side, own, f"messages of {', '.join(names)}", "those of the other joints", found)
+        side, own = pair(
+            side, own, f"messages of {', '.join(names)}", "those of the other joints", found
+        )
         before = side.channels()
-        joined = {name: np.fmax(before.get(name, values), values) for name, values in own.channels().items()}
+        joined = {
+            name: np.fmax(before.get(name, values), values)
+            for name, values in own.channels().items()
+        }
         side = replace(side, **joined)
     assert side is not None
     for name, values in side.channels().items():
@@ -372,11 +461,15 @@ def _side(series: Series | None, joints: tuple[str, ...], paths: dict[str, str],
             side = replace(side, **{name: None})  # type: ignore[arg-type]
         elif not there.all():
             without = ", ".join(joint for joint, one in zip(joints, there, strict=True) if not one)
-            found.append(note(f"{series.topic}.{paths[name]} is not there for {without}", "absent_channel"))
+            found.append(
+                note(f"{series.topic}.{paths[name]} is not there for {without}", "absent_channel")
+            )
     return checked(side, series.topic, joints)
 
 
-def _part(series: Series, joints: Sequence[str], names: Sequence[str], paths: dict[str, str]) -> Side:
+def _part(
+    series: Series, joints: Sequence[str], names: Sequence[str], paths: dict[str, str]
+) -> Side:
     """Build a side of those joints that one kind of messages has; the others hold NaN."""
     channels: dict[str, Any] = {}
     for name, path in paths.items():
@@ -398,7 +491,9 @@ def _reference(series: Series | None, joints: tuple[str, ...], found: list[Findi
         if side is None:
             return None
         series, _ = series.holding(joints)[0]
-        seconds, nanoseconds = (series.column(f"points.0.time_from_start.{part}", 0) for part in ("sec", "nanosec"))
+        seconds, nanoseconds = (
+            series.column(f"points.0.time_from_start.{part}", 0) for part in ("sec", "nanosec")
+        )
         ahead = seconds.astype(np.int64) * 1_000_000_000 + nanoseconds.astype(np.int64)
         check_times(side.stamp_ns + ahead, REFERENCE)
         return replace(side, stamp_ns=side.stamp_ns + ahead)

@@ -10,7 +10,15 @@ import numpy as np
 import scipy
 
 from elastic_arm.errors import RecordingError, require_kind
-from elastic_arm.recording.sides import Array, ClockMode, Samples, Side, Stamps, joined_sides, matched_names
+from elastic_arm.recording.sides import (
+    Array,
+    ClockMode,
+    Samples,
+    Side,
+    Stamps,
+    joined_sides,
+    matched_names,
+)
 from elastic_arm.recording.timebase.joining import join
 from elastic_arm.robot import JointController
 
@@ -69,8 +77,12 @@ class Recording:
 
     def __repr__(self) -> str:
         sides = self.sides().items()
-        channels = ", ".join(f"{name}.{channel}" for name, side in sides for channel in side.channels())
-        samples = f"{max((len(side) for _, side in sides), default=0)} samples of {channels or 'nothing'}"
+        channels = ", ".join(
+            f"{name}.{channel}" for name, side in sides for channel in side.channels()
+        )
+        samples = (
+            f"{max((len(side) for _, side in sides), default=0)} samples of {channels or 'nothing'}"
+        )
         return f"<Recording {self.source}: {', '.join(self.joints)}; {samples}>"
 
     @property
@@ -106,14 +118,20 @@ class Recording:
                     raise RecordingError(problem, "Give every stamp once, in order.")
             samples = replace(join(self.link, self.motor, self.clock), clock=self.clock)
             if self.read_ns is not None:
-                samples = replace(samples, read=np.asarray((self.read_ns - samples.stamp_ns[0]) * 1e-9))
+                samples = replace(
+                    samples, read=np.asarray((self.read_ns - samples.stamp_ns[0]) * 1e-9)
+                )
             return replace(samples, r=self._followed(samples.stamp_ns)) if self.made_by else samples
         except RecordingError as error:
-            raise RecordingError(f"{self.source or 'the recording'}: {error.problem}", error.remedy) from None
+            raise RecordingError(
+                f"{self.source or 'the recording'}: {error.problem}", error.remedy
+            ) from None
 
     def moved(self, by_ns: int) -> Recording:
         """Return it at later times."""
-        sides: dict[str, Any] = {k: replace(side, stamp_ns=side.stamp_ns + by_ns) for k, side in self.sides().items()}
+        sides: dict[str, Any] = {
+            k: replace(side, stamp_ns=side.stamp_ns + by_ns) for k, side in self.sides().items()
+        }
         words = f"{self.source}: the clock was set back: later stamps are taken for {by_ns * 1e-9:.4g} s later"
         return replace(self, **sides, notes=(*self.notes, words))
 
@@ -121,7 +139,8 @@ class Recording:
         """Return the part from `begin` to before `end`, in seconds from :attr:`start_ns`."""
         first, last = (self.start_ns + round(limit * 1e9) for limit in (begin, end))
         cut: dict[str, Any] = {
-            name: side.at(slice(*np.searchsorted(side.stamp_ns, (first, last)))) for name, side in self.sides().items()
+            name: side.at(slice(*np.searchsorted(side.stamp_ns, (first, last))))
+            for name, side in self.sides().items()
         }
         return replace(self, **cut)
 
@@ -153,7 +172,10 @@ class Recording:
         notes = self.notes if called == list(joints) else (*self.notes, other)
         columns = [self.joints.index(name) for name in called]
         cut: dict[str, Any] = {
-            side_name: Side(side.stamp_ns, **{name: values[:, columns] for name, values in side.channels().items()})
+            side_name: Side(
+                side.stamp_ns,
+                **{name: values[:, columns] for name, values in side.channels().items()},
+            )
             for side_name, side in self.sides().items()
         }
         return replace(self, joints=tuple(joints), notes=notes, **cut)
@@ -164,7 +186,10 @@ class Recording:
         assert reference is not None and reference.position is not None
         if np.array_equal(stamp_ns, reference.stamp_ns):
             return reference.position
-        t, known = (np.asarray(stamps - reference.stamp_ns[0]) * 1e-9 for stamps in (stamp_ns, reference.stamp_ns))
+        t, known = (
+            np.asarray(stamps - reference.stamp_ns[0]) * 1e-9
+            for stamps in (stamp_ns, reference.stamp_ns)
+        )
         return np.asarray(scipy.interpolate.CubicSpline(known, reference.position)(t))
 
     def _measured(self) -> list[Side]:
@@ -179,9 +204,13 @@ class Recording:
 
 def recordings_of(given: object, name: str = "recordings") -> list[Recording]:
     """Return what was given as recordings, one or several, as a list."""
-    several: Iterable[Any] = given if isinstance(given, Iterable) and not isinstance(given, str | bytes) else [given]
+    several: Iterable[Any] = (
+        given if isinstance(given, Iterable) and not isinstance(given, str | bytes) else [given]
+    )
     found: list[Recording] = []
     for one in several:
-        require_kind(one, Recording, name, RecordingError, "Give what read_recording or simulate returns.")
+        require_kind(
+            one, Recording, name, RecordingError, "Give what read_recording or simulate returns."
+        )
         found.append(one)
     return found

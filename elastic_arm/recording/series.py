@@ -62,14 +62,20 @@ class Series:
 
     def by_arrival(self) -> Series:
         """Return the series with the times of recording for stamps."""
-        return replace(self, pieces=[replace(piece, stamp_ns=piece.log_ns) for piece in self.pieces])
+        return replace(
+            self, pieces=[replace(piece, stamp_ns=piece.log_ns) for piece in self.pieces]
+        )
 
     def keep(self, wanted: Callable[[Piece], bool]) -> Series:
         """Return the series of those messages alone whose piece is `wanted`."""
         kept = [piece for piece in self.pieces if wanted(piece)]
         if len(kept) == len(self.pieces):
             return self
-        rows = np.sort(np.concatenate([piece.rows for piece in kept])) if kept else np.empty(0, np.int64)
+        rows = (
+            np.sort(np.concatenate([piece.rows for piece in kept]))
+            if kept
+            else np.empty(0, np.int64)
+        )
         again = [replace(piece, rows=np.searchsorted(rows, piece.rows)) for piece in kept]
         return Series(self.topic, self.type_name, again, len(rows))
 
@@ -116,7 +122,9 @@ class Series:
         stamp_ns = self._gather(np.int64, lambda piece: piece.stamp_ns)
         if (stamp_ns[1:] > stamp_ns[:-1]).all():
             return stamp_ns, slice(None), []
-        stamp_ns, rows, found = in_order(stamp_ns, self.topic, self._gather(np.int64, lambda piece: piece.log_ns))
+        stamp_ns, rows, found = in_order(
+            stamp_ns, self.topic, self._gather(np.int64, lambda piece: piece.log_ns)
+        )
         again = np.diff(stamp_ns, prepend=stamp_ns[0] - 1) == 0
         if again.any():
             stamp_ns, rows, words = self._once(stamp_ns, rows)
@@ -125,7 +133,9 @@ class Series:
 
     def _once(self, stamp_ns: Stamps, rows: Rows) -> tuple[Stamps, Rows, Finding]:
         """Take one message of each stamp: the first that does not hold zeros alone."""
-        paths = dict.fromkeys(path for piece in self.pieces for path in piece.values if piece.has(path))
+        paths = dict.fromkeys(
+            path for piece in self.pieces for path in piece.values if piece.has(path)
+        )
         table = np.hstack([self._gather(np.float64, *_spread(self, path)) for path in paths])[rows]
         empty = ~np.nan_to_num(table).any(axis=1)
         order = np.lexsort((np.arange(len(rows)), empty, stamp_ns))
@@ -154,7 +164,9 @@ class Series:
         if all(piece.stamp_ns is not None for piece in self.pieces):
             return self._in_order[1]
         log_ns = self._gather(np.int64, lambda piece: piece.log_ns)
-        return slice(None) if np.all(log_ns[1:] >= log_ns[:-1]) else np.argsort(log_ns, kind="stable")
+        return (
+            slice(None) if np.all(log_ns[1:] >= log_ns[:-1]) else np.argsort(log_ns, kind="stable")
+        )
 
     @cached_property
     def log_ns(self) -> Stamps:
@@ -176,14 +188,18 @@ class Series:
 
     def width(self, path: str) -> int:
         """Return the largest number of columns that a message has in field `path`."""
-        return max((piece.values[path].shape[1] for piece in self.pieces if piece.has(path)), default=0)
+        return max(
+            (piece.values[path].shape[1] for piece in self.pieces if piece.has(path)), default=0
+        )
 
     def columns(self, path: str, names: Sequence[str]) -> Array | None:
         """Return field `path` for the columns named, (N, len(names)); None if no message carries it."""
         if not self.has(path):
             return None
         wanted = tuple(names)
-        return self._gather(np.float64, lambda piece: self._named(piece, path, wanted), len(wanted))[self.order]
+        return self._gather(
+            np.float64, lambda piece: self._named(piece, path, wanted), len(wanted)
+        )[self.order]
 
     def column(self, path: str, index: int) -> Array:
         """Return one column of field `path` by its place, (N,); a RecordingError if a message has no such column."""
@@ -223,7 +239,9 @@ class Series:
             )
         return values[:, [places[name] for name in wanted]]
 
-    def _gather(self, dtype: type, part: Callable[[Piece], NDArray | None], width: int | None = None) -> NDArray:
+    def _gather(
+        self, dtype: type, part: Callable[[Piece], NDArray | None], width: int | None = None
+    ) -> NDArray:
         if len(self.pieces) == 1 and self.pieces[0].whole():
             return np.asarray(part(self.pieces[0]), dtype)
         gathered: NDArray = np.empty((self.count,) if width is None else (self.count, width), dtype)
@@ -269,7 +287,10 @@ class Decoder:
                 if id(layout) not in self._tables:
                     # What a file promises is believed up to a size; beyond it the table grows as it fills.
                     # 2_000_000_000 bytes taken for messages that are promised; touched only as they come
-                    promised = min(max(expected, _FIRST) if index is None else _FIRST, 2_000_000_000 // layout.size)
+                    promised = min(
+                        max(expected, _FIRST) if index is None else _FIRST,
+                        2_000_000_000 // layout.size,
+                    )
                     self._tables[id(layout)] = _DecodedColumns(layout, max(promised, 1))
                 table = self._tables[id(layout)]
                 if index is None:
@@ -277,7 +298,9 @@ class Decoder:
                 else:
                     table.append(spans.at(index), rows[index], log_ns[index])
         except RecordingError as error:
-            raise RecordingError(f"{file.path}, {self.topic}: {error.problem}", error.remedy) from None
+            raise RecordingError(
+                f"{file.path}, {self.topic}: {error.problem}", error.remedy
+            ) from None
         except MemoryError:
             message = f"{file.path}, {self.topic}: its messages do not fit into the memory"
             raise RecordingError(
@@ -287,19 +310,34 @@ class Decoder:
 
     def series(self) -> Series:
         """Return all messages decoded so far."""
-        return Series(self.topic, self.type_name, [table.piece() for table in self._tables.values()], self._count)
+        return Series(
+            self.topic,
+            self.type_name,
+            [table.piece() for table in self._tables.values()],
+            self._count,
+        )
 
     def _types(self, topic: Topic) -> cdr.Layouts:
         if not topic.type_name:
-            raise RecordingError("the file does not name the type of its messages", "Record with message definitions.")
+            raise RecordingError(
+                "the file does not name the type of its messages",
+                "Record with message definitions.",
+            )
         if topic.definition not in self._layouts:
-            self._layouts[topic.definition] = cdr.Layouts(topic.type_name, message_types.types_of(topic))
+            self._layouts[topic.definition] = cdr.Layouts(
+                topic.type_name, message_types.types_of(topic)
+            )
         return self._layouts[topic.definition]
 
 
 def _is_whole(part: cdr.Numbers | None) -> bool:
     """Whether a part of a stamp is one whole number of at most 32 bits, as in ROS; a bag may define it otherwise."""
-    return part is not None and part.count == 1 and part.dtype.kind in "iu" and part.dtype.itemsize <= 4
+    return (
+        part is not None
+        and part.count == 1
+        and part.dtype.kind in "iu"
+        and part.dtype.itemsize <= 4
+    )
 
 
 class _DecodedColumns:
@@ -307,7 +345,9 @@ class _DecodedColumns:
 
     def __init__(self, layout: cdr.Layout, capacity: int) -> None:
         self.layout, self.count = layout, 0
-        self.columns: dict[str, NDArray] = {name: np.empty(capacity, np.int64) for name in ("rows", "log_ns")}
+        self.columns: dict[str, NDArray] = {
+            name: np.empty(capacity, np.int64) for name in ("rows", "log_ns")
+        }
         if all(_is_whole(layout.numbers.get(path)) for path in (_SECONDS, _NANOSECONDS)):
             self.columns["stamp_ns"] = np.empty(capacity, np.int64)
         self.values: dict[str, NDArray] = {}
@@ -328,7 +368,9 @@ class _DecodedColumns:
         self.columns["rows"][spot], self.columns["log_ns"][spot] = rows, log_ns
         if "stamp_ns" in self.columns:
             stamps = self.columns["stamp_ns"][spot]
-            np.multiply(self.layout.values(spans, _SECONDS)[:, 0], 1_000_000_000, out=stamps, dtype=np.int64)
+            np.multiply(
+                self.layout.values(spans, _SECONDS)[:, 0], 1_000_000_000, out=stamps, dtype=np.int64
+            )
             stamps += self.layout.values(spans, _NANOSECONDS)[:, 0]
         for path, target in self.values.items():
             self.layout.values_into(spans, path, target[spot])
@@ -339,7 +381,10 @@ class _DecodedColumns:
         rows, log_ns = self.columns["rows"][: self.count], self.columns["log_ns"][: self.count]
         stamp_ns = self.columns["stamp_ns"][: self.count] if "stamp_ns" in self.columns else None
         names = tuple(next(iter(self.layout.strings.values()), []))
-        values = {path: np.asarray(target[: self.count], np.float64) for path, target in self.values.items()}
+        values = {
+            path: np.asarray(target[: self.count], np.float64)
+            for path, target in self.values.items()
+        }
         return Piece(rows, log_ns, stamp_ns, names, values)
 
     def _reserve(self, count: int) -> None:

@@ -66,7 +66,9 @@ class Side:
 
     def holding(self) -> Side:
         """Return it without channels that no joint has."""
-        there = {name: values for name, values in self.channels().items() if joints_with(values).any()}
+        there = {
+            name: values for name, values in self.channels().items() if joints_with(values).any()
+        }
         return Side(self.stamp_ns, **there)
 
     def channels(self) -> dict[str, Array]:
@@ -79,7 +81,10 @@ class Side:
 
     def at(self, index: slice | NDArray[np.intp] | NDArray[np.bool_]) -> Side:
         """Return the samples chosen by a slice, indices or a mask."""
-        return Side(self.stamp_ns[index], **{name: values[index] for name, values in self.channels().items()})
+        return Side(
+            self.stamp_ns[index],
+            **{name: values[index] for name, values in self.channels().items()},
+        )
 
 
 def joined_sides(parts: Sequence[Side]) -> Side:
@@ -87,7 +92,9 @@ def joined_sides(parts: Sequence[Side]) -> Side:
     stamps = np.concatenate([part.stamp_ns for part in parts])
     later = stamps > np.maximum.accumulate(np.concatenate([stamps[:1] - 1, stamps[:-1]]))
     names = [name for name in CHANNELS if all(name in part.channels() for part in parts)]
-    return Side(stamps, **{name: np.concatenate([getattr(part, name) for part in parts]) for name in names}).at(later)
+    return Side(
+        stamps, **{name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
+    ).at(later)
 
 
 def _real(name: str, values: object) -> Array:
@@ -99,7 +106,9 @@ def _real(name: str, values: object) -> Array:
             return found.astype(np.float64, copy=False)
     except (TypeError, ValueError):
         pass
-    raise RecordingError(f"{name} holds what are no real numbers", "Give an array of floats, (N, n).")
+    raise RecordingError(
+        f"{name} holds what are no real numbers", "Give an array of floats, (N, n)."
+    )
 
 
 def _checked_stamps(values: object) -> Stamps:
@@ -109,13 +118,18 @@ def _checked_stamps(values: object) -> Stamps:
     except ValueError:  # rows of unequal length
         found = np.empty((0, 0))
     whole = found.dtype.kind == "i" or not found.size
-    whole = whole or (found.dtype.kind in "uf" and bool(np.all(np.abs(found) < _LATEST)))  # NaN is not
+    whole = whole or (
+        found.dtype.kind in "uf" and bool(np.all(np.abs(found) < _LATEST))
+    )  # NaN is not
     if found.ndim != 1 or not whole:
-        raise RecordingError("stamp_ns holds what are no nanoseconds in a row", "Give an array of int64, (N,).")
+        raise RecordingError(
+            "stamp_ns holds what are no nanoseconds in a row", "Give an array of int64, (N,)."
+        )
     stamps = found.astype(np.int64, copy=False)
     if found.dtype.kind == "f" and np.any(stamps != found):
         raise RecordingError(
-            "stamp_ns holds fractions, as times in seconds do", "Give whole nanoseconds: np.round(1e9 * t).astype(int)."
+            "stamp_ns holds fractions, as times in seconds do",
+            "Give whole nanoseconds: np.round(1e9 * t).astype(int).",
         )
     return stamps
 
@@ -177,7 +191,9 @@ class Samples:
     tau_m: Array | None
     stamp_ns: Stamps  # (N,) the stamps of `t`
     notes: tuple[str, ...] = ()  # what was done to bring the channels together
-    clock: ClockMode | None = None  # what stamps mean where the user knows it; None where the motion decides
+    clock: ClockMode | None = (
+        None  # what stamps mean where the user knows it; None where the motion decides
+    )
     # q, theta, tau_J, tau_m, each with the index of a joint that lacks it while others have it: there the angle is that
     # of the joint's other side, and the torque is zero
     lacking: Lacking = frozenset()

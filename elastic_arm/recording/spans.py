@@ -61,7 +61,9 @@ def place(buffer: Bytes, offsets: Offsets | slice, at: int, items: NDArray) -> N
 
 def _everywhere(buffer: Bytes, dtype: np.dtype) -> NDArray:
     # Every byte is a possible beginning, so offsets of any alignment are a slice or an index of this view.
-    return np.ndarray((max(len(buffer) - dtype.itemsize + 1, 0),), dtype, buffer=buffer, strides=(1,))
+    return np.ndarray(
+        (max(len(buffer) - dtype.itemsize + 1, 0),), dtype, buffer=buffer, strides=(1,)
+    )
 
 
 def shifted(offsets: Offsets | slice, at: int) -> Offsets | slice:
@@ -76,7 +78,11 @@ def progression(offsets: Offsets) -> Offsets | slice:
     if len(offsets) < 2:
         return offsets
     step = int(offsets[1] - offsets[0])
-    if step > 0 and int(offsets[-1] - offsets[0]) == step * (len(offsets) - 1) and np.all(np.diff(offsets) == step):
+    if (
+        step > 0
+        and int(offsets[-1] - offsets[0]) == step * (len(offsets) - 1)
+        and np.all(np.diff(offsets) == step)
+    ):
         return slice(int(offsets[0]), int(offsets[-1]) + 1, step)
     return offsets
 

@@ -29,7 +29,9 @@ def without_standstill(recording: Recording) -> Recording:
     rest = recording.duration * (1.0 - kept / max(samples, 1))
     if rest < KEPT:
         return recording
-    return replace(found, notes=(*recording.notes, standing_note(recording.source, rest, recording.duration)))
+    return replace(
+        found, notes=(*recording.notes, standing_note(recording.source, rest, recording.duration))
+    )
 
 
 def standing_note(source: str, rest: float, whole: float) -> str:
@@ -40,13 +42,19 @@ def standing_note(source: str, rest: float, whole: float) -> str:
 
 def moving_spans(recording: Recording) -> Stamps:
     """Return from when to when the arm moves, with what is kept around, (k, 2) ns, in order and apart."""
-    found = [_moving(side) for side in recording.measured().values() if side.position is not None and len(side)]
+    found = [
+        _moving(side)
+        for side in recording.measured().values()
+        if side.position is not None and len(side)
+    ]
     return _joined(np.concatenate(found)) if any(map(len, found)) else np.empty((0, 2), np.int64)
 
 
 def within(recording: Recording, spans: Stamps) -> Recording:
     """Return what lies in one of the spans (k, 2) ns, which are in order and apart."""
-    cut: dict[str, Any] = {name: side.at(_within(side.stamp_ns, spans)) for name, side in recording.sides().items()}
+    cut: dict[str, Any] = {
+        name: side.at(_within(side.stamp_ns, spans)) for name, side in recording.sides().items()
+    }
     return replace(recording, **cut)
 
 
@@ -54,7 +62,12 @@ def _moving(side: Side) -> Stamps:
     """Return from when to when any joint moves, (k, 2) ns, with what is kept around."""
     stamps, position = side.stamp_ns, side.position
     assert position is not None
-    length = max(1, round(AVERAGED * 1e9 / max(float(np.median(np.diff(stamps))) if len(stamps) > 1 else 1.0, 1.0)))
+    length = max(
+        1,
+        round(
+            AVERAGED * 1e9 / max(float(np.median(np.diff(stamps))) if len(stamps) > 1 else 1.0, 1.0)
+        ),
+    )
     starts = np.arange(0, len(stamps) - length + 1, length)
     if len(starts) < 2:
         return stamps[[0, -1]][None]

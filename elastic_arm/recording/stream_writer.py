@@ -37,7 +37,9 @@ class StreamWriter(AbstractContextManager["StreamWriter"]):
     ) -> None:
         self.path = Path(path)
         if os.path.exists(self.path):  # of a name that is too long Path.exists raises
-            raise RecordingError(f"{self.path} exists already", "Choose another name; nothing is overwritten.")
+            raise RecordingError(
+                f"{self.path} exists already", "Choose another name; nothing is overwritten."
+            )
         self._sink = McapSink(self.path / f"{self.path.name}_0.mcap", compression)
         self._flush_every, self._sync_every = flush_every, sync_every
         self._chunk_bytes, self._clock = chunk_bytes, clock
@@ -49,15 +51,24 @@ class StreamWriter(AbstractContextManager["StreamWriter"]):
         self._begin_chunk()
 
     def add_topic(
-        self, name: str, type_name: str, definition: str | None = None, type_hash: str = "", qos: str | None = None
+        self,
+        name: str,
+        type_name: str,
+        definition: str | None = None,
+        type_hash: str = "",
+        qos: str | None = None,
     ) -> None:
         """Announce a topic before its first message."""
         if name in self._ids:
             return
         if definition is None:
-            definition, type_hash = message_types.definition(type_name) if message_types.known(type_name) else ("", "")
+            definition, type_hash = (
+                message_types.definition(type_name) if message_types.known(type_name) else ("", "")
+            )
         offered = offered_qos(name) if qos is None else qos
-        self._ids[name] = self._sink.add_topic(Topic(name, type_name, definition, type_hash, offered))
+        self._ids[name] = self._sink.add_topic(
+            Topic(name, type_name, definition, type_hash, offered)
+        )
         self.counts[name] = 0
 
     def write(self, topic: str, data: bytes, log_ns: int, publish_ns: int | None = None) -> None:
@@ -109,7 +120,9 @@ class StreamWriter(AbstractContextManager["StreamWriter"]):
         self._flushed = self._clock()
         if not self._size:
             return
-        index = {id: (np.array(times), np.array(offsets)) for id, (times, offsets) in self._index.items()}
+        index = {
+            id: (np.array(times), np.array(offsets)) for id, (times, offsets) in self._index.items()
+        }
         plain = b"".join(self._parts)
         self._begin_chunk()
         self._sink.write(pack(plain, index, self._sink.compression))

@@ -25,7 +25,13 @@ from elastic_arm.recording.spans import Bytes, Offsets, place
 from elastic_arm.recording.storage.bag import METADATA
 from elastic_arm.recording.storage.mcap_scan import MESSAGE_HEAD, lay_messages
 from elastic_arm.recording.storage.mcap_sink import Compression, McapSink, Packed, pack
-from elastic_arm.recording.storage.metadata import INSIDE, METADATA_KEY, Topic, metadata, offered_qos
+from elastic_arm.recording.storage.metadata import (
+    INSIDE,
+    METADATA_KEY,
+    Topic,
+    metadata,
+    offered_qos,
+)
 from elastic_arm.recording.topics import (
     JOINT_STATES,
     JOINT_TORQUES,
@@ -64,7 +70,9 @@ class Stream:
     def lay(self, buffer: Bytes, offsets: Offsets, rows: slice, channel: int) -> None:
         """Lay messages into the bytes of a chunk."""
         stamps = self.stamp_ns[rows]
-        where = lay_messages(buffer, offsets, self.template, channel=channel, first=rows.start, stamp_ns=stamps)
+        where = lay_messages(
+            buffer, offsets, self.template, channel=channel, first=rows.start, stamp_ns=stamps
+        )
         layout = cdr.layout_of(memoryview(self.template), type_of(self.topic))
         seconds, nanoseconds = np.divmod(stamps, 1_000_000_000)
         for path, number in layout.numbers.items():
@@ -115,7 +123,9 @@ def write_recording(
     """
     recordings_of(recording, "recording")
     if not isinstance(path, str | Path):
-        raise RecordingError(f"path is of type {type(path).__name__}", "Give the name of a folder to make.")
+        raise RecordingError(
+            f"path is of type {type(path).__name__}", "Give the name of a folder to make."
+        )
     folder = Path(path)
     streams = _streams(recording, further) if drawn is None else _drawn(drawn, recording, further)
     if not any(len(stream.stamp_ns) for stream in streams):
@@ -129,7 +139,9 @@ def write_recording(
         problem = f"the recording ends at {last_ns * 1e-9:.10g} s; the stamps of ROS end at 2^31 s, in January 2038"
         raise RecordingError(problem, "Subtract a constant from all times.")
     if os.path.exists(folder):  # of a name that is too long Path.exists raises
-        raise RecordingError(f"{folder} exists already", "Choose another name; nothing is overwritten.")
+        raise RecordingError(
+            f"{folder} exists already", "Choose another name; nothing is overwritten."
+        )
     sink = McapSink(folder / f"{folder.name}_0.mcap", compression)
     try:
         channels = [sink.add_topic(standard_topic(stream.topic)) for stream in streams]
@@ -156,7 +168,9 @@ def finish_bag(sink: McapSink, currents: Sequence[str] = ()) -> None:
     sink.add_metadata(record, {key: inside, "ROS_DISTRO": "jazzy"})
     sink.finish()
     text = yaml.safe_dump({METADATA_KEY: information}, sort_keys=False)
-    write_result(sink.path.parent / METADATA, text, RecordingError, "Free space, then check --repair.")
+    write_result(
+        sink.path.parent / METADATA, text, RecordingError, "Free space, then check --repair."
+    )
 
 
 def _streams(recording: Recording, further: Mapping[str, Side]) -> list[Stream]:
@@ -165,10 +179,16 @@ def _streams(recording: Recording, further: Mapping[str, Side]) -> list[Stream]:
     if recording.robot_description is not None:
         message = _message("std_msgs/msg/String", data=recording.robot_description)
         streams.append(Stream(ROBOT_DESCRIPTION, np.array([recording.start_ns], np.int64), message))
-    for topic, side in ((JOINT_STATES, recording.link), (MOTOR_STATES, recording.motor), *further.items()):
+    for topic, side in (
+        (JOINT_STATES, recording.link),
+        (MOTOR_STATES, recording.motor),
+        *further.items(),
+    ):
         if side is not None:
             check_times(side.stamp_ns, topic)
-            channels = {name: values for name, values in side.channels().items() if name != "acceleration"}
+            channels = {
+                name: values for name, values in side.channels().items() if name != "acceleration"
+            }
             streams.append(_of_joints(topic, joints, side.stamp_ns, _STATE, channels))
     if recording.link is not None and recording.link.effort is not None and recording.motor is None:
         # Without a motor side nothing else marks the effort as the joint torque sensor's.
@@ -188,7 +208,10 @@ def _drawn(robot: Robot, recording: Recording, further: Mapping[str, Side]) -> l
 
     streams = _streams(replace(recording, robot_description=to_urdf(robot)), further)
     sides = (side for side in (recording.link, recording.motor) if side is not None)
-    side = next((side for side in sides if side.position is not None and np.isfinite(side.position).all()), None)
+    side = next(
+        (side for side in sides if side.position is not None and np.isfinite(side.position).all()),
+        None,
+    )
     if side is None:
         return streams
     rate = len(side) * 1e9 / (side.stamp_ns[-1] - side.stamp_ns[0] + 1)
@@ -196,14 +219,25 @@ def _drawn(robot: Robot, recording: Recording, further: Mapping[str, Side]) -> l
     assert seen.position is not None
     types = message_types.typestore().types
     vector, quaternion = types["geometry_msgs/msg/Vector3"], types["geometry_msgs/msg/Quaternion"]
-    still = types["geometry_msgs/msg/Transform"](vector(0.0, 0.0, 0.0), quaternion(0.0, 0.0, 0.0, 1.0))
+    still = types["geometry_msgs/msg/Transform"](
+        vector(0.0, 0.0, 0.0), quaternion(0.0, 0.0, 0.0, 1.0)
+    )
     stamped, values = [], {}
     for k, (parent, child, placement) in enumerate(urdf_placements(robot, seen.position)):
         stamped.append(types["geometry_msgs/msg/TransformStamped"](_header(parent), child, still))
-        turn = Rotation.from_matrix(placement[:, :3, :3].copy()).as_quat()  # older SciPy takes no read-only arrays
+        turn = Rotation.from_matrix(
+            placement[:, :3, :3].copy()
+        ).as_quat()  # older SciPy takes no read-only arrays
         # The seven numbers of a transform lie side by side.
-        values[f"transforms.{k}.transform.translation.x"] = np.concatenate([placement[:, :3, 3], turn], axis=1)
-    return [*streams, Stream(TRANSFORMS, seen.stamp_ns, _message(type_of(TRANSFORMS), transforms=stamped), values)]
+        values[f"transforms.{k}.transform.translation.x"] = np.concatenate(
+            [placement[:, :3, 3], turn], axis=1
+        )
+    return [
+        *streams,
+        Stream(
+            TRANSFORMS, seen.stamp_ns, _message(type_of(TRANSFORMS), transforms=stamped), values
+        ),
+    ]
 
 
 def _of_joints(
@@ -211,14 +245,23 @@ def _of_joints(
 ) -> Stream:
     """Return messages that name joints, with numbers in those fields of which there are values."""
     blank = {name: np.zeros(len(joints) if name in values else 0) for name in fields}
-    return Stream(topic, stamp_ns, _message(type_of(topic), header=_header(), name=joints, **blank), values)
+    return Stream(
+        topic, stamp_ns, _message(type_of(topic), header=_header(), name=joints, **blank), values
+    )
 
 
 def _reference(joints: list[str], side: Side) -> Stream:
-    fields = {"position": "positions", "velocity": "velocities", "acceleration": "accelerations", "effort": "effort"}
+    fields = {
+        "position": "positions",
+        "velocity": "velocities",
+        "acceleration": "accelerations",
+        "effort": "effort",
+    }
     channels = side.channels()
     types = message_types.typestore().types
-    blank = {path: np.zeros(len(joints) if name in channels else 0) for name, path in fields.items()}
+    blank = {
+        path: np.zeros(len(joints) if name in channels else 0) for name, path in fields.items()
+    }
     zero = types["builtin_interfaces/msg/Duration"](sec=0, nanosec=0)
     point = types["trajectory_msgs/msg/JointTrajectoryPoint"](**blank, time_from_start=zero)
     message = _message(TYPES[REFERENCE], header=_header(), joint_names=joints, points=[point])
@@ -228,7 +271,9 @@ def _reference(joints: list[str], side: Side) -> Stream:
 
 def _header(frame: str = "") -> Any:
     types = message_types.typestore().types
-    return types["std_msgs/msg/Header"](stamp=types["builtin_interfaces/msg/Time"](sec=0, nanosec=0), frame_id=frame)
+    return types["std_msgs/msg/Header"](
+        stamp=types["builtin_interfaces/msg/Time"](sec=0, nanosec=0), frame_id=frame
+    )
 
 
 def _message(type_name: str, **fields: Any) -> bytes:
@@ -236,13 +281,20 @@ def _message(type_name: str, **fields: Any) -> bytes:
     return bytes(store.serialize_cdr(store.types[type_name](**fields), type_name))
 
 
-def _chunks(streams: list[Stream], channels: list[int], compression: Compression) -> Iterator[Packed]:
+def _chunks(
+    streams: list[Stream], channels: list[int], compression: Compression
+) -> Iterator[Packed]:
     """Yield the chunks in order of time; several are laid out and compressed at once."""
     longest = max(streams, key=lambda stream: len(stream.stamp_ns))
-    a_round = sum(stream.size for stream in streams if len(stream.stamp_ns) > 1 or stream is longest)
+    a_round = sum(
+        stream.size for stream in streams if len(stream.stamp_ns) > 1 or stream is longest
+    )
     step = max(_CHUNK_BYTES // a_round, 1)
     edges = [np.searchsorted(stream.stamp_ns, longest.stamp_ns[step::step]) for stream in streams]
-    bounds = [[0, *edge.tolist(), len(stream.stamp_ns)] for edge, stream in zip(edges, streams, strict=True)]
+    bounds = [
+        [0, *edge.tolist(), len(stream.stamp_ns)]
+        for edge, stream in zip(edges, streams, strict=True)
+    ]
     parts = zip(*(pairwise(bound) for bound in bounds), strict=True)
 
     def make(rows: tuple[tuple[int, int], ...]) -> Packed:
@@ -250,14 +302,20 @@ def _chunks(streams: list[Stream], channels: list[int], compression: Compression
 
     workers = min(os.cpu_count() or 1, 4)
     with ThreadPoolExecutor(workers) as pool:
-        ahead: deque[Future[Packed]] = deque(pool.submit(make, rows) for rows in islice(parts, 2 * workers))
+        ahead: deque[Future[Packed]] = deque(
+            pool.submit(make, rows) for rows in islice(parts, 2 * workers)
+        )
         while ahead:
             yield ahead.popleft().result()
             ahead.extend(pool.submit(make, rows) for rows in islice(parts, 1))
 
 
-def _chunk(streams: list[Stream], channels: list[int], rows: list[slice], compression: Compression) -> Packed:
-    stamps = np.concatenate([stream.stamp_ns[part] for stream, part in zip(streams, rows, strict=True)])
+def _chunk(
+    streams: list[Stream], channels: list[int], rows: list[slice], compression: Compression
+) -> Packed:
+    stamps = np.concatenate(
+        [stream.stamp_ns[part] for stream, part in zip(streams, rows, strict=True)]
+    )
     counts = [part.stop - part.start for part in rows]
     sizes = np.repeat([stream.size for stream in streams], counts)
     order = np.argsort(stamps, kind="stable")

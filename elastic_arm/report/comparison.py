@@ -8,7 +8,10 @@ from elastic_arm.recording.sides import SAMPLED
 from elastic_arm.report.html import Figure, Section, Table, Text
 from elastic_arm.report.style import draw_signal, drawing
 
-UNITS = {name: {"position": "rad", "velocity": "rad/s"}.get(channel, "Nm") for name, (_, channel) in SAMPLED.items()}
+UNITS = {
+    name: {"position": "rad", "velocity": "rad/s"}.get(channel, "Nm")
+    for name, (_, channel) in SAMPLED.items()
+}
 
 
 def sections(found: SimulationComparison) -> list[Section]:
@@ -16,11 +19,16 @@ def sections(found: SimulationComparison) -> list[Section]:
     header = ["effect", "where", "in", "in the real recording", "in the simulated one"]
     rows = found.rows()
     effects = [
-        Text("Effects of either recording that the model lacks, with size and probability in each of them."),
+        Text(
+            "Effects of either recording that the model lacks, with size and probability in each of them."
+        ),
         Table(header, rows) if rows else Text("The model lacks no effect of either recording."),
     ]
     return [
-        Section(f"Compared with {found.simulated or 'the simulated recording'}: which effect is in which", effects),
+        Section(
+            f"Compared with {found.simulated or 'the simulated recording'}: which effect is in which",
+            effects,
+        ),
         Section("Compared channel by channel, without a model", _differences(found.difference)),
     ]
 
@@ -34,21 +42,39 @@ def _differences(found: RecordingDifference) -> list[Text | Table | Figure]:
     for one in found.channels:
         unit = UNITS[one.channel]
         rows = [
-            [joint, *(float(v[k]) for v in (one.rms, one.largest, one.mean, one.share)), 1e3 * float(one.lag[k])]
+            [
+                joint,
+                *(float(v[k]) for v in (one.rms, one.largest, one.mean, one.share)),
+                1e3 * float(one.lag[k]),
+            ]
             for k, joint in enumerate(found.joints)
         ]
-        header = ["joint", f"rms, {unit}", f"largest, {unit}", f"mean, {unit}", "share", "real later by, ms"]
+        header = [
+            "joint",
+            f"rms, {unit}",
+            f"largest, {unit}",
+            f"mean, {unit}",
+            "share",
+            "real later by, ms",
+        ]
         tables.append(Table(header, rows, one.channel, digits=3))
     return [how, *tables, Figure(drawn(found), "Real minus simulated.")]
 
 
 def drawn(found: RecordingDifference) -> MplFigure:
     """Draw the difference of every channel, a line a joint."""
-    with drawing(len(found.channels), 1, size=(8.4, 1.6 * len(found.channels)), sharex=True) as (figure, axes):
+    with drawing(len(found.channels), 1, size=(8.4, 1.6 * len(found.channels)), sharex=True) as (
+        figure,
+        axes,
+    ):
         for i, one in enumerate(found.channels):
             for k, joint in enumerate(found.joints):
                 draw_signal(axes[i, 0], found.t, one.apart[:, k], lw=0.9, label=joint)
             axes[i, 0].set_title(f"{one.channel} [{UNITS[one.channel]}]", loc="left")
         axes[-1, 0].set_xlabel("time [s]")
-        figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=len(found.joints))
+        figure.legend(
+            *axes[0, 0].get_legend_handles_labels(),
+            loc="outside upper center",
+            ncols=len(found.joints),
+        )
     return figure

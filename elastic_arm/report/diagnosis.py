@@ -32,15 +32,30 @@ from elastic_arm.formatting import rounded
 from elastic_arm.mujoco.replaying import Replay
 from elastic_arm.report import diagnosis_figures as figures
 from elastic_arm.report.comparison import sections as comparison_sections
-from elastic_arm.report.html import Block, Figure, Section, Table, Text, Written, fragment, write_report
+from elastic_arm.report.html import (
+    Block,
+    Figure,
+    Section,
+    Table,
+    Text,
+    Written,
+    fragment,
+    write_report,
+)
 from elastic_arm.report.replay import sections as replay_sections
 
 TONES = {"none": "good", "explained": "good", "unknown": "warn"}
 DETERMINED = 0.7  # of the prior's standard deviation: the recording halves its variance
 SHOWN = 4  # causes that get figures of their own
 EQUATION = {
-    "link": ("joint torque sensor against what moves and carries the link", "tau_J − [M q″ + S theta″ + c + c1 + g]"),
-    "drive": ("joint torque sensor against the twist of the drive", "tau_J − [K (theta − q) + D (theta′ − q′)]"),
+    "link": (
+        "joint torque sensor against what moves and carries the link",
+        "tau_J − [M q″ + S theta″ + c + c1 + g]",
+    ),
+    "drive": (
+        "joint torque sensor against the twist of the drive",
+        "tau_J − [K (theta − q) + D (theta′ − q′)]",
+    ),
     "motor": (
         "motor torque against the motor's inertia and the joint torque",
         "tau_m − [Sᵀ q″ + B theta″ + c2] − tau_J",
@@ -51,7 +66,10 @@ WHOLE = ("motor torque against what moves and carries motor and link", "tau_m �
 
 
 def write_gap_report(
-    path: str | Path, found: Diagnosis, replays: Sequence[Replay] = (), comparison: SimulationComparison | None = None
+    path: str | Path,
+    found: Diagnosis,
+    replays: Sequence[Replay] = (),
+    comparison: SimulationComparison | None = None,
 ) -> Path:
     """Write the report of a diagnosis, with replays in MuJoCo and a comparison where there are any, as one file."""
     subtitle = f"{', '.join(found.identify) or 'a recording'} against {found.robot} ({found.model})"
@@ -68,12 +86,17 @@ def sections(found: Diagnosis) -> list[Section]:
     context = found.context
     shown = [Section("Verdict", _verdict(found)), Section("Where the gap lies", _where(found))]
     if context is not None:
-        shown += [Section(figures.title(c), _cause(found, c, k, context)) for k, c in enumerate(found.causes[:SHOWN])]
+        shown += [
+            Section(figures.title(c), _cause(found, c, k, context))
+            for k, c in enumerate(found.causes[:SHOWN])
+        ]
         if found.unexplained:
             shown.append(Section("What is not explained", _unexplained(found, context)))
     if found.proposal is not None:
         shown.append(Section("What to move next", _next(found)))
-    sizes = Section("Before and after" if found.causes else "The residuals", _sizes(found, context), folded=True)
+    sizes = Section(
+        "Before and after" if found.causes else "The residuals", _sizes(found, context), folded=True
+    )
     shown.append(sizes)
     if determined := _determined(found):
         shown.append(Section("Numbers of arm and sensors", _numbers(determined), folded=True))
@@ -108,7 +131,9 @@ def _verdict(found: Diagnosis) -> list[Block]:
         blocks.append(Table(header, rows))
     if found.closed_loop:
         blocks.append(_closed_loop(found))
-    blocks += [Text(f"Between recordings {change_text(change)}.", "warn") for change in found.changes]
+    blocks += [
+        Text(f"Between recordings {change_text(change)}.", "warn") for change in found.changes
+    ]
     if found.prediction is not None and found.prediction.before and found.causes:
         blocks.append(Text(prediction_sentence(found, found.prediction)))
     others: list[list[object]] = []
@@ -116,7 +141,9 @@ def _verdict(found: Diagnosis) -> list[Block]:
         name, (likely, faint) = effect_at(cause.effect, cause.joint), listed_alternatives(cause)
         for a in likely:
             told = a.file or a.separated_by
-            others.append([name, effect_at(a.effect, a.joint), Written(probability_text(a.confidence)), told])
+            others.append(
+                [name, effect_at(a.effect, a.joint), Written(probability_text(a.confidence)), told]
+            )
         others += [[name, faint, "", ""]] if faint else []
     if others:
         header = ["instead of", "it may be", "probability", "told apart by"]
@@ -130,9 +157,15 @@ def _closed_loop(found: Diagnosis) -> Table:
     for joint, one in found.closed_loop.items():
         refused = "" if one.refused is None else f"{1e3 * one.refused:.4g}"
         unit = f"m{one.unit}"
-        rows.append([joint, f"{1e3 * one.described:.4g}", f"{1e3 * one.corrected:.4g}", refused, unit])
+        rows.append(
+            [joint, f"{1e3 * one.described:.4g}", f"{1e3 * one.corrected:.4g}", refused, unit]
+        )
     header = ["joint", "description", "as written", "as found, refused", "unit"]
-    return Table(header, rows, "Errors of angles in MuJoCo under the commands of the recordings that judge, rms")
+    return Table(
+        header,
+        rows,
+        "Errors of angles in MuJoCo under the commands of the recordings that judge, rms",
+    )
 
 
 def _where(found: Diagnosis) -> list[Block]:
@@ -151,13 +184,20 @@ def _where(found: Diagnosis) -> list[Block]:
         taken = "make the gap as a whole larger" if taken.startswith("take -") else taken
         what = f"All causes together {taken}, as power over the sensors' noise, on the recordings that judge."
         blocks.append(Text(what))
-    return [*blocks, Figure(figures.gap_map(found)), Table(["side", "compares", "residual, Nm"], rows)]
+    return [
+        *blocks,
+        Figure(figures.gap_map(found)),
+        Table(["side", "compares", "residual, Nm"], rows),
+    ]
 
 
 def _cause(found: Diagnosis, cause: Cause, k: int, context: DiagnosisContext) -> list[Block]:
     effect = cause.instance.effect
     row = _loudest(context, k)
-    side, joint = context.validate.layout.sides[row // len(found.joints)], found.joints[row % len(found.joints)]
+    side, joint = (
+        context.validate.layout.sides[row // len(found.joints)],
+        found.joints[row % len(found.joints)],
+    )
     caption = (
         f"{joint}, {side} side, on validation data. Grey: residual of the model as it is. Orange: what this cause "
         "adds. Blue: what is left with this cause alone added. Drag to zoom, double-click for the whole."
@@ -165,7 +205,9 @@ def _cause(found: Diagnosis, cause: Cause, k: int, context: DiagnosisContext) ->
     return [
         Text(f"{effect.description} Law: {effect.formula}."),
         Text(f"How it shows: {effect.signature}"),
-        *figures.residual_blocks(found, context, row, context.alone[k], cause.effect, effect.regime),
+        *figures.residual_blocks(
+            found, context, row, context.alone[k], cause.effect, effect.regime
+        ),
         Text(caption),
     ]
 
@@ -188,7 +230,9 @@ def _unexplained(found: Diagnosis, context: DiagnosisContext) -> list[Block]:
 
 def _determined(found: Diagnosis) -> list[Imperfection]:
     """Return the numbers of which the recordings say clearly more than their priors, as narrow as trust makes them."""
-    trust = TRUST[max(found.trust, key=lambda name: found.trust[name])].factor if found.trust else 1.0
+    trust = (
+        TRUST[max(found.trust, key=lambda name: found.trust[name])].factor if found.trust else 1.0
+    )
     return [one for one in found.imperfections if one.std < DETERMINED * trust * one.prior_std]
 
 
@@ -225,10 +269,14 @@ def _sizes(found: Diagnosis, context: DiagnosisContext | None) -> list[Block]:
         *(f"max{when}" for when in shown),
         "own gap",
     ]
-    table = Table(header, rows, f"{found.units.over('Nm')}, validation data, 0 to {found.band:.3g} Hz", 3)
+    table = Table(
+        header, rows, f"{found.units.over('Nm')}, validation data, 0 to {found.band:.3g} Hz", 3
+    )
     if context is None:
         return [table]
-    how = Text("On the longest stretch of validation data. Drag over a plot to zoom, double-click for the whole.")
+    how = Text(
+        "On the longest stretch of validation data. Drag over a plot to zoom, double-click for the whole."
+    )
     return [table, how, *figures.before_and_after(found, context)]
 
 
@@ -242,10 +290,26 @@ def _prediction(found: Diagnosis) -> list[Block]:
         "far ahead the model can be trusted."
     )
     acting = any(cause.acts for cause in found.causes)
-    shown = {", before": prediction.before, ", after": prediction.after} if acting else {"": prediction.before}
-    header = ["joint", "angle", *(f"{1e3 * h:g} ms{when}" for h in prediction.horizons for when in shown)]
+    shown = (
+        {", before": prediction.before, ", after": prediction.after}
+        if acting
+        else {"": prediction.before}
+    )
+    header = [
+        "joint",
+        "angle",
+        *(f"{1e3 * h:g} ms{when}" for h in prediction.horizons for when in shown),
+    ]
     rows = [
-        [joint, side, *(1e6 * size[joint, side][k] for k in range(len(prediction.horizons)) for size in shown.values())]
+        [
+            joint,
+            side,
+            *(
+                1e6 * size[joint, side][k]
+                for k in range(len(prediction.horizons))
+                for size in shown.values()
+            ),
+        ]
         for joint, side in prediction.before
     ]
     unit = found.units.over("µrad")
@@ -284,7 +348,9 @@ def _regimes(found: Diagnosis, context: DiagnosisContext) -> Table:
         for (s, j), shares in zip(places, context.regimes, strict=True)
     ]
     header = ["joint", "side", *(name.replace("_", " ") for name in names)]
-    return Table(header, rows, "Share of a residual's power, before, that follows each; shares overlap")
+    return Table(
+        header, rows, "Share of a residual's power, before, that follows each; shares overlap"
+    )
 
 
 def _grounds(found: Diagnosis) -> list[Block]:
@@ -303,5 +369,7 @@ def _grounds(found: Diagnosis) -> list[Block]:
 
 def _loudest(context: DiagnosisContext, k: int) -> int:
     """Return the row in which a cause does most."""
-    done = sum(((b - a) ** 2).sum(axis=0) for b, a in zip(context.before, context.alone[k], strict=True))
+    done = sum(
+        ((b - a) ** 2).sum(axis=0) for b, a in zip(context.before, context.alone[k], strict=True)
+    )
     return int(np.argmax(done))

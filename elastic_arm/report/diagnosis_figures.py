@@ -36,7 +36,9 @@ def times(ratio: float) -> str:
 
 def shown_sides(found: Diagnosis) -> tuple[str, ...]:
     """Return the sides of which some joint has a residual."""
-    return tuple(side for side in SIDES if any((joint, side) in found.before.rmse for joint in found.joints))
+    return tuple(
+        side for side in SIDES if any((joint, side) in found.before.rmse for joint in found.joints)
+    )
 
 
 def gap_map(found: Diagnosis) -> MplFigure:
@@ -49,7 +51,10 @@ def gap_map(found: Diagnosis) -> MplFigure:
     with drawing(1, len(shown), size=size_of_map) as (figure, axes):
         for ax, (name, size) in zip(axes[0], shown.items(), strict=True):
             ratio = np.array(
-                [[_ratio(size.rmse.get((j, s)), found.noise.get((j, s))) for s in sides] for j in found.joints]
+                [
+                    [_ratio(size.rmse.get((j, s)), found.noise.get((j, s))) for s in sides]
+                    for j in found.joints
+                ]
             )
             shade = np.log10(np.maximum(ratio, 1.0)) / np.log10(BRIGHTEST)
             ax.imshow(shade, vmin=0.0, vmax=1.0, cmap="YlOrRd", aspect="auto")
@@ -63,7 +68,10 @@ def gap_map(found: Diagnosis) -> MplFigure:
                 colour = "white" if shade[row, column] > 0.7 else "black"
                 ax.text(column, row, label, ha="center", va="center", fontsize=8, color=colour)
             ax.set_xticks(range(len(sides)), [f"{s} side" for s in sides])
-            ax.set_yticks(range(len(found.joints)), found.joints if ax is axes[0, 0] else [""] * len(found.joints))
+            ax.set_yticks(
+                range(len(found.joints)),
+                found.joints if ax is axes[0, 0] else [""] * len(found.joints),
+            )
             ax.set_title(name, loc="left")
             ax.grid(False)
             ax.tick_params(length=0)
@@ -71,7 +79,12 @@ def gap_map(found: Diagnosis) -> MplFigure:
 
 
 def residual_blocks(
-    found: Diagnosis, context: DiagnosisContext, row: int, left: Sequence[Array], cause: str | None, regime: str = ""
+    found: Diagnosis,
+    context: DiagnosisContext,
+    row: int,
+    left: Sequence[Array],
+    cause: str | None,
+    regime: str = "",
 ) -> list[Plot | Figure]:
     """Return a residual over time, and over frequency, velocity, position and angle, with what was added.
 
@@ -90,7 +103,9 @@ def residual_blocks(
     unit = partial(found.units.at, joint)
     speed, angle = (motion.dq, motion.q) if side == "link" else (motion.dtheta, motion.theta)
     w, q = (np.interp(t, motion.t, values[:, i]) for values in (speed, angle))
-    turn, turning = angle_within_turn(found, context, i, np.interp(t, motion.t, motion.theta[:, i]), regime)
+    turn, turning = angle_within_turn(
+        found, context, i, np.interp(t, motion.t, motion.theta[:, i]), regime
+    )
     what = "position" if joint in found.prismatic else "angle"
     names = (f"{moving} velocity [{unit('rad/s')}]", f"{moving} {what} [{unit('rad')}]", turning)
     with drawing(1, 4, size=(11.2, 2.7)) as (figure, axes):
@@ -119,9 +134,13 @@ def _draw_spectra(ax: Axes, before: Array, rest: Array | None, rate: float, band
 
 def _draw_cloud(ax: Axes, x: Array, before: Array, cause: Array | None) -> None:
     step = max(1, len(x) // POINTS)
-    ax.plot(x[::step], before[::step], ".", color=BEFORE, ms=3.0, alpha=0.45, mew=0, rasterized=True)
+    ax.plot(
+        x[::step], before[::step], ".", color=BEFORE, ms=3.0, alpha=0.45, mew=0, rasterized=True
+    )
     if cause is not None:
-        ax.plot(x[::step], cause[::step], ".", color=CAUSE, ms=2.2, alpha=0.7, mew=0, rasterized=True)
+        ax.plot(
+            x[::step], cause[::step], ".", color=CAUSE, ms=2.2, alpha=0.7, mew=0, rasterized=True
+        )
 
 
 def angle_within_turn(
@@ -132,7 +151,9 @@ def angle_within_turn(
     if gear is None:
         # Around the middle of the motion: one about zero would be cut in two.
         middle = 0.5 * (theta.min() + theta.max())
-        return middle + np.mod(theta - middle + np.pi, 2 * np.pi) - np.pi, "joint angle within a turn [rad]"
+        return middle + np.mod(
+            theta - middle + np.pi, 2 * np.pi
+        ) - np.pi, "joint angle within a turn [rad]"
     rotor = regime == "rotor_angle"
     ratio = gear.r_tot if rotor else gear.harmonic_drive_ratio
     name = "rotor" if rotor else "wave generator"
@@ -157,7 +178,9 @@ def horizons(prediction: Prediction, joints: Sequence[str], unit: str) -> MplFig
     """Draw prediction errors over the horizon, a joint a panel."""
     before, after = prediction.before or {}, prediction.after or {}
     ms = 1e3 * np.array(prediction.horizons)
-    drawn = [(before, BEFORE, 2.6, "before"), (after, AFTER, 1.0, "after")][: 1 if after == before else 2]
+    drawn = [(before, BEFORE, 2.6, "before"), (after, AFTER, 1.0, "after")][
+        : 1 if after == before else 2
+    ]
     width = max(4.5, min(3.2 * len(joints), 12.0))
     with drawing(1, len(joints), size=(width, 2.9), sharey=True) as (figure, axes):
         for ax, joint in zip(axes[0], joints, strict=True):
@@ -166,7 +189,12 @@ def horizons(prediction: Prediction, joints: Sequence[str], unit: str) -> MplFig
                 for size, colour, width, word in drawn:
                     if (joint, side) in size:
                         values = 1e6 * np.array(size[joint, side])
-                        style_of = {"marker": "o", "ms": 2.5 * width**0.5, "color": colour, "lw": width}
+                        style_of = {
+                            "marker": "o",
+                            "ms": 2.5 * width**0.5,
+                            "color": colour,
+                            "lw": width,
+                        }
                         ax.loglog(ms, values, dash, **style_of, label=f"{side} angle, {word}")
             ax.set_xticks(ms, [f"{v:g}" for v in ms])
             ax.minorticks_off()
@@ -181,7 +209,10 @@ def motion(trajectory: FourierTrajectory, found: Diagnosis) -> MplFigure:
     t = np.linspace(0.0, trajectory.duration, 1000)
     q, dq, _ = trajectory.evaluate(t)
     with drawing(1, 2, size=(9.6, 2.7)) as (figure, axes):
-        for ax, values, what, unit in ((axes[0, 0], q, "angle", "rad"), (axes[0, 1], dq, "velocity", "rad/s")):
+        for ax, values, what, unit in (
+            (axes[0, 0], q, "angle", "rad"),
+            (axes[0, 1], dq, "velocity", "rad/s"),
+        ):
             for k, joint in enumerate(found.joints):
                 ax.plot(t, values[:, k], color=CYCLE[k % len(CYCLE)], label=joint)
             ax.set_xlabel("time [s]")

@@ -13,14 +13,22 @@ from elastic_arm.report.html import Figure, Section, Table, Text, write_report
 from elastic_arm.report.style import BLUE, VERMILION, drawing
 
 
-def write_history_report(path: Path, found: Diagnosis, numbers: Sequence[Course], dates: Sequence[str]) -> Path:
+def write_history_report(
+    path: Path, found: Diagnosis, numbers: Sequence[Course], dates: Sequence[str]
+) -> Path:
     """Write what changed of an arm over recordings, each number drawn over them, and notes.
 
     Raises an OutputError if the file cannot be written.
     """
-    steps = [Text(f"Changed: {step_text(one, found.identify)}.", "warn") for one in numbers if one.step is not None]
+    steps = [
+        Text(f"Changed: {step_text(one, found.identify)}.", "warn")
+        for one in numbers
+        if one.step is not None
+    ]
     rest = "Nothing else changed" if steps else "Nothing changed"
-    sections = [Section("What changed", [*steps, Text(f"{rest} beyond what the recordings tell.", "good")])]
+    sections = [
+        Section("What changed", [*steps, Text(f"{rest} beyond what the recordings tell.", "good")])
+    ]
     for one in numbers:
         sized = one.sized
         caption = f"Bars: 95 % intervals. Not the same in all recordings: {probability_text(one.changed)}."
@@ -38,7 +46,10 @@ def drawn(one: Course, dates: Sequence[str]) -> MplFigure:
         ax = axes[0, 0]
         ax.errorbar(k, sized.values, 1.96 * sized.stds, fmt="o", color=BLUE, capsize=3)
         if (step := one.step) is not None:
-            ends = [(-0.5, step.after + 0.5, step.before_value), (step.until - 0.5, len(k) - 0.5, step.after_value)]
+            ends = [
+                (-0.5, step.after + 0.5, step.before_value),
+                (step.until - 0.5, len(k) - 0.5, step.after_value),
+            ]
             for first, last, level in ends:
                 ax.hlines(level, first, last, color=VERMILION)
         ax.set_xticks(k, [date.replace(" ", "\n") for date in dates], fontsize=7)

@@ -62,9 +62,14 @@ class Table:
     def cells(self) -> list[list[tuple[str, str]]]:
         """Return each cell as (text, CSS class)."""
         numeric = self._numeric()
-        digits = [self.digits] * len(self.header) if isinstance(self.digits, int) else list(self.digits)
+        digits = (
+            [self.digits] * len(self.header) if isinstance(self.digits, int) else list(self.digits)
+        )
         return [
-            [(text := written(value, digits[k]), _class(text, value, numeric[k])) for k, value in enumerate(row)]
+            [
+                (text := written(value, digits[k]), _class(text, value, numeric[k]))
+                for k, value in enumerate(row)
+            ]
             for row in self.rows
         ]
 
@@ -148,7 +153,9 @@ class Section:
     folded: bool = False
 
 
-def write_report(path: str | Path, title: str, sections: Sequence[Section], *, subtitle: str = "") -> Path:
+def write_report(
+    path: str | Path, title: str, sections: Sequence[Section], *, subtitle: str = ""
+) -> Path:
     """Write one HTML file.
 
     Raises an OutputError when the file cannot be written.
@@ -172,7 +179,9 @@ def fragment(blocks: Sequence[Block]) -> str:
 
 def _templates() -> jinja2.Environment:
     environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("elastic_arm.report"), autoescape=True, undefined=jinja2.StrictUndefined
+        loader=jinja2.PackageLoader("elastic_arm.report"),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
     )
     environment.tests["text"] = lambda block: isinstance(block, Text)
     environment.tests["plot"] = lambda block: isinstance(block, Plot)

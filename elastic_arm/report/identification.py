@@ -17,7 +17,11 @@ from elastic_arm.report.html import Block, Figure, Section, Table, Text, Written
 from elastic_arm.report.style import BLUE, GREEN, GREY, ORANGE, VERMILION, draw_signal, drawing
 
 COLOURS = {"well": GREEN, "poorly": ORANGE, "not": VERMILION}
-VERDICTS = {"well": f"well determined, up to {WELL:.0%}", "poorly": f"poorly, up to {POORLY:.0%}", "not": "not at all"}
+VERDICTS = {
+    "well": f"well determined, up to {WELL:.0%}",
+    "poorly": f"poorly, up to {POORLY:.0%}",
+    "not": "not at all",
+}
 GAPS = " Gaps: where a joint sticks, any torque within its dry friction is right."
 
 
@@ -28,7 +32,13 @@ def identifiability(result: Identification) -> MplFigure:
     with drawing(size=(8.4, 0.9 + 0.19 * len(chosen))) as (figure, axes):
         ax = axes[0, 0]
         widths = [max(min(e.relative_std, 1e3), 1e-9) for e in chosen]
-        ax.barh(range(len(chosen)), widths, left=0, color=[COLOURS[e.verdict] for e in chosen], height=0.7)
+        ax.barh(
+            range(len(chosen)),
+            widths,
+            left=0,
+            color=[COLOURS[e.verdict] for e in chosen],
+            height=0.7,
+        )
         ax.set_yticks(range(len(chosen)), [e.short for e in chosen], fontsize=6.5)
         ax.set_xscale("log")
         for limit in (WELL, POORLY):
@@ -47,7 +57,9 @@ def overview(result: Identification) -> MplFigure:
 
 def head(result: Identification) -> str:
     """Return verdict and parameters as HTML, friction first."""
-    return fragment([*_verdict(result), _parameters(sorted(result.estimates, key=lambda e: not e.is_friction))])
+    return fragment(
+        [*_verdict(result), _parameters(sorted(result.estimates, key=lambda e: not e.is_friction))]
+    )
 
 
 def torques(equations: BaseRegression, motion: Motion, result: Identification) -> MplFigure:
@@ -56,14 +68,28 @@ def torques(equations: BaseRegression, motion: Motion, result: Identification) -
     sides = [side for side in equations.sides if side != "link"] or list(equations.sides)
     nominal = _predicted(equations, motion, equations.described)
     found = _predicted(equations, motion, result.Psi_base)
-    with drawing(equations.n, len(sides), size=(4.6 * len(sides), 1.7 * equations.n), sharex=True) as (figure, axes):
+    with drawing(
+        equations.n, len(sides), size=(4.6 * len(sides), 1.7 * equations.n), sharex=True
+    ) as (figure, axes):
         for column, side in enumerate(sides):
             for i, joint in enumerate(equations.joints):
                 ax = axes[i, column]
-                draw_signal(ax, motion.t, measured[side][:, i], color=GREY, lw=2.4, alpha=0.6, label="measured")
-                draw_signal(ax, motion.t, nominal[side][:, i], color=ORANGE, lw=0.9, label="nominal arm")
+                draw_signal(
+                    ax,
+                    motion.t,
+                    measured[side][:, i],
+                    color=GREY,
+                    lw=2.4,
+                    alpha=0.6,
+                    label="measured",
+                )
+                draw_signal(
+                    ax, motion.t, nominal[side][:, i], color=ORANGE, lw=0.9, label="nominal arm"
+                )
                 draw_signal(ax, motion.t, found[side][:, i], color=BLUE, lw=0.9, label="identified")
-                ax.set_title(f"{joint}, {COMPARED[side]} [{result.units.at(joint, 'Nm')}]", loc="left")
+                ax.set_title(
+                    f"{joint}, {COMPARED[side]} [{result.units.at(joint, 'Nm')}]", loc="left"
+                )
             axes[-1, column].set_xlabel("time [s]")
         figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
     return figure
@@ -94,14 +120,24 @@ def sections(
 ) -> Sequence[Section]:
     """Return the report: verdict first, then parameters, fit and validation."""
     said: list[Section] = [Section("What the recording determines", _verdict(result))]
-    laws, combinations = ([e for e in result.estimates if e.is_friction is law] for law in (True, False))
+    laws, combinations = (
+        [e for e in result.estimates if e.is_friction is law] for law in (True, False)
+    )
     if laws:
         said.append(Section("Friction and other laws", [_parameters(laws)]))
-    said.append(Section("Base parameters", [_parameters(combinations, "All that the equations can see.")]))
-    full = Table(("parameter", "in full"), [[e.short, e.name] for e in combinations if e.name != e.short])
+    said.append(
+        Section("Base parameters", [_parameters(combinations, "All that the equations can see.")])
+    )
+    full = Table(
+        ("parameter", "in full"), [[e.short, e.name] for e in combinations if e.name != e.short]
+    )
     said.append(Section("Base parameters in full", [full], folded=True))
     caption = "Dashed: from where on a parameter counts as poorly determined, and as not at all."
-    said.append(Section("How well each is determined", [Figure(identifiability(result), caption)], folded=True))
+    said.append(
+        Section(
+            "How well each is determined", [Figure(identifiability(result), caption)], folded=True
+        )
+    )
     if equations is not None and motion is not None:
         predicted = "Torques as measured and as the two arms predict them."
         left = "What the identified arm leaves, in the band of the filter."
@@ -123,8 +159,15 @@ def _verdict(result: Identification) -> list[Block]:
     blocks: list[Block] = [Text("\n".join(result.summary()), "warn" if open_ else "good")]
     if result.excitation["poor"]:
         reasons = "; ".join(result.excitation["reasons"])
-        blocks.append(Text(f"Known before any fit, from the motion alone: the excitation is poor. {reasons}.", "bad"))
-    blocks += [Text(f"Left open by the data: {direction}", "warn") for direction in result.undetermined]
+        blocks.append(
+            Text(
+                f"Known before any fit, from the motion alone: the excitation is poor. {reasons}.",
+                "bad",
+            )
+        )
+    blocks += [
+        Text(f"Left open by the data: {direction}", "warn") for direction in result.undetermined
+    ]
     blocks += [Text(sentence(note)) for note in result.notes]
     if result.consistency is not None:
         blocks.append(
@@ -139,17 +182,31 @@ def _verdict(result: Identification) -> list[Block]:
 def _parameters(estimates: Sequence[Estimate], caption: str = "") -> Table:
     header = ("parameter", "unit", "identified", "± std", "nominal", "determined")
     rows = [
-        [e.short, e.unit.replace("^2", "²"), *map(Written, rounded(e.value, e.std)), e.nominal, e.verdict]
+        [
+            e.short,
+            e.unit.replace("^2", "²"),
+            *map(Written, rounded(e.value, e.std)),
+            e.nominal,
+            e.verdict,
+        ]
         for e in estimates
     ]
     return Table(header, rows, caption, digits=6)
 
 
 def _noise(result: Identification) -> Table:
-    rows = [[COMPARED[side], *map(by_joint.get, result.joints)] for side, by_joint in result.noise.items()]
-    how = f"{result.samples:,} samples; derivatives: {', '.join(dict.fromkeys(result.derivatives))}; "
+    rows = [
+        [COMPARED[side], *map(by_joint.get, result.joints)]
+        for side, by_joint in result.noise.items()
+    ]
+    how = (
+        f"{result.samples:,} samples; derivatives: {', '.join(dict.fromkeys(result.derivatives))}; "
+    )
     unit = result.units.over("Nm")
-    caption = how + f"condition number {result.condition:.3g}. Standard deviation of the residuals, {unit}."
+    caption = (
+        how
+        + f"condition number {result.condition:.3g}. Standard deviation of the residuals, {unit}."
+    )
     return Table(("equation", *result.joints), rows, caption)
 
 

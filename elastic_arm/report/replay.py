@@ -29,20 +29,38 @@ def sections(found: Sequence[Replay]) -> list[Section]:
     ]
     shown = [
         Section("How far each model is from the recording", [how, *tables]),
-        Section("Positions, recorded and replayed", [Figure(positions(found), "Windows begin on the recording.")]),
-        Section("Torques, recorded and needed", [Figure(torques(found), "Needed: by MuJoCo's inverse dynamics.")]),
+        Section(
+            "Positions, recorded and replayed",
+            [Figure(positions(found), "Windows begin on the recording.")],
+        ),
+        Section(
+            "Torques, recorded and needed",
+            [Figure(torques(found), "Needed: by MuJoCo's inverse dynamics.")],
+        ),
     ]
     if any(one.closed_loop is not None for one in found):
         pairs = zip(labels(found), found, strict=True)
-        rows = [[name, *map(float, 1e3 * one.closed_loop)] for name, one in pairs if one.closed_loop is not None]
-        table = Table(["model", *first.joints], rows, f"Root mean square of the position error, {units.over('mrad')}")
-        shown.insert(1, Section("Under the recorded reference, with the model's own servos", [table]))
+        rows = [
+            [name, *map(float, 1e3 * one.closed_loop)]
+            for name, one in pairs
+            if one.closed_loop is not None
+        ]
+        table = Table(
+            ["model", *first.joints],
+            rows,
+            f"Root mean square of the position error, {units.over('mrad')}",
+        )
+        shown.insert(
+            1, Section("Under the recorded reference, with the model's own servos", [table])
+        )
     return shown
 
 
 def _table(found: Sequence[Replay], name: str, factor: float, unit: str) -> Table:
     pairs = zip(labels(found), found, strict=True)
-    rows = [[label, *(factor * float(v) for v in getattr(one.open_loop, name))] for label, one in pairs]
+    rows = [
+        [label, *(factor * float(v) for v in getattr(one.open_loop, name))] for label, one in pairs
+    ]
     return Table(["model", *found[0].joints], rows, f"{name.capitalize()}, {unit}")
 
 
@@ -68,8 +86,19 @@ def _overlay(found: Sequence[Replay], recorded: str, model: str, unit: str) -> M
                 values = getattr(one.course, model)[:, i]
                 own = one.course.t <= one.course.t[0] + SHOWN_SECONDS
                 values = np.where(np.isfinite(values), values, np.nan)
-                draw_signal(ax, one.course.t[own], values[own], color=CYCLE[k % len(CYCLE)], lw=0.9, label=name)
+                draw_signal(
+                    ax,
+                    one.course.t[own],
+                    values[own],
+                    color=CYCLE[k % len(CYCLE)],
+                    lw=0.9,
+                    label=name,
+                )
             ax.set_title(f"{joint} [{found[0].units.at(joint, unit)}]", loc="left")
         axes[-1, 0].set_xlabel("time [s]")
-        figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=1 + len(found))
+        figure.legend(
+            *axes[0, 0].get_legend_handles_labels(),
+            loc="outside upper center",
+            ncols=1 + len(found),
+        )
     return figure

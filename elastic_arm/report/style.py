@@ -63,7 +63,9 @@ def drawing(
         yield figure, figure.subplots(rows, columns, squeeze=False, **options)
 
 
-def draw_signal(ax: Axes, t: np.ndarray, y: np.ndarray, *, points: int = 1500, **kwargs: Any) -> None:
+def draw_signal(
+    ax: Axes, t: np.ndarray, y: np.ndarray, *, points: int = 1500, **kwargs: Any
+) -> None:
     """Draw y(t) so that every extreme survives but the file stays small.
 
     Keeps the smallest and the largest sample of each of `points` / 2 bins; NaN breaks the line.

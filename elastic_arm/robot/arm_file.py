@@ -20,7 +20,9 @@ def _number(value: Any) -> Any:
 
 Number = Annotated[float, BeforeValidator(_number), Field(allow_inf_nan=False)]
 # A limit that is infinite is none.
-Limit = Annotated[Number | None, BeforeValidator(lambda v: None if str(v).lstrip("+-").lower() in _ENDLESS else v)]
+Limit = Annotated[
+    Number | None, BeforeValidator(lambda v: None if str(v).lstrip("+-").lower() in _ENDLESS else v)
+]
 _ENDLESS = ("inf", ".inf", "infinity")
 Vector = tuple[Number, Number, Number]
 Row = tuple[Number, Number, Number, Number]

@@ -27,7 +27,17 @@ from elastic_arm.robot.parts import (
     require,
 )
 
-__all__ = ["DH", "Bearing", "Component", "Inertia", "Joint", "JointController", "Limits", "Robot", "Transmission"]
+__all__ = [
+    "DH",
+    "Bearing",
+    "Component",
+    "Inertia",
+    "Joint",
+    "JointController",
+    "Limits",
+    "Robot",
+    "Transmission",
+]
 
 
 # The equations of motion grow with the cube of the joints: of 60 they take a minute to compile.
@@ -51,7 +61,9 @@ class Joint:
     after: np.ndarray = field(default_factory=lambda: np.eye(4))
     limits: Limits = field(default_factory=Limits)
     transmission: Transmission | None = None  # None for a joint driven at the link (a plain URDF)
-    dh: DH | None = None  # the row that `after` comes from, where there is one; only kept to be written again
+    dh: DH | None = (
+        None  # the row that `after` comes from, where there is one; only kept to be written again
+    )
     # inertia of the motor and its gears, as the joint feels it, of a joint without transmission, kg m^2: it counts for
     # the joint's own acceleration alone. None where nothing is known of it, and no model then holds it
     armature: float | None = None
@@ -86,7 +98,9 @@ class Robot:
     # name, joints: from one to MOST_JOINTS; all joints have a transmission, or none has
     name: str
     joints: tuple[Joint, ...]
-    gravity: np.ndarray = field(default_factory=lambda: np.array([0.0, 0.0, -9.81]))  # (3,) in the ground frame, m/s^2
+    gravity: np.ndarray = field(
+        default_factory=lambda: np.array([0.0, 0.0, -9.81])
+    )  # (3,) in the ground frame, m/s^2
     base_placement: np.ndarray = field(default_factory=lambda: np.eye(4))  # (4, 4) ``T_0^G`` of (2)
     base_mass: float = 0.0  # kg; rests on the ground and enters no equation
     base_dh: DH | None = None
@@ -104,7 +118,9 @@ class Robot:
         object.__setattr__(self, "joints", tuple(self.joints))
         object.__setattr__(self, "effects", tuple(dict(e) for e in self.effects))
         object.__setattr__(self, "gravity", checked_array(self.gravity, (3,), "gravity"))
-        object.__setattr__(self, "base_placement", checked_placement(self.base_placement, "base placement"))
+        object.__setattr__(
+            self, "base_placement", checked_placement(self.base_placement, "base placement")
+        )
         check_number(self.base_mass, "base.mass")
         check_number(self.torque_noise_std, "torque_noise_std")
         check_number(self.sample_rate, "sample_rate", positive=True)
@@ -147,7 +163,9 @@ class Robot:
     @property
     def units(self) -> JointUnits:
         """Units of quantities at the joints."""
-        return JointUnits(self.joint_names, [joint.name for joint in self.joints if joint.prismatic])
+        return JointUnits(
+            self.joint_names, [joint.name for joint in self.joints if joint.prismatic]
+        )
 
     @property
     def elastic(self) -> bool:
@@ -157,7 +175,12 @@ class Robot:
     @property
     def mass(self) -> float:
         """Total mass, base included, kg."""
-        parts = (c.mass for j in self.joints if j.transmission for c, _ in j.transmission.components.values())
+        parts = (
+            c.mass
+            for j in self.joints
+            if j.transmission
+            for c, _ in j.transmission.components.values()
+        )
         return self.base_mass + sum(j.link.mass for j in self.joints) + sum(parts)
 
     def carriers(self, i: int) -> tuple[str, str]:
@@ -184,11 +207,17 @@ class Robot:
         """
         if self.n == 1 or self.elastic or all(joint.armature for joint in self.joints):
             return self
-        return self.with_(joints=tuple(replace(joint, armature=joint.armature or 0.0) for joint in self.joints))
+        return self.with_(
+            joints=tuple(replace(joint, armature=joint.armature or 0.0) for joint in self.joints)
+        )
 
     def with_ratio(self, r_tot: float) -> Self:
         """Return a copy whose joints all have total ratio `r_tot`, split as in the description."""
-        require(self.elastic, f"robot {self.name} has no transmissions", "Use an arm file with transmissions")
+        require(
+            self.elastic,
+            f"robot {self.name} has no transmissions",
+            "Use an arm file with transmissions",
+        )
         known = ", ".join(f"{r:g}" for r in self.total_ratios_studied) or "none"
         require(
             r_tot in self.total_ratios_studied,
@@ -198,14 +227,19 @@ class Robot:
         belt, harmonic = self.total_ratios_studied[r_tot]
         gears = [(j, j.transmission) for j in self.joints if j.transmission is not None]
         changed = [
-            replace(j, transmission=replace(gear, belt_ratio=belt, harmonic_drive_ratio=harmonic)) for j, gear in gears
+            replace(j, transmission=replace(gear, belt_ratio=belt, harmonic_drive_ratio=harmonic))
+            for j, gear in gears
         ]
         return self.with_(joints=tuple(changed))
 
 
 def _check_unique(names: Sequence[str], what: str) -> None:
     for name in names:
-        require(names.count(name) == 1, f"two {what}s are named {name!r}", f"Give every {what} a name of its own")
+        require(
+            names.count(name) == 1,
+            f"two {what}s are named {name!r}",
+            f"Give every {what} a name of its own",
+        )
 
 
 def _check_transmissions(joints: Sequence[Joint]) -> None:

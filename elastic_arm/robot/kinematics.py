@@ -48,13 +48,17 @@ def link_points(robot: Robot, q: Array) -> Array:
 def link_radius(robot: Robot) -> float:
     """Radius of the cylinders or capsules that stand for links, m."""
     ends = link_points(robot, np.zeros((1, robot.n)))[0]
-    return max(SLENDERNESS * float(np.linalg.norm(np.diff(ends, axis=0), axis=1).sum()), SMALLEST_RADIUS)
+    return max(
+        SLENDERNESS * float(np.linalg.norm(np.diff(ends, axis=0), axis=1).sum()), SMALLEST_RADIUS
+    )
 
 
 def moved(body: Inertia, placement: Array) -> Inertia:
     """Return the same body described in another frame, in which its own frame stands at `placement` (4, 4)."""
     rotation = placement[:3, :3]
-    return _inertia(body.mass, rotation @ body.com + placement[:3, 3], rotation @ body.inertia @ rotation.T)
+    return _inertia(
+        body.mass, rotation @ body.com + placement[:3, 3], rotation @ body.inertia @ rotation.T
+    )
 
 
 def lumped(bodies: Iterable[Inertia]) -> Inertia:

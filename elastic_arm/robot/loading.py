@@ -47,7 +47,9 @@ _ELEMENT = re.compile(rb"<([A-Za-z_][\w.-]*)")
 REFERENCE = "the nominal arm.yaml shows every field"
 
 
-def load_robot(path: str | Path | None = None, chain: str | None = None, at: str | None = None) -> Robot:
+def load_robot(
+    path: str | Path | None = None, chain: str | None = None, at: str | None = None
+) -> Robot:
     """Read a robot description.
 
     Parameters
@@ -67,7 +69,9 @@ def load_robot(path: str | Path | None = None, chain: str | None = None, at: str
         If it cannot be read, or describes no arm that can exist; names file, field, reason and remedy.
     """
     if not isinstance(path, str | Path | None):
-        raise RobotError(f"path is of type {type(path).__name__}", "Give the name of a description, or None.")
+        raise RobotError(
+            f"path is of type {type(path).__name__}", "Give the name of a description, or None."
+        )
     path = NOMINAL_ARM if path is None else Path(path)
     ends = None if chain is None else parse_chain(chain)
     if is_mjcf(path):
@@ -75,14 +79,22 @@ def load_robot(path: str | Path | None = None, chain: str | None = None, at: str
 
         return read_mjcf(path, ends, at)
     if at is not None:
-        raise RobotError(f"{path}: at {at} goes with an MJCF alone", "Leave it out, or give the MJCF.")
+        raise RobotError(
+            f"{path}: at {at} goes with an MJCF alone", "Leave it out, or give the MJCF."
+        )
     if path.suffix.lower() in (".urdf", ".xml", ".sdf", ".world"):
         return read_urdf(path, ends)
     if path.suffix.lower() == ".xacro":
         urdf = f"{path.name.split('.')[0]}.urdf"
-        raise RobotError(f"{path} is a xacro, of which a URDF is made", f"Run: xacro {path} > {urdf}, and give that.")
+        raise RobotError(
+            f"{path} is a xacro, of which a URDF is made",
+            f"Run: xacro {path} > {urdf}, and give that.",
+        )
     if chain is not None:
-        raise RobotError(f"{path}: chain {chain} goes with a URDF or MJCF alone", "Leave it out, or give that file.")
+        raise RobotError(
+            f"{path}: chain {chain} goes with a URDF or MJCF alone",
+            "Leave it out, or give that file.",
+        )
     content = read_fields(path, RobotError, REMEDY)
     try:
         entry = (OverlayEntry if "urdf" in content else ArmEntry).model_validate(content)
@@ -145,26 +157,38 @@ def _controlled(robot: Robot, entries: Mapping[str, ControllerEntry]) -> Robot:
 
 def _overlaid(entry: OverlayEntry, folder: Path) -> Robot:
     """Return the URDF's robot with what the overlay adds; limits that it does not state stay the URDF's."""
-    robot = read_urdf(folder / entry.urdf, None if entry.chain is None else parse_chain(entry.chain))
+    robot = read_urdf(
+        folder / entry.urdf, None if entry.chain is None else parse_chain(entry.chain)
+    )
     for name in entry.transmissions:
         if name not in robot.joint_names:
             known = ", ".join(robot.joint_names)
-            raise RobotError(f"transmissions.{name}: the URDF has no such joint", f"Use one of {known}.")
+            raise RobotError(
+                f"transmissions.{name}: the URDF has no such joint", f"Use one of {known}."
+            )
     joints = []
     for joint in robot.joints:
         with located(f"transmissions.{joint.name}."):
             given = entry.transmissions.get(joint.name)
             gear = None if given is None else _transmission(given)
             # The rotor of a transmission holds the motor's inertia.
-            joints.append(replace(joint, transmission=gear, armature=joint.armature if gear is None else None))
+            joints.append(
+                replace(joint, transmission=gear, armature=joint.armature if gear is None else None)
+            )
     robot = robot.with_(joints=tuple(joints))
     for name, limits in entry.limits.items():
         with located(f"limits.{name}: "):
             stated = limits.model_dump(exclude_unset=True)
             changed = [joint.limits for joint in robot.joints if joint.name == name]
-            robot = robot.with_joint(name, limits=replace(changed[0], **stated) if changed else Limits(**stated))
-    others = entry.model_dump(exclude={"urdf", "chain", "transmissions", "limits", "controller"}, exclude_none=True)
-    notes = tuple(note for note in robot.notes if not (robot.elastic and note.startswith("<transmission>")))
+            robot = robot.with_joint(
+                name, limits=replace(changed[0], **stated) if changed else Limits(**stated)
+            )
+    others = entry.model_dump(
+        exclude={"urdf", "chain", "transmissions", "limits", "controller"}, exclude_none=True
+    )
+    notes = tuple(
+        note for note in robot.notes if not (robot.elastic and note.startswith("<transmission>"))
+    )
     return _controlled(robot.with_(**others, notes=notes), entry.controller)
 
 
@@ -180,7 +204,9 @@ def _base(entry: BaseEntry) -> tuple[DH | None, np.ndarray]:
     row = (entry.a, entry.d, entry.alpha, entry.offset)
     if entry.placement is not None:
         if any(number is not None for number in row):
-            raise RobotError("placement: is there, and so is one of a, d, alpha, offset", "Keep one of them")
+            raise RobotError(
+                "placement: is there, and so is one of a, d, alpha, offset", "Keep one of them"
+            )
         return None, np.array(entry.placement)
     dh = DH(*(0.0 if number is None else number for number in row))
     return dh, dh.placement
@@ -198,7 +224,11 @@ def _joint(entry: JointEntry, link_name: str) -> Joint:
             "dh: is there, and so is before or after" if placed else "dh: missing field",
             "Place the joint by a dh row, or by the 4x4 matrices before and after",
         )
-    rest: dict[str, Any] = {"limits": limits, "transmission": transmission, "armature": entry.armature}
+    rest: dict[str, Any] = {
+        "limits": limits,
+        "transmission": transmission,
+        "armature": entry.armature,
+    }
     rest["prismatic"] = entry.type == "prismatic"
     if entry.dh is not None:
         return Joint.from_dh(entry.name, link_name, link, DH(**entry.dh.model_dump()), **rest)
@@ -215,7 +245,9 @@ def _inertia(entry: LinkEntry) -> Inertia:
 
 
 def _transmission(entry: TransmissionEntry) -> Transmission | None:
-    given = [name for name in (*_TRANSMISSION_FIELDS, "bearing") if getattr(entry, name) is not None]
+    given = [
+        name for name in (*_TRANSMISSION_FIELDS, "bearing") if getattr(entry, name) is not None
+    ]
     missing = [name for name in _TRANSMISSION_FIELDS if getattr(entry, name) is None]
     if not given:
         return None
@@ -236,4 +268,6 @@ def _transmission(entry: TransmissionEntry) -> Transmission | None:
 
 
 def _component(entry: ComponentEntry) -> Component:
-    return Component(entry.mass, entry.ixx, entry.izz, entry.carrier, np.array(entry.position), entry.kind)
+    return Component(
+        entry.mass, entry.ixx, entry.izz, entry.carrier, np.array(entry.position), entry.kind
+    )

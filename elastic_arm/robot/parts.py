@@ -29,13 +29,19 @@ def checked_array(values: Any, shape: tuple[int, ...], what: str) -> np.ndarray:
     try:
         array = np.array(values, dtype=float)
     except (TypeError, ValueError) as error:
-        raise RobotError(f"{what} is not an array of numbers: {values!r}", f"Give {shape} numbers") from error
+        raise RobotError(
+            f"{what} is not an array of numbers: {values!r}", f"Give {shape} numbers"
+        ) from error
     if array.shape != shape:
         raise RobotError(f"{what} has shape {array.shape}", f"Give an array of shape {shape}")
     if not np.isfinite(array).all():
-        raise RobotError(f"{what} holds a number that is not finite: {values!r}", "Give finite numbers")
+        raise RobotError(
+            f"{what} holds a number that is not finite: {values!r}", "Give finite numbers"
+        )
     largest = float(np.abs(array).max(initial=0.0))
-    require(largest <= _LARGEST, f"{what} holds {largest:g}, which is of no arm", "Look at its unit")
+    require(
+        largest <= _LARGEST, f"{what} holds {largest:g}, which is of no arm", "Look at its unit"
+    )
     array.setflags(write=False)
     return array
 
@@ -59,9 +65,15 @@ def check_number(value: float, what: str, *, positive: bool = False) -> None:
     """Refuse a number that is not finite, negative, or of no arm."""
     require(np.isfinite(value), f"{what} is {value}", "Give a finite number")
     if positive:
-        require(value > 0.0, f"{what} is {value:g}, but must be positive", "Give a number above zero")
+        require(
+            value > 0.0, f"{what} is {value:g}, but must be positive", "Give a number above zero"
+        )
     else:
-        require(value >= 0.0, f"{what} is {value:g}, but must not be negative", "Give zero or a positive number")
+        require(
+            value >= 0.0,
+            f"{what} is {value:g}, but must not be negative",
+            "Give zero or a positive number",
+        )
     sized = value == 0.0 or _SMALLEST <= value <= _LARGEST
     require(sized, f"{what} is {value:g}, which is of no arm", "Look at its unit")
 
@@ -77,7 +89,9 @@ def snap(matrix: np.ndarray) -> np.ndarray:
 def placed(rotation: Any = None, position: Any = 0.0) -> np.ndarray:
     """Return the placement (4, 4) of a frame that is turned by a rotation (3, 3), none by default, and moved."""
     placement = np.eye(4)
-    placement[:3, :3] = np.eye(3) if rotation is None else np.asarray(rotation, dtype=float).reshape(3, 3)
+    placement[:3, :3] = (
+        np.eye(3) if rotation is None else np.asarray(rotation, dtype=float).reshape(3, 3)
+    )
     placement[:3, 3] = position
     return placement
 
@@ -85,7 +99,11 @@ def placed(rotation: Any = None, position: Any = 0.0) -> np.ndarray:
 def moved_joint(by: float, prismatic: bool) -> np.ndarray:
     """Return the placement (4, 4) after a joint that has turned about z, rad, or slid along it, m."""
     c, s = np.cos(by), np.sin(by)
-    return placed(position=[0.0, 0.0, by]) if prismatic else placed([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    return (
+        placed(position=[0.0, 0.0, by])
+        if prismatic
+        else placed([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    )
 
 
 def tensor_of(six: Any) -> np.ndarray:
@@ -109,7 +127,9 @@ class Inertia:
         object.__setattr__(self, "inertia", checked_array(self.inertia, (3, 3), "inertia"))
         check_number(self.mass, "mass")
         require(
-            bool(np.array_equal(self.inertia, self.inertia.T)), "inertia is not symmetric", "Give xy once, as yx too"
+            bool(np.array_equal(self.inertia, self.inertia.T)),
+            "inertia is not symmetric",
+            "Give xy once, as yx too",
         )
         moments = np.linalg.eigvalsh(self.inertia)
         tolerance = _INERTIA_TOLERANCE * max(float(np.trace(self.inertia)), 0.0)
@@ -212,7 +232,9 @@ class Transmission:
                 "Give turns of the input for one turn of the output; 1 where there is no such stage",
             )
             sized = 1.0 / _RATIO <= abs(ratio) <= _RATIO
-            require(sized, f"{what} is {ratio:g}, which is of no transmission", "Give that of one stage")
+            require(
+                sized, f"{what} is {ratio:g}, which is of no transmission", "Give that of one stage"
+            )
 
     @property
     def r_tot(self) -> float:
@@ -279,8 +301,12 @@ class JointController:
     ki: float = 0.0
     delay: float = 0.0  # d by which commands come late, s
     torque: float | None = None  # limit, Nm, beside that of the joint; None where there is none
-    feedforward: str = "none"  # ``"none"``, ``"gravity"``, or ``"model"``: all torque of the nominal rigid arm
-    between: str = "held"  # two commands: the last one is ``"held"``, or the motion is ``"interpolated"``
+    feedforward: str = (
+        "none"  # ``"none"``, ``"gravity"``, or ``"model"``: all torque of the nominal rigid arm
+    )
+    between: str = (
+        "held"  # two commands: the last one is ``"held"``, or the motion is ``"interpolated"``
+    )
     dead_band: float = 0.0  # rad; of the error of the angle, kp makes a torque of what exceeds it
 
     def __post_init__(self) -> None:
@@ -291,7 +317,11 @@ class JointController:
         }
         for what, known in choices.items():
             given = getattr(self, what)
-            require(given in known, f"{what} of the controller is {given!r}", f"Choose one of {', '.join(known)}")
+            require(
+                given in known,
+                f"{what} of the controller is {given!r}",
+                f"Choose one of {', '.join(known)}",
+            )
         for what in ("kp", "kd", "ki", "delay", "dead_band"):
             check_number(getattr(self, what), what)
         if self.torque is not None:
@@ -343,7 +373,9 @@ def checked_placement(values: Any, what: str) -> np.ndarray:
     """Return a (4, 4) placement with exact right angles; refuse what is no rigid one."""
     matrix = checked_array(values, (4, 4), what)
     rotation = matrix[:3, :3]
-    proper = np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-6) and np.linalg.det(rotation) > 0
+    proper = (
+        np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-6) and np.linalg.det(rotation) > 0
+    )
     require(
         bool(proper) and np.array_equal(matrix[3], [0, 0, 0, 1]),
         f"{what} is not a rigid placement",

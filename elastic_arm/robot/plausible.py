@@ -11,7 +11,9 @@ import numpy as np
 from elastic_arm.robot.description import Joint, Robot
 
 DENSEST = 22_600.0  # kg/m³, osmium: no body of a mass is smaller than a ball of it
-PLACEHOLDER = 1e-4  # of the least inertia: numbers above it stand for none in simplified descriptions
+PLACEHOLDER = (
+    1e-4  # of the least inertia: numbers above it stand for none in simplified descriptions
+)
 
 
 @dataclass(frozen=True)
@@ -38,19 +40,42 @@ class Range:
 
 POSITION = Range("position limit", "rad", 0.0, 4 * np.pi, "", "degrees taken as radians?")
 TRAVEL = Range("position limit", "m", 0.0, 30.0, "", "millimetres taken as metres?")
-SPAN = Range("range", "rad", 0.01, 8 * np.pi, "degrees times pi/180 twice, or turns?", "degrees taken as radians?")
+SPAN = Range(
+    "range",
+    "rad",
+    0.01,
+    8 * np.pi,
+    "degrees times pi/180 twice, or turns?",
+    "degrees taken as radians?",
+)
 WAY = Range("range", "m", 1e-3, 60.0, "kilometres taken as metres?", "millimetres taken as metres?")
-SPEED = Range("velocity limit", "rad/s", 0.01, 50.0, "another unit?", "deg/s or rpm taken as rad/s?")
+SPEED = Range(
+    "velocity limit", "rad/s", 0.01, 50.0, "another unit?", "deg/s or rpm taken as rad/s?"
+)
 PACE = Range("velocity limit", "m/s", 1e-4, 20.0, "another unit?", "mm/s taken as m/s?")
 TORQUE = Range("torque limit", "Nm", 1e-3, 1e5, "kNm taken as Nm?", "Nmm taken as Nm?")
 FORCE = Range("force limit", "N", 1e-2, 1e6, "kN taken as N?", "another unit?")
 MASS = Range("mass", "kg", 1e-5, 1500.0, "tonnes taken as kg?", "grams taken as kg?")
-LENGTH = Range("distance to the joint before it", "m", 0.0, 10.0, "", "millimetres taken as metres?")
+LENGTH = Range(
+    "distance to the joint before it", "m", 0.0, 10.0, "", "millimetres taken as metres?"
+)
 CENTRE = Range("centre of mass", "m", 0.0, 10.0, "", "millimetres taken as metres?")
 ARMATURE = Range(
-    "armature", "kg m²", 1e-9, 5e3, "a rotor's, without the square of its ratio?", "a ratio counted twice?"
+    "armature",
+    "kg m²",
+    1e-9,
+    5e3,
+    "a rotor's, without the square of its ratio?",
+    "a ratio counted twice?",
 )
-REACH = Range("length of all links", "m", 0.02, 30.0, "kilometres taken as metres?", "millimetres taken as metres?")
+REACH = Range(
+    "length of all links",
+    "m",
+    0.02,
+    30.0,
+    "kilometres taken as metres?",
+    "millimetres taken as metres?",
+)
 WEIGHT = Range("mass of all links", "kg", 0.005, 5e3, "tonnes taken as kg?", "grams taken as kg?")
 GRAVITY = Range("gravity", "m/s²", 0.5, 30.0, "in units of 9.81 m/s²?", "mm/s² taken as m/s²?")
 # In the order in which a description states them.
@@ -62,13 +87,18 @@ TABLE = (
 def doubtful(robot: Robot) -> list[str]:
     """Return in words which numbers of a description are of no arm, each with its number and a hint."""
     found = [words for joint in robot.joints for words in _of_joint(joint, robot)]
-    length = sum(float(np.linalg.norm(joint.before[:3, 3] + joint.after[:3, 3])) for joint in robot.joints[1:])
+    length = sum(
+        float(np.linalg.norm(joint.before[:3, 3] + joint.after[:3, 3]))
+        for joint in robot.joints[1:]
+    )
     whole = [
         (WEIGHT, "the arm", robot.mass),
         (REACH, "the arm", length if robot.n > 2 else 0.0),
         (GRAVITY, "the arm", float(np.linalg.norm(robot.gravity))),
     ]
-    return found + [words for each, whose, value in whole if (words := each.doubts(whose, value)) is not None]
+    return found + [
+        words for each, whose, value in whole if (words := each.doubts(whose, value)) is not None
+    ]
 
 
 def _of_joint(joint: Joint, robot: Robot) -> Iterator[str]:
@@ -79,7 +109,10 @@ def _of_joint(joint: Joint, robot: Robot) -> Iterator[str]:
     endless = abs(furthest) > 1e3
     stated: list[tuple[Range, float]] = [
         (TRAVEL if slides else POSITION, 0.0 if endless and not slides else furthest),
-        (WAY if slides else SPAN, max(ends) - min(ends) if len(ends) == 2 and abs(furthest) <= _bound(slides) else 0.0),
+        (
+            WAY if slides else SPAN,
+            max(ends) - min(ends) if len(ends) == 2 and abs(furthest) <= _bound(slides) else 0.0,
+        ),
         (PACE if slides else SPEED, limits.velocity or 0.0),
         (FORCE if slides else TORQUE, limits.torque or 0.0),
         (ARMATURE, 0.0 if slides else joint.armature or 0.0),
@@ -95,7 +128,11 @@ def _of_joint(joint: Joint, robot: Robot) -> Iterator[str]:
     for each, value in numbers:
         if (words := each.doubts(whose, value)) is not None:
             yield words
-    if body.mass > 0.0 and (words := _inertia(whose, body.mass, np.linalg.eigvalsh(body.inertia), robot)) is not None:
+    if (
+        body.mass > 0.0
+        and (words := _inertia(whose, body.mass, np.linalg.eigvalsh(body.inertia), robot))
+        is not None
+    ):
         yield words
 
 
@@ -111,15 +148,20 @@ def _inertia(whose: str, mass: float, moments: np.ndarray, robot: Robot) -> str 
     radius = float(np.sqrt(largest / mass))
     ball = (3.0 * mass / (4.0 * np.pi * DENSEST)) ** (1.0 / 3.0)
     least = 0.4 * mass * ball**2
-    distances = [float(np.linalg.norm(part[:3, 3])) for joint in robot.joints for part in (joint.before, joint.after)]
+    distances = [
+        float(np.linalg.norm(part[:3, 3]))
+        for joint in robot.joints
+        for part in (joint.before, joint.after)
+    ]
     # 0.5 m beyond the longest link: a cover, a counterweight
-    longest = max(max(distances), max(float(np.linalg.norm(joint.link.com)) for joint in robot.joints)) + 0.5
+    longest = (
+        max(max(distances), max(float(np.linalg.norm(joint.link.com)) for joint in robot.joints))
+        + 0.5
+    )
     said = f"{whose}: inertia of {largest:.4g} kg m² at {mass:.4g} kg"
     if radius > 2.0 * longest:
-        return (
-            f"{said} is of a body {2.0 * radius:.3g} m wide, and no link is longer than {longest - 0.5:.3g} m: g m² or \
+        return f"{said} is of a body {2.0 * radius:.3g} m wide, and no link is longer than {longest - 0.5:.3g} m: g m² or \
 kg mm² taken as kg m²?"
-        )
     if largest < PLACEHOLDER * least:
         return f"{said} is of no body: a ball of osmium has {least:.3g} kg m²: another unit?"
     return None

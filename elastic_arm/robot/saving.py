@@ -34,15 +34,22 @@ def robot_to_dict(robot: Robot) -> dict[str, Any]:
         "gravity": robot.gravity.tolist(),
         "base": base,
         "joints": [_joint(j) for j in robot.joints],
-        "total_ratios_studied": {r: [float(v) for v in split] for r, split in robot.total_ratios_studied.items()},
+        "total_ratios_studied": {
+            r: [float(v) for v in split] for r, split in robot.total_ratios_studied.items()
+        },
         "torque_noise_std": float(robot.torque_noise_std),
         "sample_rate": float(robot.sample_rate),
     }
     if robot.effects:
         content["effects"] = [plain(effect) for effect in robot.effects]
-    stated = {joint.name: joint.controller for joint in robot.joints if joint.controller is not None}
+    stated = {
+        joint.name: joint.controller for joint in robot.joints if joint.controller is not None
+    }
     if stated:
-        given = {name: {k: v for k, v in vars(drive).items() if v is not None} for name, drive in stated.items()}
+        given = {
+            name: {k: v for k, v in vars(drive).items() if v is not None}
+            for name, drive in stated.items()
+        }
         content["controller"] = plain(given)
     return content
 
@@ -79,15 +86,26 @@ def _joint(joint: Joint) -> dict[str, Any]:
 
 
 def _transmission(transmission: Transmission) -> dict[str, Any]:
-    content: dict[str, Any] = {name: _component(c) for name, (c, _) in transmission.components.items()}
+    content: dict[str, Any] = {
+        name: _component(c) for name, (c, _) in transmission.components.items()
+    }
     content |= {"stiffness": float(transmission.stiffness), "damping": float(transmission.damping)}
     if transmission.bearing is not None:
         content["bearing"] = _floats(vars(transmission.bearing))
-    ratios = {"belt_ratio": transmission.belt_ratio, "harmonic_drive_ratio": transmission.harmonic_drive_ratio}
+    ratios = {
+        "belt_ratio": transmission.belt_ratio,
+        "harmonic_drive_ratio": transmission.harmonic_drive_ratio,
+    }
     return content | _floats(ratios)
 
 
 def _component(component: Component) -> dict[str, Any]:
-    content: dict[str, Any] = _floats({"mass": component.mass, "izz": component.izz, "ixx": component.ixx})
-    content |= {"carrier": component.carrier, "position": component.position.tolist(), "frame": "joint"}
+    content: dict[str, Any] = _floats(
+        {"mass": component.mass, "izz": component.izz, "ixx": component.ixx}
+    )
+    content |= {
+        "carrier": component.carrier,
+        "position": component.position.tolist(),
+        "frame": "joint",
+    }
     return content if component.kind is None else content | {"kind": component.kind}

@@ -36,7 +36,10 @@ MOVING = ("revolute", "continuous", "prismatic")
 # or of simplified shapes; beyond it something is wrong.
 ROUNDED = 0.1
 # What <dynamics> may state, and the effects, with their parameters, that these are.
-DYNAMICS = {"damping": ("viscous_friction", "coefficient"), "friction": ("coulomb_friction", "torque")}
+DYNAMICS = {
+    "damping": ("viscous_friction", "coefficient"),
+    "friction": ("coulomb_friction", "torque"),
+}
 
 
 def read_urdf(path: str | Path, chain: Chain | None = None) -> Robot:
@@ -89,7 +92,12 @@ class _Reading:
         stand = self._stand()
         effects = tuple(effect for joint in joints for effect in self._friction(joint.name))
         return Robot(
-            name, tuple(joints), base_placement=stand, base_mass=base.mass, effects=effects, notes=tuple(self._notes)
+            name,
+            tuple(joints),
+            base_placement=stand,
+            base_mass=base.mass,
+            effects=effects,
+            notes=tuple(self._notes),
         )
 
     def _friction(self, name: str) -> list[dict[str, Any]]:
@@ -100,8 +108,15 @@ class _Reading:
             if element is not None and element.get(key):
                 value = number(str(element.get(key)), f"joint {name!r}: dynamics {key}")
                 if value < 0.0:
-                    raise RobotError(f"joint {name!r}: dynamics {key} is {value:g}", "Give zero or a positive number")
-                found += [{"effect": effect, "joint": name, "parameters": {parameter: value}}] if value else []
+                    raise RobotError(
+                        f"joint {name!r}: dynamics {key} is {value:g}",
+                        "Give zero or a positive number",
+                    )
+                found += (
+                    [{"effect": effect, "joint": name, "parameters": {parameter: value}}]
+                    if value
+                    else []
+                )
         return found
 
     def _stand(self) -> Array:
@@ -123,7 +138,9 @@ class _Reading:
                 continue
             body, further = self._rigid(child, placement @ self._origin(element, f"joint {name!r}"))
             if body.mass > 0.0 and name not in self._tree.held:
-                self._notes.append(f"joint {name!r} is fixed: link {child!r} ({body.mass:g} kg) is part of {link!r}")
+                self._notes.append(
+                    f"joint {name!r} is fixed: link {child!r} ({body.mass:g} kg) is part of {link!r}"
+                )
             bodies.append(body)
             onward += further
         return lumped(bodies), onward
@@ -137,7 +154,9 @@ class _Reading:
             )
         return onward[0] if onward else None
 
-    def _joint(self, element: ET.Element, carried: Array) -> tuple[Joint, list[tuple[ET.Element, Array]]]:
+    def _joint(
+        self, element: ET.Element, carried: Array
+    ) -> tuple[Joint, list[tuple[ET.Element, Array]]]:
         name, child = str(element.get("name")), self._moves(element)
         kind = element.get("type")
         if kind not in MOVING:
@@ -146,7 +165,9 @@ class _Reading:
                 "Only revolute, continuous, prismatic and fixed joints are handled: make it fixed or take it out",
             )
         if element.find("mimic") is not None:
-            raise RobotError(f"joint {name!r} mimics another", "Make it fixed or take its branch out")
+            raise RobotError(
+                f"joint {name!r} mimics another", "Make it fixed or take its branch out"
+            )
         turn = placed(z_onto(self._axis(element, name)))
         body, onward = self._rigid(child, np.eye(4))
         if body.mass == 0.0 and onward:
@@ -167,7 +188,9 @@ class _Reading:
         inertial = agreed(self._tree.links[link], "inertial", where)
         if inertial is None:
             return Inertia(0.0)
-        mass = number(attribute(child_of(inertial, "mass", where), "value", where), f"{where}: mass")
+        mass = number(
+            attribute(child_of(inertial, "mass", where), "value", where), f"{where}: mass"
+        )
         values = child_of(inertial, "inertia", where)
         keys = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
         tensor = tensor_of(number(attribute(values, key, where), f"{where}: {key}") for key in keys)
@@ -182,7 +205,9 @@ class _Reading:
                 return Inertia(0.0)
             nearest, off = nearest_tensor(tensor)
             if 0.0 < off <= ROUNDED:
-                self._notes.append(f"{where}: no body has its inertia, by {off:.1%}: the nearest possible one is taken")
+                self._notes.append(
+                    f"{where}: no body has its inertia, by {off:.1%}: the nearest possible one is taken"
+                )
                 tensor = nearest
             return moved(Inertia(mass, inertia=tensor), placement @ origin)
 
@@ -190,7 +215,10 @@ class _Reading:
         limit = agreed(element, "limit", f"joint {name!r}")
         # A limit that is infinite is none.
         stated = {} if limit is None else {k: None if _endless(v) else v for k, v in limit.items()}
-        given = {k: None if v is None else number(v, f"joint {name!r}: limit {k}") for k, v in stated.items()}
+        given = {
+            k: None if v is None else number(v, f"joint {name!r}: limit {k}")
+            for k, v in stated.items()
+        }
         lower, upper = given.get("lower", 0.0), given.get("upper", 0.0)
         bounded = element.get("type") != "continuous" and lower != upper
         if element.get("type") == "continuous":
@@ -199,7 +227,9 @@ class _Reading:
             self._notes.append(f"joint {name!r} states no range: its position limits are unknown")
         for key in ("velocity", "effort"):
             if given.get(key) == 0.0:
-                self._notes.append(f"joint {name!r} states the {key} limit 0: it is taken as unknown")
+                self._notes.append(
+                    f"joint {name!r} states the {key} limit 0: it is taken as unknown"
+                )
         return Limits(
             position_min=lower if bounded else None,
             position_max=upper if bounded else None,
@@ -209,10 +239,17 @@ class _Reading:
 
     def _axis(self, element: ET.Element, name: str) -> Array:
         axis = agreed(element, "axis", f"joint {name!r}")
-        direction = np.array([1.0, 0.0, 0.0]) if axis is None else vector(axis.get("xyz"), f"joint {name!r}: axis")
+        direction = (
+            np.array([1.0, 0.0, 0.0])
+            if axis is None
+            else vector(axis.get("xyz"), f"joint {name!r}: axis")
+        )
         largest = float(np.abs(direction).max())
         if largest < 1e-9:
-            raise RobotError(f"joint {name!r} has the axis 0 0 0", "Give the direction it turns about or slides along")
+            raise RobotError(
+                f"joint {name!r} has the axis 0 0 0",
+                "Give the direction it turns about or slides along",
+            )
         direction = direction / largest  # whose square may be beyond all numbers
         return direction / np.linalg.norm(direction)
 
@@ -222,10 +259,14 @@ class _Reading:
             self._notes.append(f"{where} has {len(origins)} origins: the first counts")
         if not origins:
             return np.eye(4)
-        position, written = (vector(origins[0].get(key, "0 0 0"), f"{where}: origin {key}") for key in ("xyz", "rpy"))
+        position, written = (
+            vector(origins[0].get(key, "0 0 0"), f"{where}: origin {key}") for key in ("xyz", "rpy")
+        )
         angles = right_angles(written)
         if not np.allclose(angles, written, rtol=0.0, atol=1e-10):
-            self._notes.append(f"{where}: rpy {origins[0].get('rpy')} is taken as exact right angles")
+            self._notes.append(
+                f"{where}: rpy {origins[0].get('rpy')} is taken as exact right angles"
+            )
         return placed(rotation(*angles), position)
 
     def _note_unused(self) -> None:
@@ -235,7 +276,11 @@ class _Reading:
             words = ""
             if name not in self._used:
                 # Of a joint beside the arm, such as a gripper's, nothing is needed.
-                words = "" if name in self._tree.joints else "it is left out, as the file has no such joint"
+                words = (
+                    ""
+                    if name in self._tree.joints
+                    else "it is left out, as the file has no such joint"
+                )
             elif inertia is not None:
                 words = f"rotor inertia {inertia:g} kg m² by a ratio of {ratio:g} is its armature"
             elif ratio == 0.0:

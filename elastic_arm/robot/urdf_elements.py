@@ -12,7 +12,9 @@ from elastic_arm.errors import RobotError
 _RIGHT_ANGLE = 1e-5
 # Tags of Drake, ROS 1 and ros2_control that state turns of a motor per turn of its joint.
 _RATIOS = ("gear_ratio", "mechanicalReduction", "mechanical_reduction")
-_DIGITS = 1e-3  # of a number, by which two statements of it may differ: digits that were not written
+_DIGITS = (
+    1e-3  # of a number, by which two statements of it may differ: digits that were not written
+)
 _XACRO = "http://www.ros.org/wiki/xacro", "http://ros.org/wiki/xacro", "http://wiki.ros.org/xacro"
 
 
@@ -24,9 +26,14 @@ def parse(text: str | bytes) -> ET.Element:
         # The last two for encodings that nobody knows, and for text that is none of the encoding it claims.
         raise RobotError(f"is no XML ({error})", "Give a URDF file") from error
     if tree.tag != "robot":
-        remedy = "Give a URDF file" + ("; pysdf's sdf2urdf.py makes one of an SDF" if tree.tag == "sdf" else "")
+        remedy = "Give a URDF file" + (
+            "; pysdf's sdf2urdf.py makes one of an SDF" if tree.tag == "sdf" else ""
+        )
         raise RobotError(f"is no URDF: its root element is <{tree.tag}>, not <robot>", remedy)
-    if any(isinstance(e.tag, str) and e.tag.startswith(tuple(f"{{{ns}}}" for ns in _XACRO)) for e in tree.iter()):
+    if any(
+        isinstance(e.tag, str) and e.tag.startswith(tuple(f"{{{ns}}}" for ns in _XACRO))
+        for e in tree.iter()
+    ):
         raise RobotError("holds xacro macros", "Expand them first: xacro FILE > arm.urdf")
     return tree
 
@@ -39,7 +46,9 @@ def by_name(tree: ET.Element, tag: str) -> dict[str, ET.Element]:
         if not name:
             raise RobotError(f"a {tag} has no name", f"Name every {tag}")
         if name in found:
-            raise RobotError(f"two {tag}s are named {name!r}", f"Give every {tag} a name of its own")
+            raise RobotError(
+                f"two {tag}s are named {name!r}", f"Give every {tag} a name of its own"
+            )
         found[name] = element
     return found
 
@@ -65,7 +74,10 @@ def motors(tree: ET.Element) -> dict[str, tuple[float | None, float]]:
     inertias = {joint: _one(numbers["rotor_inertia"], joint) for joint, numbers in alone.items()}
     ratios = {joint: _one(numbers["ratio"], joint) for joint, numbers in alone.items()}
     unstated = {joint: 1.0 if ratio is None else ratio for joint, ratio in ratios.items()}
-    return {joint: (None, 0.0) if joint in coupled else (inertias[joint], unstated[joint]) for joint in stated}
+    return {
+        joint: (None, 0.0) if joint in coupled else (inertias[joint], unstated[joint])
+        for joint in stated
+    }
 
 
 def _statements(transmission: ET.Element) -> dict[str, list[tuple[str, float]]]:
@@ -105,7 +117,9 @@ def agreed(element: ET.Element, tag: str, where: str) -> ET.Element | None:
     """Return the child of an element, None where there is none; children that state different numbers are an error."""
     children = element.findall(tag)
     if any(_content(child) != _content(children[0]) for child in children[1:]):
-        raise RobotError(f"{where} has {len(children)} different <{tag}>", "Keep the one that is right")
+        raise RobotError(
+            f"{where} has {len(children)} different <{tag}>", "Keep the one that is right"
+        )
     return children[0] if children else None
 
 
@@ -128,7 +142,8 @@ def child_of(element: ET.Element, tag: str, where: str) -> ET.Element:
     child = agreed(element, tag, where)
     if child is None:
         raise RobotError(
-            f"{where} has no <{tag}>", f"Give it one, as the URDF specification demands of <{element.tag}>"
+            f"{where} has no <{tag}>",
+            f"Give it one, as the URDF specification demands of <{element.tag}>",
         )
     return child
 
@@ -153,7 +168,9 @@ def vector(text: str | None, what: str, size: int = 3) -> Array:
     except ValueError as error:
         raise RobotError(f"{what} is {text!r}", "Give numbers") from error
     if len(vector) != size or not np.isfinite(vector).all():
-        raise RobotError(f"{what} is {text!r}", f"Give {size} finite number{'s' if size > 1 else ''}")
+        raise RobotError(
+            f"{what} is {text!r}", f"Give {size} finite number{'s' if size > 1 else ''}"
+        )
     return vector
 
 
@@ -181,4 +198,6 @@ def z_onto(axis: Array) -> Array:
     if z < -1.0 + 1e-12:
         return np.diag([1.0, -1.0, -1.0])
     k = 1.0 / (1.0 + z)
-    return np.array([[1.0 - k * x * x, -k * x * y, x], [-k * x * y, 1.0 - k * y * y, y], [-x, -y, z]])
+    return np.array(
+        [[1.0 - k * x * x, -k * x * y, x], [-k * x * y, 1.0 - k * y * y, y], [-x, -y, z]]
+    )

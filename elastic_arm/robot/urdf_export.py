@@ -17,7 +17,11 @@ from elastic_arm.robot.description import Component, Inertia, Joint, Robot
 from elastic_arm.robot.kinematics import link_placements, link_radius, lumped, moved
 from elastic_arm.robot.parts import placed
 
-_COLOURS = {"base_grey": "0.35 0.38 0.42 1", "link_blue": "0.20 0.45 0.70 1", "joint_orange": "0.90 0.60 0.10 1"}
+_COLOURS = {
+    "base_grey": "0.35 0.38 0.42 1",
+    "link_blue": "0.20 0.45 0.70 1",
+    "joint_orange": "0.90 0.60 0.10 1",
+}
 # A URDF must state effort and velocity beside a range; readers take 0 as "not stated".
 _UNKNOWN = 0.0
 
@@ -25,7 +29,11 @@ _UNKNOWN = 0.0
 def to_urdf(robot: Robot) -> str:
     """Return `robot` as URDF text; reading it back gives the same rigid dynamics (see the module)."""
     tree = ET.Element("robot", name=robot.name)
-    tree.append(ET.Comment(" Rigid links: motors and gears are part of what carries them, elasticity is left out "))
+    tree.append(
+        ET.Comment(
+            " Rigid links: motors and gears are part of what carries them, elasticity is left out "
+        )
+    )
     for name, rgba in _COLOURS.items():
         ET.SubElement(ET.SubElement(tree, "material", name=name), "color", rgba=rgba)
     radius = link_radius(robot)
@@ -45,8 +53,19 @@ def to_urdf(robot: Robot) -> str:
         tip = (placement @ end)[:3, 3]
         axis = frames[i][2, :3]
         parent = ("base", *robot.link_names)[i]
-        start = joint.before if i == 0 else np.linalg.inv(frames[i - 1]) @ robot.joints[i - 1].after @ joint.before
-        _link(tree, joint.link_name, moved(bodies[i + 1], placement @ joint.after), (np.zeros(3), tip), axis, radius)
+        start = (
+            joint.before
+            if i == 0
+            else np.linalg.inv(frames[i - 1]) @ robot.joints[i - 1].after @ joint.before
+        )
+        _link(
+            tree,
+            joint.link_name,
+            moved(bodies[i + 1], placement @ joint.after),
+            (np.zeros(3), tip),
+            axis,
+            radius,
+        )
         _moving(tree, joint, parent, start @ frames[i], axis)
     ET.indent(tree)
     return '<?xml version="1.0"?>\n' + ET.tostring(tree, encoding="unicode") + "\n"
@@ -88,19 +107,35 @@ def bodies_with_components(robot: Robot) -> list[Inertia]:
 
 
 def _solid(component: Component) -> Inertia:
-    return Inertia(component.mass, component.position, np.diag([component.ixx, component.ixx, component.izz]))
+    return Inertia(
+        component.mass, component.position, np.diag([component.ixx, component.ixx, component.izz])
+    )
 
 
 def _link(
-    tree: ET.Element, name: str, body: Inertia, bar: tuple[Array, Array], axis: Array | None, radius: float
+    tree: ET.Element,
+    name: str,
+    body: Inertia,
+    bar: tuple[Array, Array],
+    axis: Array | None,
+    radius: float,
 ) -> None:
     link = ET.SubElement(tree, "link", name=name)
     if body.mass > 0.0:
         inertial = ET.SubElement(link, "inertial")
         _origin(inertial, np.eye(3), body.com)
         ET.SubElement(inertial, "mass", value=repr(float(body.mass)))
-        pairs = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
-        ET.SubElement(inertial, "inertia", {k: repr(float(body.inertia[at])) for k, at in pairs.items()})
+        pairs = {
+            "ixx": (0, 0),
+            "ixy": (0, 1),
+            "ixz": (0, 2),
+            "iyy": (1, 1),
+            "iyz": (1, 2),
+            "izz": (2, 2),
+        }
+        ET.SubElement(
+            inertial, "inertia", {k: repr(float(body.inertia[at])) for k, at in pairs.items()}
+        )
     if np.linalg.norm(bar[1] - bar[0]) > 1e-6:
         _cylinder(link, *bar, radius, "base_grey" if axis is None else "link_blue")
     if axis is not None:
@@ -112,9 +147,16 @@ def _cylinder(link: ET.Element, start: Array, end: Array, radius: float, materia
     visual = ET.SubElement(link, "visual")
     length = float(np.linalg.norm(end - start))
     x, y, z = (end - start) / length
-    _origin(visual, None, 0.5 * (start + end), (0.0, float(np.arctan2(np.hypot(x, y), z)), float(np.arctan2(y, x))))
+    _origin(
+        visual,
+        None,
+        0.5 * (start + end),
+        (0.0, float(np.arctan2(np.hypot(x, y), z)), float(np.arctan2(y, x))),
+    )
     geometry = ET.SubElement(visual, "geometry")
-    ET.SubElement(geometry, "cylinder", radius=repr(round(radius, 6)), length=repr(round(length, 6)))
+    ET.SubElement(
+        geometry, "cylinder", radius=repr(round(radius, 6)), length=repr(round(length, 6))
+    )
     ET.SubElement(visual, "material", name=material)
 
 
@@ -143,7 +185,10 @@ def _moving(tree: ET.Element, joint: Joint, parent: str, placement: Array, axis:
 
 
 def _origin(
-    element: ET.Element, rotation: Array | None, position: Array, rpy: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    element: ET.Element,
+    rotation: Array | None,
+    position: Array,
+    rpy: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> None:
     angles = rpy if rotation is None else rpy_of(rotation)
     ET.SubElement(element, "origin", xyz=words_of(position), rpy=words_of(angles))

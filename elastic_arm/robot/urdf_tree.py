@@ -22,11 +22,16 @@ class UrdfTree:
         self.children: dict[str, list[ET.Element]] = {name: [] for name in self.links}
         self.parent_joint: dict[str, str] = {}
         if len(self.links) > MOST_LINKS:
-            raise RobotError(f"there are {len(self.links)} links, {MOST_LINKS} are the limit", "Leave out the scenery")
+            raise RobotError(
+                f"there are {len(self.links)} links, {MOST_LINKS} are the limit",
+                "Leave out the scenery",
+            )
         self._connect()
         self.root = self._only_root()
         if (deepest := max(map(len, map(self.path_to, self.links)))) > DEEPEST:
-            raise RobotError(f"{deepest} joints in a row, {DEEPEST} are the limit", "Join links that are fixed")
+            raise RobotError(
+                f"{deepest} joints in a row, {DEEPEST} are the limit", "Join links that are fixed"
+            )
         self.first = self.root
         self.held: set[str] = set()
         self.left_out: set[str] = set()
@@ -79,7 +84,9 @@ class UrdfTree:
             )
         if self.left_out:
             links = {link for joint in self.left_out for link in self.links_from(joint)}
-            notes.append(f"links {', '.join(sorted(links))} ({self.mass_of(links):.3g} kg) are no part of the chain")
+            notes.append(
+                f"links {', '.join(sorted(links))} ({self.mass_of(links):.3g} kg) are no part of the chain"
+            )
         return notes
 
     def _connect(self) -> None:
@@ -87,7 +94,10 @@ class UrdfTree:
             parent, child = self.parent_of(name), self.child_of(name)
             for link in (parent, child):
                 if link not in self.links:
-                    raise RobotError(f"joint {name!r} names the link {link!r}, which is not there", "Mend the name")
+                    raise RobotError(
+                        f"joint {name!r} names the link {link!r}, which is not there",
+                        "Mend the name",
+                    )
             if child in self.parent_joint:
                 raise RobotError(
                     f"link {child!r} is the child of joints {self.parent_joint[child]!r} and {name!r}",
@@ -100,10 +110,18 @@ class UrdfTree:
         roots = [name for name in self.links if name not in self.parent_joint]
         if len(roots) != 1:
             which = ", ".join(roots) or "none"
-            raise RobotError(f"there must be one root link, but there are {len(roots)} ({which})", "Connect the links")
-        reached = {roots[0], *(link for element in self.children[roots[0]] for link in self._below(element))}
+            raise RobotError(
+                f"there must be one root link, but there are {len(roots)} ({which})",
+                "Connect the links",
+            )
+        reached = {
+            roots[0],
+            *(link for element in self.children[roots[0]] for link in self._below(element)),
+        }
         if loop := sorted(set(self.links) - reached):
-            raise RobotError(f"links {', '.join(loop)} form a loop", "Connect the links to the root as a chain")
+            raise RobotError(
+                f"links {', '.join(loop)} form a loop", "Connect the links to the root as a chain"
+            )
         return roots[0]
 
     def _below(self, element: ET.Element) -> Iterator[str]:
@@ -136,7 +154,10 @@ class UrdfTree:
     def _body_before(self, joint: str) -> str:
         """Return the first link of the rigid body that carries a joint."""
         link = self.parent_of(joint)
-        while link in self.parent_joint and self.joints[self.parent_joint[link]].get("type") == "fixed":
+        while (
+            link in self.parent_joint
+            and self.joints[self.parent_joint[link]].get("type") == "fixed"
+        ):
             link = self.parent_of(self.parent_joint[link])
         return link
 
@@ -144,11 +165,15 @@ class UrdfTree:
         first, last = chain
         for link in chain:
             if link not in self.links:
-                raise RobotError(f"chain {first}:{last}: there is no link {link!r}", "Name two links of the URDF")
+                raise RobotError(
+                    f"chain {first}:{last}: there is no link {link!r}", "Name two links of the URDF"
+                )
         path = self.path_to(last)
         begin = self.path_to(first)
         if path[: len(begin)] != begin or len(path) == len(begin):
-            raise RobotError(f"chain {first}:{last}: {last!r} does not stand on {first!r}", "Name base and tip")
+            raise RobotError(
+                f"chain {first}:{last}: {last!r} does not stand on {first!r}", "Name base and tip"
+            )
         on_path = set(path[len(begin) :])
         links = [first]
         for link in links:

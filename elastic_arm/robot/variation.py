@@ -28,8 +28,16 @@ def varied(robot: Robot, rng: np.random.Generator, spread: float = 0.15) -> Robo
         link, drive, scale = joint.link, joint.transmission, factor()
         com = link.com * rng.uniform(1.0 - spread, 1.0 + spread, size=3)
         if drive is not None:
-            bodies: dict[str, Any] = {name: body(part) for name, (part, _) in drive.components.items()}
+            bodies: dict[str, Any] = {
+                name: body(part) for name, (part, _) in drive.components.items()
+            }
             K, D = drive.stiffness * factor(), drive.damping * factor()
             drive = replace(drive, stiffness=K, damping=D, **bodies)
-        joints.append(replace(joint, link=Inertia(link.mass * scale, com, link.inertia * scale), transmission=drive))
+        joints.append(
+            replace(
+                joint,
+                link=Inertia(link.mass * scale, com, link.inertia * scale),
+                transmission=drive,
+            )
+        )
     return robot.with_(name=f"{robot.name}_varied", joints=tuple(joints))

@@ -5,4 +5,13 @@ from elastic_arm.simulation.rollout import record, simulate
 from elastic_arm.simulation.settings import SimulationSettings
 from elastic_arm.simulation.simulator import Simulator, Truth, check_same_joints
 
-__all__ = ["Controller", "SimulationSettings", "Simulator", "Truth", "check_same_joints", "record", "simulate", "tuned"]
+__all__ = [
+    "Controller",
+    "SimulationSettings",
+    "Simulator",
+    "Truth",
+    "check_same_joints",
+    "record",
+    "simulate",
+    "tuned",
+]

@@ -18,7 +18,9 @@ from elastic_arm.effects.motion import Contribution, SymbolicMotion
 
 SX = ca.SX
 # Folders of what shapes the functions that are kept on disk.
-SOURCES = tuple(Path(__file__).parents[1] / name for name in ("codegen", "dynamics", "effects", "simulation"))
+SOURCES = tuple(
+    Path(__file__).parents[1] / name for name in ("codegen", "dynamics", "effects", "simulation")
+)
 
 
 @dataclass(frozen=True)
@@ -28,7 +30,9 @@ class System:
     # equations, effect_set: the arm and the laws that act on it
     equations: ArmEquations
     effect_set: EffectSet
-    constants: ca.Function  # (Psi, p, speed) -> all that depends on parameters alone, evaluated once
+    constants: (
+        ca.Function
+    )  # (Psi, p, speed) -> all that depends on parameters alone, evaluated once
     accelerations: ca.Function  # (x, dx, z, tau_m, constants) -> (ddx, dz, tau_J)
     # (x, dx, z, Psi, p, speed) -> left side of (1) with the effects at no acceleration and no motor torque
     balance: ca.Function
@@ -55,7 +59,9 @@ class System:
 
     def evaluate_constants(self, speed: np.ndarray) -> np.ndarray:
         """Return the values of the constants for the arm's own parameters and regularisation speeds (2n,)."""
-        return np.array(self.constants(self.equations.nominal, self.effect_set.numbers(), speed)).ravel()
+        return np.array(
+            self.constants(self.equations.nominal, self.effect_set.numbers(), speed)
+        ).ravel()
 
 
 # Systems put together in this process: a campaign makes thousands of arms of few shapes.
@@ -64,9 +70,14 @@ _MOST_KNOWN = 64
 _DERIVED = ("constants", "accelerations", "balance", "stiffness_of_balance", "friction")
 
 
-def assemble(equations: ArmEquations, instances: Sequence[EffectInstance], duration: float | None = None) -> System:
+def assemble(
+    equations: ArmEquations, instances: Sequence[EffectInstance], duration: float | None = None
+) -> System:
     """Put an arm and effects together, or find a system of the same shape."""
-    shape, effect_set = _shape(equations, instances), EffectSet(instances, equations.robot, duration)
+    shape, effect_set = (
+        _shape(equations, instances),
+        EffectSet(instances, equations.robot, duration),
+    )
     if shape not in _known:
         # On disk an arm of its own is worth keeping; every arm with effects and numbers of its own would fill it.
         functions = (
@@ -84,11 +95,23 @@ def assemble(equations: ArmEquations, instances: Sequence[EffectInstance], durat
 def _shape(equations: ArmEquations, instances: Sequence[EffectInstance]) -> str:
     """What the straight-line code depends on; laws may read any number of the nominal arm, an arm alone does not."""
     laws = [
-        (instance.effect.id, instance.joint, [str(instance.parameters[c.name]) for c in instance.effect.choices])
+        (
+            instance.effect.id,
+            instance.joint,
+            [str(instance.parameters[c.name]) for c in instance.effect.choices],
+        )
         for instance in instances
     ]
     numbers = [equations.nominal.tolist(), equations.robot.base_placement.tolist()] if laws else []
-    return repr((equations.bodies.fingerprint(), equations.robot.gravity.tolist(), equations.model_name, laws, numbers))
+    return repr(
+        (
+            equations.bodies.fingerprint(),
+            equations.robot.gravity.tolist(),
+            equations.model_name,
+            laws,
+            numbers,
+        )
+    )
 
 
 def _derive(equations: ArmEquations, effect_set: EffectSet) -> list[ca.Function]:
@@ -103,14 +126,24 @@ def _derive(equations: ArmEquations, effect_set: EffectSet) -> list[ca.Function]
     signs = SX.sym("signs", 2 * n)
     unused = SX.zeros(n)
     motion = SymbolicMotion(
-        equations, x, dx, ddx, tau_J, tau_m, unused, unused, sign=lambda side, i: signs[i if side == "link" else n + i]
+        equations,
+        x,
+        dx,
+        ddx,
+        tau_J,
+        tau_m,
+        unused,
+        unused,
+        sign=lambda side, i: signs[i if side == "link" else n + i],
     )
     added, rates = effect_set.contribution(motion)
     joint_torque = _joint_torque(motion, added, tau_m)
 
     def finished(expression: SX) -> SX:
         expression = ca.substitute(expression, tau_J, joint_torque)
-        return ca.substitute(expression, signs, ca.tanh(ca.vertcat(motion.dq, motion.dtheta) / speed))
+        return ca.substitute(
+            expression, signs, ca.tanh(ca.vertcat(motion.dq, motion.dtheta) / speed)
+        )
 
     rows = ca.substitute(_rows(motion, added), tau_J, joint_torque)
     of_laws = ca.jacobian(rows, ddx)
@@ -153,20 +186,39 @@ def law_rows(equations: ArmEquations, effect_set: EffectSet) -> ca.Function:
         ca.tanh(ca.vertcat(dx[:n], dx[n : 2 * n] if equations.robot.elastic else dx[:n]) / speed),
     )
     motion = SymbolicMotion(
-        equations, x, dx, ddx, tau_J, tau_m, unused, unused, sign=lambda side, i: signs[i if side == "link" else n + i]
+        equations,
+        x,
+        dx,
+        ddx,
+        tau_J,
+        tau_m,
+        unused,
+        unused,
+        sign=lambda side, i: signs[i if side == "link" else n + i],
     )
     added, rates = effect_set.contribution(motion)
     outputs = [_rows(motion, added), rates]
-    found = [ca.densify(ca.substitute(each, tau_J, _joint_torque(motion, added, tau_m))) for each in outputs]
+    found = [
+        ca.densify(ca.substitute(each, tau_J, _joint_torque(motion, added, tau_m)))
+        for each in outputs
+    ]
     given = [x, dx, ddx, effect_set.z, tau_m, equations.Psi, effect_set.p, speed]
-    return ca.Function("law_rows", given, found, ["x", "dx", "ddx", "z", "tau_m", "Psi", "p", "speed"], ["rows", "dz"])
+    return ca.Function(
+        "law_rows",
+        given,
+        found,
+        ["x", "dx", "ddx", "z", "tau_m", "Psi", "p", "speed"],
+        ["rows", "dz"],
+    )
 
 
 def _joint_torque(motion: SymbolicMotion, added: Contribution, tau_m: SX) -> SX:
     """tau_J of the drive equation; where there is no drive, the motor's torque."""
     if not motion.robot.elastic:
         return tau_m
-    return motion.K * (motion.theta - motion.q) + motion.D * (motion.dtheta - motion.dq) + added.drive
+    return (
+        motion.K * (motion.theta - motion.q) + motion.D * (motion.dtheta - motion.dq) + added.drive
+    )
 
 
 def _rows(motion: SymbolicMotion, added: Contribution) -> SX:

@@ -74,7 +74,9 @@ class BatchPrediction:
         self._jacobian: ca.Function | None = None
         self._constants = np.zeros(0)
 
-    def angles(self, motion: MeasuredMotion, begins: NDArray[np.intp], steps: Sequence[int]) -> tuple[Array, Array]:
+    def angles(
+        self, motion: MeasuredMotion, begins: NDArray[np.intp], steps: Sequence[int]
+    ) -> tuple[Array, Array]:
         """Predict the angles some samples after each start."""
         n = self._system.n
         y = self._start(motion, begins)
@@ -111,9 +113,14 @@ class BatchPrediction:
             return x, dx
         whole = build_model(self._equations.robot, self._equations.model_name, bearings=True)
         at, rate, acceleration = (np.pad(v, ((0, 0), (0, tilts))) for v in (x, dx, ddx))
-        bearings = [(s.coordinate, s.stiffness) for s in self._equations.bodies.springs if s.against is None]
+        bearings = [
+            (s.coordinate, s.stiffness) for s in self._equations.bodies.springs if s.against is None
+        ]
         stiffness = [index for _, index in sorted(bearings)]
-        tilt = -whole.inverse_dynamics(at, rate, acceleration, self._Psi)[:, -tilts:] / self._Psi[stiffness]
+        tilt = (
+            -whole.inverse_dynamics(at, rate, acceleration, self._Psi)[:, -tilts:]
+            / self._Psi[stiffness]
+        )
         return np.hstack([x, tilt]), np.hstack([dx, CubicSpline(motion.t, tilt)(motion.t, 1)])
 
     def _internal_states(self, motion: MeasuredMotion, x: Array, dx: Array) -> Array:
@@ -143,31 +150,47 @@ class BatchPrediction:
         step = min(LONGEST_STEP, 1.0 / fastest) if fastest > 0.0 else LONGEST_STEP
         self._substeps = int(np.ceil(self._period / step - 1e-9))
         self._jacobian = None
-        if self._substeps > 32:  # 32 a sample; where more were needed, the implicit scheme takes over
+        if (
+            self._substeps > 32
+        ):  # 32 a sample; where more were needed, the implicit scheme takes over
             self._substeps = int(np.ceil(self._period / LONGEST_STEP - 1e-9))
             self._jacobian = self._state_jacobian().map(starts)
         speed = sign_speed(system, self._Psi, x, z, torque, self._period / self._substeps)
-        self._constants = np.array(system.constants(self._Psi, system.effect_set.numbers(), speed)).ravel()
+        self._constants = np.array(
+            system.constants(self._Psi, system.effect_set.numbers(), speed)
+        ).ravel()
 
     def _fastest(self, x: Array, z: Array, torque: Array) -> float:
         """Return the largest eigenvalue, 1/s, of the arm at rest, dry friction aside (its slope follows the step)."""
         system = self._system
-        constants = system.constants(self._Psi, system.effect_set.numbers(), np.full(2 * system.n, np.inf))
+        constants = system.constants(
+            self._Psi, system.effect_set.numbers(), np.full(2 * system.n, np.inf)
+        )
         state = np.concatenate([x, np.zeros_like(x), z])
-        return float(np.abs(np.linalg.eigvals(np.array(self._state_jacobian()(state, torque, constants)))).max())
+        return float(
+            np.abs(
+                np.linalg.eigvals(np.array(self._state_jacobian()(state, torque, constants)))
+            ).max()
+        )
 
     def _state_jacobian(self) -> ca.Function:
         """Return the derivative of the state's rate with respect to the state: (y, torque, constants) -> (m, m)."""
         system = self._system
-        x, dx, z, torque, constants = (ca.SX.sym(f"given_{k}", *system.accelerations.size_in(k)) for k in range(5))
+        x, dx, z, torque, constants = (
+            ca.SX.sym(f"given_{k}", *system.accelerations.size_in(k)) for k in range(5)
+        )
         ddx, dz, _ = system.accelerations(x, dx, z, torque, constants)
         state = ca.vertcat(x, dx, z)
-        return ca.Function("jacobian", [state, torque, constants], [ca.jacobian(ca.vertcat(dx, ddx, dz), state)])
+        return ca.Function(
+            "jacobian", [state, torque, constants], [ca.jacobian(ca.vertcat(dx, ddx, dz), state)]
+        )
 
     def _evaluate(self, y: Array, torque: Array) -> tuple[Array, Array, Array]:
         """Return accelerations, rates of internal states, and joint torques, starts first."""
         dof = self._system.dof
-        ddx, dz, tau_J = self._accelerations(y[:, :dof], y[:, dof : 2 * dof], y[:, 2 * dof :], torque, self._constants)
+        ddx, dz, tau_J = self._accelerations(
+            y[:, :dof], y[:, dof : 2 * dof], y[:, 2 * dof :], torque, self._constants
+        )
         return ddx, dz, tau_J
 
     def _advance(self, y: Array, torque: Array) -> Array:
@@ -179,15 +202,23 @@ class BatchPrediction:
             return np.hstack([at[:, dof : 2 * dof], ddx, dz])
 
         for _ in range(self._substeps):
-            y = runge_kutta_step(rate, y, h) if self._jacobian is None else self._implicit_step(rate, y, torque, h)
+            y = (
+                runge_kutta_step(rate, y, h)
+                if self._jacobian is None
+                else self._implicit_step(rate, y, torque, h)
+            )
         return y
 
-    def _implicit_step(self, rate: Callable[[Array], Array], y: Array, torque: Array, h: float) -> Array:
+    def _implicit_step(
+        self, rate: Callable[[Array], Array], y: Array, torque: Array, h: float
+    ) -> Array:
         """Return the states a step later by ROS2 (Verwer, Spee, Blom, Hundsdorfer, SIAM J. Sci. Comput. 20, 1999)."""
         assert self._jacobian is not None
         m = y.shape[1]
         constants = np.tile(self._constants[:, None], len(y))
-        jacobian = np.array(self._jacobian(y.T, torque.T, constants)).reshape(m, len(y), m).swapaxes(0, 1)
+        jacobian = (
+            np.array(self._jacobian(y.T, torque.T, constants)).reshape(m, len(y), m).swapaxes(0, 1)
+        )
         implicit = np.eye(m) - GAMMA * h * jacobian
         k1 = np.linalg.solve(implicit, rate(y)[:, :, None])[:, :, 0]
         k2 = np.linalg.solve(implicit, (rate(y + h * k1) - 2.0 * k1)[:, :, None])[:, :, 0]

@@ -49,7 +49,9 @@ class Controller:
     # (n,) 1 where the reference's rate is followed; 0 where it counts as zero, so that kd damps the motor's own
     speed: Array | float = 1.0
     commands: int = 1  # a sample: 1, or an even number
-    dead_band: Array | float = 0.0  # (n,) rad, of the error of theta: kp makes a torque of what exceeds it
+    dead_band: Array | float = (
+        0.0  # (n,) rad, of the error of theta: kp makes a torque of what exceeds it
+    )
 
     def __post_init__(self) -> None:
         n = np.size(self.kp)
@@ -58,11 +60,14 @@ class Controller:
             values = np.full(n, values) if values.ndim == 0 and name not in ("kp", "kd") else values
             if values.shape != (n,) or np.isnan(values).any() or (values < 0).any():
                 raise SimulationError(
-                    f"{name} of the controller is {getattr(self, name)!r}", f"Give {n} numbers, zero or more."
+                    f"{name} of the controller is {getattr(self, name)!r}",
+                    f"Give {n} numbers, zero or more.",
                 )
             object.__setattr__(self, name, values)
         if not np.isfinite(np.array([self.kp, self.kd, self.ki, self.delay])).all():
-            raise SimulationError("a gain or delay of the controller is infinite", "Give finite numbers.")
+            raise SimulationError(
+                "a gain or delay of the controller is infinite", "Give finite numbers."
+            )
         if self.commands != 1 and (self.commands < 1 or self.commands % 2):
             raise SimulationError(f"{self.commands} commands a sample", "Give 1 or an even number.")
 
@@ -87,7 +92,10 @@ def controller_of(robot: Robot, *, model: str = "mod3", rate: float = 1000.0) ->
         return own
     names = ("kp", "kd", "ki", "delay", "limit", "speed", "dead_band")
     values = {name: np.array(getattr(own, name)) for name in names}
-    held, moved = np.ones(robot.n), np.ones(robot.n)  # shares of gravity, and of the rest, that are fed forward
+    held, moved = (
+        np.ones(robot.n),
+        np.ones(robot.n),
+    )  # shares of gravity, and of the rest, that are fed forward
     for i, joint in enumerate(robot.joints):
         if (drive := joint.controller) is None:
             continue
@@ -102,10 +110,16 @@ def controller_of(robot: Robot, *, model: str = "mod3", rate: float = 1000.0) ->
         weight = rigid(q, 0.0 * q, 0.0 * q)
         return held * weight + moved * (rigid(q, dq, ddq) - weight)
 
-    return Controller(feedforward=feedforward, commands=_commands(values["kp"], values["kd"], rigid, rate), **values)
+    return Controller(
+        feedforward=feedforward,
+        commands=_commands(values["kp"], values["kd"], rigid, rate),
+        **values,
+    )
 
 
-def tuned(robot: Robot, *, bandwidth: float = BANDWIDTH, model: str = "mod3", rate: float = 1000.0) -> Controller:
+def tuned(
+    robot: Robot, *, bandwidth: float = BANDWIDTH, model: str = "mod3", rate: float = 1000.0
+) -> Controller:
     """Return a controller for a nominal arm: well damped at `bandwidth` (Hz), with feed-forward by a model's variant.
 
     The gains fit the inertia of each whole joint, link and motor, in the zero position; but the motor alone, on its
@@ -131,7 +145,9 @@ def _commands(kp: Array, kd: Array, rigid: RigidFeedforward, rate: float) -> int
     """
     # 8 poses at which the inertia of an arm is looked at
     poses = np.random.default_rng(0).uniform(-np.pi, np.pi, (8, len(kp)))
-    fastest = max(fastest_eigenvalue(rigid.inertia(pose), np.diag(kp), np.diag(kd)) for pose in poses)
+    fastest = max(
+        fastest_eigenvalue(rigid.inertia(pose), np.diag(kp), np.diag(kd)) for pose in poses
+    )
     needed = fastest / rate
     return 1 if needed <= 1.0 else 2 * int(np.ceil(0.5 * needed))
 
@@ -151,7 +167,12 @@ def _largest_held_damping(equations: ArmEquations, rate: float) -> Array:
     D, B = (np.array(values).ravel() for values in numbers(equations.nominal))
     decay = D / (B * rate)
     # D (1 + a) / (1 - a) with a = exp(-decay), which without damping is 2 B rate.
-    return 2.0 * B * rate * np.where(decay > 1e-9, 0.5 * decay / np.tanh(0.5 * np.maximum(decay, 1e-9)), 1.0)
+    return (
+        2.0
+        * B
+        * rate
+        * np.where(decay > 1e-9, 0.5 * decay / np.tanh(0.5 * np.maximum(decay, 1e-9)), 1.0)
+    )
 
 
 class RigidFeedforward:
@@ -163,7 +184,10 @@ class RigidFeedforward:
     def __init__(self, equations: ArmEquations) -> None:
         # The buffer points into the function and the arrays: they live as long as it does.
         self._function = _together(equations)
-        self._arguments = [*(np.zeros(equations.robot.n) for _ in range(3)), equations.nominal.copy()]
+        self._arguments = [
+            *(np.zeros(equations.robot.n) for _ in range(3)),
+            equations.nominal.copy(),
+        ]
         self._torque = np.zeros(equations.robot.n)
         self._buffer, self._evaluate = self._function.buffer()
         for k, array in enumerate(self._arguments):
@@ -196,7 +220,9 @@ def _together(equations: ArmEquations) -> ca.Function:
     """(q, dq, ddq, Psi) -> sum of both sides' torques (n,) when link and motor move alike."""
     shape = equations.bodies.fingerprint()
     if shape not in _known:
-        (_known[shape],) = cached_functions(f"together:{shape}", lambda: [_derive_together(equations)], SOURCES)
+        (_known[shape],) = cached_functions(
+            f"together:{shape}", lambda: [_derive_together(equations)], SOURCES
+        )
     return _known[shape]
 
 
@@ -208,5 +234,9 @@ def _derive_together(equations: ArmEquations) -> ca.Function:
     force = equations.left_side(x, dx, ddx)
     total = ca.sum2(ca.reshape(force, n, dof // n))
     return ca.Function(
-        "together", [q, dq, ddq, equations.Psi], [ca.densify(ca.cse(total))], [*names, "Psi"], ["torque"]
+        "together",
+        [q, dq, ddq, equations.Psi],
+        [ca.densify(ca.cse(total))],
+        [*names, "Psi"],
+        ["torque"],
     )

@@ -43,7 +43,9 @@ def equilibrium(system: System, theta: Array, speed: Array) -> tuple[Array, Arra
     return found[0], found[1][motor]
 
 
-def _solved(system: System, x: Array, free: Array, given: tuple[Array, Array, Array]) -> tuple[Array, Array] | None:
+def _solved(
+    system: System, x: Array, free: Array, given: tuple[Array, Array, Array]
+) -> tuple[Array, Array] | None:
     """Return coordinates and torques (dof,) of an equilibrium by Newton's steps from x (dof,); None where none is."""
     rest, z = np.zeros(system.dof), np.zeros(system.states)
     torque = np.array(system.balance(x, rest, z, *given)).ravel()
@@ -56,15 +58,24 @@ def _solved(system: System, x: Array, free: Array, given: tuple[Array, Array, Ar
     return None
 
 
-def _is_stable(system: System, x: Array, held: Array, free: Array, given: tuple[Array, Array, Array]) -> bool:
+def _is_stable(
+    system: System, x: Array, held: Array, free: Array, given: tuple[Array, Array, Array]
+) -> bool:
     """Whether an arm stays at coordinates x (dof,), which are near those of the motors, held (dof,)."""
     rest, z = np.zeros(system.dof), np.zeros(system.states)
     slope = np.array(system.stiffness_of_balance(x, rest, z, *given))[np.ix_(free, free)]
-    return bool(np.abs(x - held).max() < NEARBY and np.linalg.eigvalsh(0.5 * (slope + slope.T)).min() > 0.0)
+    return bool(
+        np.abs(x - held).max() < NEARBY and np.linalg.eigvalsh(0.5 * (slope + slope.T)).min() > 0.0
+    )
 
 
 def _descend(
-    system: System, x: Array, torque: Array, free: Array, change: Array, given: tuple[Array, Array, Array]
+    system: System,
+    x: Array,
+    torque: Array,
+    free: Array,
+    change: Array,
+    given: tuple[Array, Array, Array],
 ) -> tuple[Array, Array]:
     """Take the longest of the halved Newton steps that makes the residual smaller."""
     rest, z = np.zeros(system.dof), np.zeros(system.states)

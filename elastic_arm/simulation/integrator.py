@@ -76,11 +76,15 @@ class Integrator(Protocol):
 def make_integrator(system: System, name: str | None = None) -> Integrator:
     """Return the integrator "c" or "casadi"; the faster that this machine has when None."""
     if name not in (None, "c", "casadi"):
-        raise SimulationError(f"there is no engine {name!r}", "Choose c or casadi, or None for the faster one.")
+        raise SimulationError(
+            f"there is no engine {name!r}", "Choose c or casadi, or None for the faster one."
+        )
     if name is None:
         return _faster_integrator(system)
     if name not in system.integrators:
-        system.integrators[name] = CompiledIntegrator(system) if name == "c" else CasadiIntegrator(system)
+        system.integrators[name] = (
+            CompiledIntegrator(system) if name == "c" else CasadiIntegrator(system)
+        )
     integrator: Integrator = system.integrators[name]
     return integrator
 
@@ -117,9 +121,14 @@ class CompiledIntegrator:
     def run(self, loop: ClosedLoop, reference: Array, state: IntegratorState) -> Solution:
         """See :meth:`Integrator.run`."""
         ode, n, samples = self._ode, self._n, len(reference) // loop.commands
-        passed = np.concatenate([state.y, state.half_J, state.half_m, state.command, state.integral])
+        passed = np.concatenate(
+            [state.y, state.half_J, state.half_m, state.command, state.integral]
+        )
         out = np.empty((samples, ode + 3 * n))
-        arrays = [np.ascontiguousarray(a, dtype=float) for a in (loop.constants, loop.gains, reference, passed)]
+        arrays = [
+            np.ascontiguousarray(a, dtype=float)
+            for a in (loop.constants, loop.gains, reference, passed)
+        ]
         addresses = [a.ctypes.data for a in (*arrays, out)]
         done = self._rollout(samples, loop.half_steps, loop.commands, loop.period, *addresses)
         state.y, rest = arrays[-1][:ode], arrays[-1][ode:].reshape(4, n)
@@ -128,7 +137,12 @@ class CompiledIntegrator:
 
 
 def _solution(rows: Array, ode: int, n: int) -> Solution:
-    return Solution(rows[:, :ode], rows[:, ode : ode + n], rows[:, ode + n : ode + 2 * n], rows[:, ode + 2 * n :])
+    return Solution(
+        rows[:, :ode],
+        rows[:, ode : ode + n],
+        rows[:, ode + n : ode + 2 * n],
+        rows[:, ode + 2 * n :],
+    )
 
 
 def runge_kutta_step(rate: Callable[[Any], Any], y: Any, h: Any) -> Any:
@@ -180,7 +194,9 @@ class CasadiIntegrator:
                     felt = error - np.clip(error, -dead_band, dead_band)
                     torque = forward + kp * felt + kd * (dtheta - speed) + ki * integral
                     command = np.clip(torque, -limit, limit)
-                    integral = integral + np.where(command == torque, error * loop.period / loop.commands, 0.0)
+                    integral = integral + np.where(
+                        command == torque, error * loop.period / loop.commands, 0.0
+                    )
                 if part == 0:
                     first = command
                 y = np.array(advance(y, command, loop.constants, h)).ravel()

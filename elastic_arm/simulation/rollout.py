@@ -68,11 +68,18 @@ def simulate(
     require_robot(robot)
     if not hasattr(trajectory, "evaluate"):
         kind = type(trajectory).__name__
-        raise SimulationError(f"trajectory is of type {kind}, which is no motion", "Give what load_trajectory returns.")
-    require_kind(settings, SimulationSettings, "settings", SimulationError, "Give SimulationSettings(…).")
+        raise SimulationError(
+            f"trajectory is of type {kind}, which is no motion",
+            "Give what load_trajectory returns.",
+        )
+    require_kind(
+        settings, SimulationSettings, "settings", SimulationError, "Give SimulationSettings(…)."
+    )
     seconds = trajectory.duration if duration is None else duration
     if not (np.isfinite(seconds) and seconds > 0):
-        raise SimulationError(f"the duration is {seconds!r} s", "Give a positive number of seconds.")
+        raise SimulationError(
+            f"the duration is {seconds!r} s", "Give a positive number of seconds."
+        )
     rate = settings.rate
     if not (np.isfinite(rate) and rate > 0):
         raise SimulationError(f"the sample rate is {rate!r} Hz", "Give a positive number.")
@@ -87,7 +94,9 @@ def simulate(
     block = max(1, round(rate))
     parts = []
     for first in range(0, len(t), block):
-        parts.append(simulator.follow(*(values[first : first + block] for values in (q, dq, ddq)))[1])
+        parts.append(
+            simulator.follow(*(values[first : first + block] for values in (q, dq, ddq)))[1]
+        )
         if progress is not None:
             progress(min(first + block, len(t)), len(t))
     measured = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
@@ -95,7 +104,10 @@ def simulate(
 
 
 def record(
-    simulator: Simulator, t: Array, measured: dict[str, Array], reference: tuple[Array, Array, Array] | None = None
+    simulator: Simulator,
+    t: Array,
+    measured: dict[str, Array],
+    reference: tuple[Array, Array, Array] | None = None,
 ) -> Recording:
     """Put channels (N, n) measured at times t (N,), s, into a recording, with the stamps that the sensors give them.
 

@@ -17,9 +17,15 @@ class SimulationSettings:
     bearings: bool = False  # let the bearings tilt (12 coordinates for three joints)
     # effects in addition to those that the description lists; as text, too ("coulomb_friction:joint_2:torque=6")
     effects: Sequence[EffectInstance | str] = ()
-    sensors: Sensors | None = None  # what the measured channels add to the truth; those of `Sensors()` when None
-    controller: Controller | None = None  # default: what `nominal` states, else one that is tuned to it
-    nominal: Robot | None = None  # what the controller, and a recording, believe; the true arm when None
+    sensors: Sensors | None = (
+        None  # what the measured channels add to the truth; those of `Sensors()` when None
+    )
+    controller: Controller | None = (
+        None  # default: what `nominal` states, else one that is tuned to it
+    )
+    nominal: Robot | None = (
+        None  # what the controller, and a recording, believe; the true arm when None
+    )
     # rate, substeps: samples a second, and integration steps a sample (an even number), or more where the arm is stiff
     rate: float = 1000.0
     substeps: int = 10

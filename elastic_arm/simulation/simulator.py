@@ -69,7 +69,9 @@ class Truth:
 
     def channels(self) -> dict[str, Array]:
         """Return what sensors read, by name."""
-        return {name: getattr(self, name) for name in ("q", "dq", "tau_J", "theta", "dtheta", "tau_m")}
+        return {
+            name: getattr(self, name) for name in ("q", "dq", "tau_J", "theta", "dtheta", "tau_m")
+        }
 
 
 class Simulator:
@@ -93,7 +95,12 @@ class Simulator:
         _check_steps(settings.rate, settings.substeps)
         self.nominal = robot if settings.nominal is None else settings.nominal
         check_same_joints(robot, self.nominal)
-        self.robot, self.rate, self._settings, self._duration = robot, float(settings.rate), settings, duration
+        self.robot, self.rate, self._settings, self._duration = (
+            robot,
+            float(settings.rate),
+            settings,
+            duration,
+        )
         self._rng = np.random.default_rng() if rng is None else rng
         self._samples = 0
         self._build(settings.effects)
@@ -105,11 +112,17 @@ class Simulator:
         settings = self._settings
         added = read_effects(effects, lambda text: [parse(text, self.robot, settings.catalogue)])
         self.effects = (*robot_effects(self.robot, settings.catalogue), *added)
-        plant = Plant(self.robot, Sensors() if settings.sensors is None else settings.sensors, settings.bearings)
+        plant = Plant(
+            self.robot,
+            Sensors() if settings.sensors is None else settings.sensors,
+            settings.bearings,
+        )
         for instance in self.effects:
             instance.joint_indices(self.robot)
             plant = instance.effect.added_to(plant, instance)
-        self.controller = self._controlled(plant.robot) if settings.controller is None else settings.controller
+        self.controller = (
+            self._controlled(plant.robot) if settings.controller is None else settings.controller
+        )
         equations = ArmEquations(plant.robot, settings.model, bearings=plant.bearings)
         self.system: System = assemble(equations, plant.laws, self._duration)
         self.integrator = make_integrator(self.system, settings.engine)
@@ -130,34 +143,48 @@ class Simulator:
         for what in (q0, dq0):
             if what.shape != (n,) or not np.isfinite(what).all():
                 raise SimulationError(
-                    f"the start {what} is not {n} finite numbers", "Give one per joint, rad or rad/s."
+                    f"the start {what} is not {n} finite numbers",
+                    "Give one per joint, rad or rad/s.",
                 )
         x, hold = equilibrium(self.system, q0, np.full(2 * n, SIGN_SPEED))
         z, controller = np.zeros(self.system.states), self.controller
         steps = self._steps(x, hold)
-        self.sign_speed = sign_speed(self.system, self.system.equations.nominal, x, z, hold, 1.0 / (self.rate * steps))
+        self.sign_speed = sign_speed(
+            self.system, self.system.equations.nominal, x, z, hold, 1.0 / (self.rate * steps)
+        )
         constants = self.system.evaluate_constants(self.sign_speed)
         limits = [np.inf if j.limits.torque is None else j.limits.torque for j in self.robot.joints]
         limit = np.minimum(limits, controller.limit)
         gains = np.array([controller.kp, controller.kd, controller.ki, limit, controller.dead_band])
         self._loop = ClosedLoop(constants, gains, 1.0 / self.rate, steps // 2, controller.commands)
-        self._late = DelayLine(np.tile(controller.delay, 3), self.rate) if np.any(controller.delay) else None
+        self._late = (
+            DelayLine(np.tile(controller.delay, 3), self.rate) if np.any(controller.delay) else None
+        )
         self.place(x[:n], x[n : 2 * n], dq0, dq0, command=hold, z=z)
         self.state.y[2 * n : len(x)] = x[2 * n :]
 
     def _steps(self, x: Array, hold: Array) -> int:
         """Return the integration steps a sample: none longer than the time constant of the arm's fastest eigenvalue."""
         system, rest, z = self.system, np.zeros_like(x), np.zeros(self.system.states)
-        given = (system.equations.nominal, system.effect_set.numbers(), np.full(2 * system.n, SIGN_SPEED))
+        given = (
+            system.equations.nominal,
+            system.effect_set.numbers(),
+            np.full(2 * system.n, SIGN_SPEED),
+        )
         stiffness = np.array(system.stiffness_of_balance(x, rest, z, *given))
-        mass, damping = np.array(system.friction(x, rest, z, hold, *given)[1]), np.zeros_like(stiffness)
+        mass, damping = (
+            np.array(system.friction(x, rest, z, hold, *given)[1]),
+            np.zeros_like(stiffness),
+        )
         for spring in system.equations.bodies.springs:
             ends = np.zeros(len(x))
             ends[spring.coordinate] = 1.0
             if spring.against is not None:
                 ends[spring.against] = -1.0
             damping += system.equations.nominal[spring.damping] * np.outer(ends, ends)
-        needed = max(self._settings.substeps, fastest_eigenvalue(mass, stiffness, damping) / self.rate)
+        needed = max(
+            self._settings.substeps, fastest_eigenvalue(mass, stiffness, damping) / self.rate
+        )
         whole = max(2, self.controller.commands)
         return whole * int(np.ceil(needed / whole - 1e-9))
 
@@ -196,7 +223,14 @@ class Simulator:
         return self.drive(np.asarray(torque, dtype=float)[None])
 
     def place(
-        self, q: Array, theta: Array, dq: Array, dtheta: Array, *, command: Array | None = None, z: Array | None = None
+        self,
+        q: Array,
+        theta: Array,
+        dq: Array,
+        dtheta: Array,
+        *,
+        command: Array | None = None,
+        z: Array | None = None,
     ) -> None:
         """Put the arm into a motion, (n,) each: from where a prediction over a short horizon starts.
 
@@ -206,12 +240,17 @@ class Simulator:
         dof = self.system.dof
         parts = (q, theta) if self.robot.elastic else (q,)
         rates = (dq, dtheta) if self.robot.elastic else (dq,)
-        x, dx = (np.pad(np.concatenate(values), (0, dof - len(values) * self.robot.n)) for values in (parts, rates))
+        x, dx = (
+            np.pad(np.concatenate(values), (0, dof - len(values) * self.robot.n))
+            for values in (parts, rates)
+        )
         z = np.zeros(self.system.states) if z is None else np.asarray(z, dtype=float)
         held = np.zeros(self.robot.n) if command is None else np.array(command, dtype=float)
         tau_J = np.array(self.system.accelerations(x, dx, z, held, self._loop.constants)[2]).ravel()
         none = np.zeros(self.robot.n)
-        self.state = IntegratorState(np.concatenate([x, dx, z]), 0.5 * tau_J / self.rate, 0.5 * held, held, none)
+        self.state = IntegratorState(
+            np.concatenate([x, dx, z]), 0.5 * tau_J / self.rate, 0.5 * held, held, none
+        )
 
     def change_effects(self, effects: Sequence[EffectInstance]) -> None:
         """Go on from the present motion with other effects; internal states of effects start anew.
@@ -252,7 +291,9 @@ class Simulator:
         """Name time and joint of a motion that left the finite numbers."""
         last = solution.y[-1] if len(solution.y) else self.state.y
         dof, n = self.system.dof, self.robot.n
-        joint = self.robot.joint_names[int(np.nan_to_num(np.abs(last[dof : 2 * dof]), nan=np.inf).argmax()) % n]
+        joint = self.robot.joint_names[
+            int(np.nan_to_num(np.abs(last[dof : 2 * dof]), nan=np.inf).argmax()) % n
+        ]
         time = (self._samples + len(solution.y)) / self.rate
         raise SimulationError(
             f"the motion left the finite numbers {time:.3f} s after the start, first at {joint}",
@@ -268,8 +309,13 @@ def sign_speed(system: System, Psi: Array, x: Array, z: Array, hold: Array, step
     :data:`SIGN_SPEED`, or more where friction would outrun an integrator of this step (s): `friction step / inertia`.
     """
     rest, speed = np.zeros_like(x), np.full(2 * system.n, SIGN_SPEED)
-    slope, mass = (np.array(m) for m in system.friction(x, rest, z, hold, Psi, system.effect_set.numbers(), speed))
-    mobility = np.abs(np.einsum("ik,ij,jk->k", slope, np.linalg.inv(mass), np.where(slope != 0, 1.0, 0.0)))
+    slope, mass = (
+        np.array(m)
+        for m in system.friction(x, rest, z, hold, Psi, system.effect_set.numbers(), speed)
+    )
+    mobility = np.abs(
+        np.einsum("ik,ij,jk->k", slope, np.linalg.inv(mass), np.where(slope != 0, 1.0, 0.0))
+    )
     return np.maximum(speed, mobility * step / STEEPEST)
 
 
@@ -287,5 +333,6 @@ def _check_steps(rate: float, substeps: int) -> None:
         raise SimulationError(f"the sample rate is {rate!r} Hz", "Give a positive number.")
     if substeps < 2 or substeps % 2:
         raise SimulationError(
-            f"{substeps} substeps a sample", "Give an even number: a torque sample is a mean of two half intervals."
+            f"{substeps} substeps a sample",
+            "Give an even number: a torque sample is a mean of two half intervals.",
         )

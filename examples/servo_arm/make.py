@@ -18,7 +18,11 @@ from elastic_arm.mujoco.recorder import record_commands
 from elastic_arm.robot.mjcf import open_mjcf
 
 HERE = Path(__file__).parent
-RATE, SECONDS, LATE = 50.0, (16, 10), 1  # Hz, s of each episode, and commands that the arm is behind
+RATE, SECONDS, LATE = (
+    50.0,
+    (16, 10),
+    1,
+)  # Hz, s of each episode, and commands that the arm is behind
 # Text of arm.xml -> that of the true arm.
 TRUTH = {
     'name="elbow" axis="0 1 0" armature="0.028" damping="0.05" frictionloss="0.05"': (
@@ -34,9 +38,13 @@ def commands(seconds: float, seed: int, rate: float = RATE) -> np.ndarray:
     rng, t = np.random.default_rng(seed), np.arange(round(seconds * rate)) / rate
     f = np.array([0.1, 0.23, 0.41, 0.67, 0.97, 1.2])
     size, phase = rng.normal(size=(6, 3)) / (0.6 + f)[:, None], rng.uniform(0.0, 2 * np.pi, (6, 3))
-    motion = np.einsum("fj,ftj->tj", size, np.sin(2 * np.pi * f[:, None, None] * t[:, None] + phase[:, None]))
+    motion = np.einsum(
+        "fj,ftj->tj", size, np.sin(2 * np.pi * f[:, None, None] * t[:, None] + phase[:, None])
+    )
     start = np.clip(t, 0.0, 1.0)[:, None]
-    return np.array([0.0, 0.5, 0.8]) + 0.5 * motion / motion.std(axis=0) * start**2 * (3.0 - 2.0 * start)
+    return np.array([0.0, 0.5, 0.8]) + 0.5 * motion / motion.std(axis=0) * start**2 * (
+        3.0 - 2.0 * start
+    )
 
 
 def main(folder: Path) -> None:
@@ -62,7 +70,9 @@ def main(folder: Path) -> None:
             "frame_index": step,
             "episode_index": np.full(len(step), episode),
         }
-        pq.write_table(pa.table(columns), data / f"episode_{episode:06d}.parquet", compression="zstd")
+        pq.write_table(
+            pa.table(columns), data / f"episode_{episode:06d}.parquet", compression="zstd"
+        )
 
 
 if __name__ == "__main__":

@@ -62,7 +62,9 @@ def test_several_bags_and_folders_are_checked_one_by_one(bag: Path, tmp_path: Pa
     told = json.loads(done.stdout)["bags"]
     assert done.exit_code == 0 and [one["path"] for one in told] == [str(bag), str(again)]
     done = run("bag", "check", tmp_path / "nothing", bag)
-    assert done.exit_code == 2 and "does not exist" in done.stdout and "nothing wrong" in done.stdout
+    assert (
+        done.exit_code == 2 and "does not exist" in done.stdout and "nothing wrong" in done.stdout
+    )
     assert run("bag", "check", bag, again, "--out", tmp_path / "x").exit_code == 2
 
 
@@ -75,10 +77,22 @@ def test_check_ends_with_2_for_what_is_no_bag(tmp_path: Path) -> None:
 
 def test_import_makes_a_bag(tmp_path: Path) -> None:
     """Arrays and a mapping in, a bag out; a second time it is refused and untouched."""
-    np.savez(tmp_path / "run.npz", t=np.arange(100) * 0.01, q=np.random.default_rng(0).normal(size=(100, 1)))
+    np.savez(
+        tmp_path / "run.npz",
+        t=np.arange(100) * 0.01,
+        q=np.random.default_rng(0).normal(size=(100, 1)),
+    )
     content = {"times": {"key": "t"}, "joints": ["joint_1"], "link": {"position": {"key": "q"}}}
     (tmp_path / "map.yaml").write_text(yaml.safe_dump(content))
-    arguments = ("bag", "import", tmp_path / "run.npz", "--map", tmp_path / "map.yaml", "--out", tmp_path / "bag")
+    arguments = (
+        "bag",
+        "import",
+        tmp_path / "run.npz",
+        "--map",
+        tmp_path / "map.yaml",
+        "--out",
+        tmp_path / "bag",
+    )
     done = run(*arguments)
     assert done.exit_code == 0
     assert "link.position" in done.stdout
@@ -105,9 +119,22 @@ def test_a_dataset_becomes_a_bag_an_episode_and_a_bag_becomes_arrays_and_the_sam
     (tmp_path / "run.csv").write_text("run,t,q1,q2\n" + "\n".join(rows) + "\n")
     draft = guess_mapping(load_arrays(tmp_path / "run.csv"), ["a", "b"])
     (tmp_path / "map.yaml").write_text(draft.to_yaml())
-    done = run("bag", "import", tmp_path / "run.csv", "--map", tmp_path / "map.yaml", "--out", tmp_path / "bags")
-    assert done.exit_code == 0 and done.stdout.count("1 of 100 rows have holes on the link side") == 2
-    assert [len(read_recording(tmp_path / "bags" / f"run_{k}").link or ()) for k in (0, 1)] == [99, 99]
+    done = run(
+        "bag",
+        "import",
+        tmp_path / "run.csv",
+        "--map",
+        tmp_path / "map.yaml",
+        "--out",
+        tmp_path / "bags",
+    )
+    assert (
+        done.exit_code == 0 and done.stdout.count("1 of 100 rows have holes on the link side") == 2
+    )
+    assert [len(read_recording(tmp_path / "bags" / f"run_{k}").link or ()) for k in (0, 1)] == [
+        99,
+        99,
+    ]
     done = run("bag", "export", bag, "--out", tmp_path / "out" / "a.parquet")
     assert done.exit_code == 0 and "2000 samples of the motor side" in done.stdout
     command = done.stdout.partition("elastic-arm bag ")[2].partition(" makes")[0].split()
@@ -115,7 +142,9 @@ def test_a_dataset_becomes_a_bag_an_episode_and_a_bag_becomes_arrays_and_the_sam
     assert_equal(read_recording(tmp_path / "again"), read_recording(bag))
     again = run("bag", "export", bag, "--out", tmp_path / "out" / "a.parquet")
     assert again.exit_code == 2 and "overwrite them with --force" in again.output
-    assert run("bag", "export", bag, "--out", tmp_path / "out" / "a.parquet", "--force").exit_code == 0
+    assert (
+        run("bag", "export", bag, "--out", tmp_path / "out" / "a.parquet", "--force").exit_code == 0
+    )
 
 
 @pytest.mark.parametrize(
@@ -127,7 +156,9 @@ def test_a_dataset_becomes_a_bag_an_episode_and_a_bag_becomes_arrays_and_the_sam
         ("run.bag", "rosbags-convert --src {} --dst run"),
     ],
 )
-def test_what_is_no_bag_names_the_command_that_makes_one(tmp_path: Path, name: str, command: str) -> None:
+def test_what_is_no_bag_names_the_command_that_makes_one(
+    tmp_path: Path, name: str, command: str
+) -> None:
     """Tables, datasets and bags of ROS 1."""
     (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
     (tmp_path / name).write_text("t,q\n0,1\n")

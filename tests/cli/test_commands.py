@@ -48,7 +48,9 @@ def test_excite_writes_a_trajectory_and_says_what_it_reached(tmp_path: Path) -> 
     assert told["condition_number"]["after"] <= told["condition_number"]["before"]
     assert load_trajectory(file).joints == ("joint_1", "joint_2", "joint_3")
     assert told["excitation"]["poor"] is False and told["excitation"]["reasons"] == []
-    assert load_trajectory(file).duration == pytest.approx(5.0 + 10.0 * told["excitation"]["periods"])
+    assert load_trajectory(file).duration == pytest.approx(
+        5.0 + 10.0 * told["excitation"]["periods"]
+    )
     assert (tmp_path / "traj.csv").exists() and (tmp_path / "goal.yaml").exists()
 
 
@@ -64,7 +66,9 @@ def test_describe_tells_joints_and_base_parameters() -> None:
 # --- nothing is overwritten unasked
 
 
-KEPT: dict[str, tuple[str, list[object], str]] = {  # what is there, and what the refusal to overwrite it names
+KEPT: dict[
+    str, tuple[str, list[object], str]
+] = {  # what is there, and what the refusal to overwrite it names
     "describe": ("arm.urdf", ["--urdf", "{}/arm.urdf"], "exists already"),
     "excite": ("motion.yaml", ["--out", "{}/motion.yaml"], "exists already"),
     "identify": ("robot.yaml", ["bags/excitation", "--out", "{}"], "robot.yaml"),
@@ -92,10 +96,14 @@ def test_a_file_is_overwritten_with_force(tmp_path: Path) -> None:
 
 def test_no_recording_is_overwritten(tmp_path: Path, bag: Path, motion: Path) -> None:
     """`simulate` and `bag import` refuse a bag that exists; there is no force."""
-    assert "no recording is overwritten" in refusal("simulate", "--trajectory", motion, "--out", bag)
+    assert "no recording is overwritten" in refusal(
+        "simulate", "--trajectory", motion, "--out", bag
+    )
     np.savez(tmp_path / "a.npz", t=np.arange(3.0))
     (tmp_path / "map.yaml").write_text("joints: [a]\ntimes: {key: t}\nlink: {position: {key: t}}\n")
-    said = refusal("bag", "import", tmp_path / "a.npz", "--map", tmp_path / "map.yaml", "--out", bag)
+    said = refusal(
+        "bag", "import", tmp_path / "a.npz", "--map", tmp_path / "map.yaml", "--out", bag
+    )
     assert "no recording is overwritten" in said
 
 
@@ -109,7 +117,9 @@ COMMANDS: dict[str, list[object]] = {
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_a_place_that_cannot_be_written_is_found_before_the_work(tmp_path: Path, bag: Path, command: str) -> None:
+def test_a_place_that_cannot_be_written_is_found_before_the_work(
+    tmp_path: Path, bag: Path, command: str
+) -> None:
     """Where a file stands in the way of the folder, every command says so at once, and leaves no trace."""
     (tmp_path / "file").write_text("mine")
     there = sorted(tmp_path.rglob("*"))
@@ -138,7 +148,10 @@ USAGE: dict[str, tuple[str, str]] = {
     "bag chek": ("no such command 'chek'. Did you mean 'check'?", "bag"),
     "bag check": ("missing argument", "bag check"),
     "bag import a --map m --out b --compression zip": ("one of none, lz4, zstd", "bag import"),
-    "challenge create folder --ratio 3": ("invalid value for --ratio: '3' is no range", "challenge create"),
+    "challenge create folder --ratio 3": (
+        "invalid value for --ratio: '3' is no range",
+        "challenge create",
+    ),
 }
 
 
@@ -209,7 +222,10 @@ def test_what_makes_no_sense_is_refused_and_nothing_is_begun(tmp_path: Path, com
 
 EFFECTS_OF_FILES = {
     "there is no effect 'columb_fr": {"effect": "columb_friction"},
-    "coulomb_friction lacks its parameter torque": {"effect": "coulomb_friction", "joint": "joint_1"},
+    "coulomb_friction lacks its parameter torque": {
+        "effect": "coulomb_friction",
+        "joint": "joint_1",
+    },
 }
 
 
@@ -218,7 +234,9 @@ def test_a_wrong_effect_of_an_arm_file_is_said_with_the_file(tmp_path: Path, wor
     """A misspelt effect, and one without a size."""
     content = {**yaml.safe_load(NOMINAL_ARM.read_text()), "effects": [EFFECTS_OF_FILES[words]]}
     (tmp_path / "arm.yaml").write_text(yaml.safe_dump(content))
-    assert f"{tmp_path / 'arm.yaml'}: {words}" in refusal("describe", "--robot", tmp_path / "arm.yaml")
+    assert f"{tmp_path / 'arm.yaml'}: {words}" in refusal(
+        "describe", "--robot", tmp_path / "arm.yaml"
+    )
 
 
 def test_true_and_nominal_arm_must_have_the_same_joints(tmp_path: Path, motion: Path) -> None:
@@ -227,15 +245,35 @@ def test_true_and_nominal_arm_must_have_the_same_joints(tmp_path: Path, motion: 
     short = yaml.safe_load(NOMINAL_ARM.read_text())
     short["joints"] = short["joints"][:2]
     (tmp_path / "two.yaml").write_text(yaml.safe_dump(short))
-    said = refusal("simulate", "--trajectory", motion, "--nominal", tmp_path / "two.yaml", "--out", tmp_path / "new")
+    said = refusal(
+        "simulate",
+        "--trajectory",
+        motion,
+        "--nominal",
+        tmp_path / "two.yaml",
+        "--out",
+        tmp_path / "new",
+    )
     assert f"{arm.name} has 3 joints, the nominal arm {arm.name} has 2" in said
 
 
-def test_missing_channel_maps_and_arrays_are_said_without_numbers_of_the_system(tmp_path: Path, bag: Path) -> None:
+def test_missing_channel_maps_and_arrays_are_said_without_numbers_of_the_system(
+    tmp_path: Path, bag: Path
+) -> None:
     """No such file is no such file, for maps and arrays too."""
     assert "no such file" in refusal("bag", "info", bag, "--channels", tmp_path / "none.yaml")
-    (tmp_path / "map.yaml").write_text("joints: [a]\ntimes: {rate: 100}\nlink: {position: {key: t}}\n")
-    said = refusal("bag", "import", tmp_path / "none.npz", "--map", tmp_path / "map.yaml", "--out", tmp_path / "i")
+    (tmp_path / "map.yaml").write_text(
+        "joints: [a]\ntimes: {rate: 100}\nlink: {position: {key: t}}\n"
+    )
+    said = refusal(
+        "bag",
+        "import",
+        tmp_path / "none.npz",
+        "--map",
+        tmp_path / "map.yaml",
+        "--out",
+        tmp_path / "i",
+    )
     assert "No such file" in said
 
 
@@ -266,7 +304,9 @@ def test_commands_import_no_library_that_they_do_not_need(command: str) -> None:
         f"assert {shown!r} in CliRunner().invoke(app, {command.split()!r}).output",
         f"sys.exit(' '.join(name for name in {heavy!r} if name in sys.modules) or None)",
     )
-    done = subprocess.run([sys.executable, "-c", "\n".join(lines)], capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", "\n".join(lines)], capture_output=True, text=True, check=False
+    )
     assert done.returncode == 0, done.stderr
 
 
@@ -285,14 +325,20 @@ def test_a_table_in_a_pipe_is_not_padded(capsys: pytest.CaptureFixture[str]) -> 
     ("written", "offered"),
     [
         ("coul", ["coulomb_friction"]),
-        ("coulomb_friction:", ["coulomb_friction:joint_1", "coulomb_friction:joint_2", "coulomb_friction:joint_3"]),
+        (
+            "coulomb_friction:",
+            ["coulomb_friction:joint_1", "coulomb_friction:joint_2", "coulomb_friction:joint_3"],
+        ),
         ("hysteresis:joint_1:torque=5,w", ["hysteresis:joint_1:torque=5,width="]),
         ("nonsense:joint_1:", []),
     ],
 )
 def test_shells_complete_effects_joints_and_parameters(written: str, offered: list[str]) -> None:
     """`elastic-arm simulate --effect TAB` offers the catalogue, behind a colon the arm's joints, then the numbers."""
-    environment = {"_ELASTIC_ARM_COMPLETE": "complete_fish", "_TYPER_COMPLETE_FISH_ACTION": "get-args"}
+    environment = {
+        "_ELASTIC_ARM_COMPLETE": "complete_fish",
+        "_TYPER_COMPLETE_FISH_ACTION": "get-args",
+    }
     environment["_TYPER_COMPLETE_ARGS"] = f"elastic-arm simulate --effect {written}"
     done = CliRunner().invoke(app, [], env=environment, prog_name="elastic-arm")
     assert [line.split("\t")[0] for line in done.stdout.split()] == offered

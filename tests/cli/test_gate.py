@@ -10,7 +10,9 @@ from elastic_arm.cli.gate import check_gate, pass_gate
 from elastic_arm.diagnosis.result import Change
 from elastic_arm.errors import DiagnosisError
 
-CHANGE = Change("coulomb_friction", "joint_2", "torque", "Nm", (("march", 6.0, 0.1), ("may", 6.6, 0.1)), 0.999)
+CHANGE = Change(
+    "coulomb_friction", "joint_2", "torque", "Nm", (("march", 6.0, 0.1), ("may", 6.6, 0.1)), 0.999
+)
 
 
 def found(verdict: str = "none", *changes: Change, causes: tuple[Any, ...] = ()) -> Any:
@@ -40,7 +42,9 @@ def test_what_was_asked_for_ends_with_status_one(
 def test_a_known_effect_that_is_not_as_stated_is_a_change() -> None:
     """Friction stated as 6 Nm and found to be 9 Nm changed by half; a cause of which nothing is stated did not."""
     torque = {"torque": SimpleNamespace(value=9.0)}
-    stated = SimpleNamespace(effect="coulomb_friction", joint="joint_2", parameters=torque, stated={"torque": 6.0})
+    stated = SimpleNamespace(
+        effect="coulomb_friction", joint="joint_2", parameters=torque, stated={"torque": 6.0}
+    )
     pass_gate(found(causes=(stated,)), ["change:50%"])
     with pytest.raises(typer.Exit):
         pass_gate(found(causes=(stated,)), ["change:49%"])

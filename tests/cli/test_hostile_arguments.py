@@ -26,9 +26,13 @@ def motion(tmp_path: Path) -> Path:
     return tmp_path / "motion.yaml"
 
 
-@pytest.mark.parametrize("command", [["simulate"], ["identify", "."], ["diagnose", "."], ["excite"], ["paper"]])
+@pytest.mark.parametrize(
+    "command", [["simulate"], ["identify", "."], ["diagnose", "."], ["excite"], ["paper"]]
+)
 @pytest.mark.parametrize("name", ["x" * 300, "missing/" + "x" * 300, "x\udcff"])
-def test_a_name_that_cannot_be_made_is_refused_before_the_work(command: list[str], name: str) -> None:
+def test_a_name_that_cannot_be_made_is_refused_before_the_work(
+    command: list[str], name: str
+) -> None:
     """A name of 300 characters, or of bytes that are no text, ends every command with one line."""
     line = refusal(*command, "--out", name)
     assert "too long" in line or "no UTF-8 text" in line
@@ -52,7 +56,9 @@ def test_a_name_that_cannot_be_made_is_refused_before_the_work(command: list[str
     ],
 )
 @pytest.mark.parametrize("name", ["x" * 300, "x" * 300 + ".xml", "x" * 300 + ".csv", "x" * 5000])
-def test_a_name_that_no_file_can_have_is_refused(tmp_path: Path, command: list[str], name: str) -> None:
+def test_a_name_that_no_file_can_have_is_refused(
+    tmp_path: Path, command: list[str], name: str
+) -> None:
     """Whether it is that of a recording, a file of arrays or an arm."""
     given = [*command, str(tmp_path / name)]
     if command[-1] == "--validate":
@@ -61,7 +67,9 @@ def test_a_name_that_no_file_can_have_is_refused(tmp_path: Path, command: list[s
 
 
 @pytest.mark.parametrize("command", ["simulate", "excite", "paper"])
-def test_a_folder_that_was_removed_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: str) -> None:
+def test_a_folder_that_was_removed_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: str
+) -> None:
     """Whoever works in it may have removed it in another terminal."""
     (tmp_path / "gone").mkdir()
     monkeypatch.chdir(tmp_path / "gone")
@@ -70,16 +78,22 @@ def test_a_folder_that_was_removed_is_named(tmp_path: Path, monkeypatch: pytest.
 
 
 @pytest.mark.parametrize("command", [["simulate", "--effect"], ["identify", ".", "--with"]])
-def test_an_effect_that_cannot_be_is_not_repeated_at_length(tmp_path: Path, command: list[str]) -> None:
+def test_an_effect_that_cannot_be_is_not_repeated_at_length(
+    tmp_path: Path, command: list[str]
+) -> None:
     """The line has room for the effects that there are."""
     line = refusal(*command, "n" * 5000, "--out", tmp_path / "out")
     assert "coulomb_friction" in line
     assert "n" * 100 not in line
 
 
-@pytest.mark.parametrize("content", ["", "{", "[]", "{}", "[" * 100_000, '{"settings": 5}', "\0", None])
+@pytest.mark.parametrize(
+    "content", ["", "{", "[]", "{}", "[" * 100_000, '{"settings": 5}', "\0", None]
+)
 @pytest.mark.parametrize("command", ["create", "diagnose", "score"])
-def test_a_damaged_manifest_of_a_challenge_is_refused(tmp_path: Path, command: str, content: str | None) -> None:
+def test_a_damaged_manifest_of_a_challenge_is_refused(
+    tmp_path: Path, command: str, content: str | None
+) -> None:
     """Whatever stands in it; a pipe is not waited for."""
     manifest = tmp_path / "challenge.json"
     os.mkfifo(manifest) if content is None else manifest.write_text(content)
@@ -88,7 +102,9 @@ def test_a_damaged_manifest_of_a_challenge_is_refused(tmp_path: Path, command: s
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_results_are_there_whatever_the_folder_is_called(tmp_path: Path, motion: Path, name: str) -> None:
+def test_results_are_there_whatever_the_folder_is_called(
+    tmp_path: Path, motion: Path, name: str
+) -> None:
     """Names that look like markup, numbers or YAML are written and printed as they stand."""
     result = run("simulate", "--trajectory", motion, "--out", tmp_path / name, "--rate", 100)
     assert result.exit_code == 0, result.output
@@ -99,7 +115,9 @@ def test_results_are_there_whatever_the_folder_is_called(tmp_path: Path, motion:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_bag_is_replayed_whatever_it_is_called(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+def test_a_bag_is_replayed_whatever_it_is_called(
+    monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
     """The node gets the name of the bag as a text, also where YAML takes it for a number or a mapping."""
     called: list[list[str]] = []
     monkeypatch.setattr(bag_commands, "require_ros", lambda what: None)
@@ -129,7 +147,9 @@ BAG = str(Path(__file__).parents[2] / "bags" / "validation")
 SPEAKING = {"describe": ("describe",), "bag info": ("bag", "info", BAG, "--json")}
 
 
-def in_a_process(arguments: Sequence[str], before: str = "", **options: Any) -> subprocess.CompletedProcess[str]:
+def in_a_process(
+    arguments: Sequence[str], before: str = "", **options: Any
+) -> subprocess.CompletedProcess[str]:
     """Run a command in a process of its own, after some Python; it heeds signals, also where the tests ignore them."""
     command = [sys.executable, "-c", f"{HEED}\n{before}\n{MAIN}", *arguments]
     return subprocess.run(command, text=True, timeout=60, **options)
@@ -168,7 +188,9 @@ def test_a_reader_that_has_gone_ends_a_command_quietly() -> None:
     assert not done.stderr
 
 
-@pytest.mark.parametrize("how", [{"LANG": "C", "LC_ALL": "C", "PYTHONUTF8": "0"}, {"PYTHONIOENCODING": "ascii"}])
+@pytest.mark.parametrize(
+    "how", [{"LANG": "C", "LC_ALL": "C", "PYTHONUTF8": "0"}, {"PYTHONIOENCODING": "ascii"}]
+)
 def test_letters_that_the_output_cannot_show_are_written_as_codes(how: dict[str, str]) -> None:
     """A terminal of the C locale has no ²; whoever reads it sees which letter it is."""
     done = in_a_process(SPEAKING["describe"], env={**os.environ, **how}, capture_output=True)
@@ -178,7 +200,9 @@ def test_letters_that_the_output_cannot_show_are_written_as_codes(how: dict[str,
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize("swallowed", [0, 1])
-def test_a_command_ends_quietly_when_it_is_interrupted(number: signal.Signals, swallowed: int) -> None:
+def test_a_command_ends_quietly_when_it_is_interrupted(
+    number: signal.Signals, swallowed: int
+) -> None:
     """Also where a library catches the interrupt, as it would any error: it is raised once more."""
     before = f"""
 import contextlib, os, signal, sys, time, elastic_arm.app, elastic_arm.cli.options as module

@@ -15,7 +15,15 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("axis")
     write_axis(folder)
     for name in ("fit", "judge"):
-        run("bag", "import", folder / f"{name}.mat", "--map", folder / "map.yaml", "--out", folder / name)
+        run(
+            "bag",
+            "import",
+            folder / f"{name}.mat",
+            "--map",
+            folder / "map.yaml",
+            "--out",
+            folder / name,
+        )
     return folder
 
 
@@ -27,8 +35,20 @@ def run(*words: object) -> str:
 
 def test_mass_and_friction_of_a_linear_axis_are_identified(folder: Path) -> None:
     """Mass, friction and offset come out within 1 % (0.1 N), in kg, N s/m and N."""
-    laws = [word for law in ("coulomb_friction", "viscous_friction", "motor_torque_offset") for word in ("--with", law)]
-    told = run("identify", folder / "fit", "--robot", folder / "axis.yaml", *laws, "--out", folder / "identified")
+    laws = [
+        word
+        for law in ("coulomb_friction", "viscous_friction", "motor_torque_offset")
+        for word in ("--with", law)
+    ]
+    told = run(
+        "identify",
+        folder / "fit",
+        "--robot",
+        folder / "axis.yaml",
+        *laws,
+        "--out",
+        folder / "identified",
+    )
     assert "residual of the fit, N\n" in told
     found = json.loads((folder / "identified" / "identification.json").read_text())
     estimates = {e["name"].rpartition(".")[2]: (e["value"], e["unit"]) for e in found["estimates"]}
@@ -50,8 +70,17 @@ def test_friction_of_a_linear_axis_is_diagnosed(folder: Path) -> None:
     assert "residuals in N below" in told and "Nm" not in told
     found = json.loads((folder / "diagnosed" / "diagnosis.json").read_text())
     causes = {c["effect"]: c for c in found["causes"]}
-    frictions = {"coulomb_friction": ("torque", COULOMB, "N"), "viscous_friction": ("coefficient", VISCOUS, "N s/m")}
-    others = {"motor_torque_offset", "base_tilt", "link_inertia_mismatch", "motor_torque_gain", "payload"}
+    frictions = {
+        "coulomb_friction": ("torque", COULOMB, "N"),
+        "viscous_friction": ("coefficient", VISCOUS, "N s/m"),
+    }
+    others = {
+        "motor_torque_offset",
+        "base_tilt",
+        "link_inertia_mismatch",
+        "motor_torque_gain",
+        "payload",
+    }
     assert set(frictions) <= set(causes) <= {*frictions, *others}
     for effect, (name, true, unit) in frictions.items():
         size = causes[effect]["parameters"][name]
@@ -62,11 +91,24 @@ def test_friction_of_a_linear_axis_is_diagnosed(folder: Path) -> None:
 def test_a_simulated_axis_has_forces_and_lengths(folder: Path) -> None:
     """What is printed of a simulation, and of a file that does not hold an effect."""
     axis = folder / "axis.yaml"
-    words = ("--effect", "motor_torque_offset:axis:offset=3", "--duration", "0.5", "--out", folder / "simulated")
+    words = (
+        "--effect",
+        "motor_torque_offset:axis:offset=3",
+        "--duration",
+        "0.5",
+        "--out",
+        folder / "simulated",
+    )
     told = run("simulate", "--robot", axis, *words)
-    assert "peak tau_m, N " in told and "off the reference, mm" in told and "offset 3 N" in told and "Nm" not in told
+    assert (
+        "peak tau_m, N " in told
+        and "off the reference, mm" in told
+        and "offset 3 N" in told
+        and "Nm" not in told
+    )
     (folder / "loaded.yaml").write_text(
-        axis.read_text() + "effects: [{effect: motor_torque_offset, joint: axis, parameters: {offset: -0.432}}]\n"
+        axis.read_text()
+        + "effects: [{effect: motor_torque_offset, joint: axis, parameters: {offset: -0.432}}]\n"
     )
     left = run("export", folder / "loaded.yaml", "--to", "urdf", "--out", folder / "loaded.urdf")
     assert "motor_torque_offset on axis (offset -0.432 N)" in left

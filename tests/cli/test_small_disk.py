@@ -26,7 +26,15 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     folder = tmp_path_factory.mktemp("inputs")
     motion = folder / "motion.yaml"
     trajectory(n=3, period=9.0, ramp=0.5, periods=1).scaled(0.05).save(motion)
-    command = ["simulate", "--trajectory", str(motion), "--rate", "100", "--out", str(folder / "bag")]
+    command = [
+        "simulate",
+        "--trajectory",
+        str(motion),
+        "--rate",
+        "100",
+        "--out",
+        str(folder / "bag"),
+    ]
     assert run(*command).exit_code == 0
     shutil.copytree(folder / "bag", folder / "killed")
     (folder / "killed" / "metadata.yaml").unlink()
@@ -43,7 +51,10 @@ def disk(tmp_path: Path) -> Iterator[Path]:
 
 @pytest.mark.parametrize(
     ("state", "reasons"),
-    [("full", ["No space left on device"]), ("read-only", ["may not be written", "Read-only file system"])],
+    [
+        ("full", ["No space left on device"]),
+        ("read-only", ["may not be written", "Read-only file system"]),
+    ],
 )
 @pytest.mark.parametrize("command", COMMANDS)
 def test_a_disk_that_takes_nothing_ends_a_command_with_one_line(

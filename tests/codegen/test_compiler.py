@@ -35,7 +35,9 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def used() -> str:
     """What a process of its own prints: a damaged library would kill it."""
-    return subprocess.run([sys.executable, "-c", USE], capture_output=True, text=True, check=True).stdout.strip()
+    return subprocess.run(
+        [sys.executable, "-c", USE], capture_output=True, text=True, check=True
+    ).stdout.strip()
 
 
 def test_the_cache_is_the_users_alone(cache: Path) -> None:
@@ -47,20 +49,28 @@ def test_the_cache_is_the_users_alone(cache: Path) -> None:
 
 
 @pytest.mark.parametrize("damage", ["cut in half", "a bit turned", "empty", "another's library"])
-def test_a_library_that_is_not_what_was_compiled_is_compiled_again(cache: Path, damage: str) -> None:
+def test_a_library_that_is_not_what_was_compiled_is_compiled_again(
+    cache: Path, damage: str
+) -> None:
     """Neither a torn nor an exchanged file is loaded."""
     assert used() == "42"
     (library,) = cache.iterdir()
     content = library.read_bytes()
     turned = bytearray(content)
     turned[len(turned) // 2] ^= 1
-    damaged = {"cut in half": content[: len(content) // 2], "a bit turned": bytes(turned), "empty": b""}
+    damaged = {
+        "cut in half": content[: len(content) // 2],
+        "a bit turned": bytes(turned),
+        "empty": b"",
+    }
     library.write_bytes(damaged.get(damage, Path(sys.executable).resolve().read_bytes()[:100_000]))
     assert used() == "42"
     assert library.read_bytes() == content
 
 
-def test_a_folder_that_others_may_write_to_is_not_used(cache: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_a_folder_that_others_may_write_to_is_not_used(
+    cache: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     """What lies in it is not loaded; a private folder serves, and the warning names the remedy."""
     cache.mkdir()
     cache.chmod(0o777)
@@ -85,7 +95,9 @@ def test_a_file_that_others_put_into_the_cache_is_not_loaded(cache: Path, how: s
     """A digest is no secret: whoever could write here once may have left a library that matches its own."""
     assert used() == "42"
     (library,) = cache.iterdir()
-    planted = compiler._compiled("int answer(void) { return 666; }", compiler.find_compiler() or ("cc",), ())
+    planted = compiler._compiled(
+        "int answer(void) { return 666; }", compiler.find_compiler() or ("cc",), ()
+    )
     library.write_bytes(planted + compiler._digest(planted))
     assert used() == "666"  # in a file of one's own it would run
     if how == "another's":
@@ -139,7 +151,11 @@ def test_an_entry_that_is_no_file_is_made_again(cache: Path, kind: str, ending: 
         x = ca.SX.sym("x")
         double = ca.Function("double", [x], [2 * x])
         if ending == "npz":
-            return float(kernels.make(cached_program("double", lambda: double, []), "numpy")(np.array([[21.0]])).item())
+            return float(
+                kernels.make(cached_program("double", lambda: double, []), "numpy")(
+                    np.array([[21.0]])
+                ).item()
+            )
         return float(cached_functions("double", lambda: [double], [])[0](21.0))
 
     assert run() == 42.0
@@ -199,7 +215,9 @@ def test_without_any_folder_the_simulation_is_slow_and_goes_on(
 
 
 @pytest.mark.parametrize("asked", ["'", "cc \\"])
-def test_a_cc_that_no_shell_could_read_is_named(monkeypatch: pytest.MonkeyPatch, asked: str) -> None:
+def test_a_cc_that_no_shell_could_read_is_named(
+    monkeypatch: pytest.MonkeyPatch, asked: str
+) -> None:
     """An open quotation or a last backslash is an error of the user's, with what to do about it."""
     monkeypatch.setenv("CC", asked)
     with pytest.raises(KernelError, match=r"CC=.* is no command .*Set CC to a working C compiler"):

@@ -48,7 +48,11 @@ def every_operation() -> ca.Function:
         ca.expm1(b), ca.hypot(a, b), ca.copysign(a, b), ca.asinh(a), p[0] * p[1], p[0] + 1, ca.SX(0), a, a >= b, a == a,
     ]  # fmt: skip
     return ca.Function(
-        "law", [x, p], [ca.vertcat(*parts), ca.vertcat(a, b) @ ca.horzcat(c, 1, p[0])], ["x", "p"], ["y", "Y"]
+        "law",
+        [x, p],
+        [ca.vertcat(*parts), ca.vertcat(a, b) @ ca.horzcat(c, 1, p[0])],
+        ["x", "p"],
+        ["y", "Y"],
     )
 
 
@@ -74,20 +78,30 @@ def test_engines_agree_on_the_models(states: tuple[np.ndarray, ...]) -> None:
     for name in ("inverse_dynamics", "regressor"):
         expected = getattr(plain, name)(x, dx, ddx)
         np.testing.assert_allclose(
-            getattr(compiled, name)(x, dx, ddx), expected, rtol=0, atol=1e-13 * np.abs(expected).max()
+            getattr(compiled, name)(x, dx, ddx),
+            expected,
+            rtol=0,
+            atol=1e-13 * np.abs(expected).max(),
         )
     for name, expected in plain.terms(x, dx).items():
         found = compiled.terms(x, dx)[name]
-        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12 * max(np.abs(expected).max(), 1.0))
+        np.testing.assert_allclose(
+            found, expected, rtol=0, atol=1e-12 * max(np.abs(expected).max(), 1.0)
+        )
 
 
 @pytest.mark.parametrize("engine", ENGINES)
-def test_chosen_columns_are_those_of_the_whole_regressor(engine: str, states: tuple[np.ndarray, ...]) -> None:
+def test_chosen_columns_are_those_of_the_whole_regressor(
+    engine: str, states: tuple[np.ndarray, ...]
+) -> None:
     """Columns come in the order asked for, null ones included."""
     model = build_model(load_robot(), "mod3", engine=engine)
     columns = np.random.default_rng(1).permutation(len(model.Psi))[:31]
     np.testing.assert_allclose(
-        model.regressor(*states, columns), model.regressor(*states)[:, :, columns], rtol=0, atol=1e-11
+        model.regressor(*states, columns),
+        model.regressor(*states)[:, :, columns],
+        rtol=0,
+        atol=1e-11,
     )
 
 
@@ -108,7 +122,9 @@ def test_a_bad_sample_spoils_no_other(engine: str, states: tuple[np.ndarray, ...
         (((5, 6), (4, 6), (5, 6)), "dx has 4"),
     ],
 )
-def test_wrong_shapes_are_refused_by_name(shapes: tuple[tuple[int, int], ...], message: str) -> None:
+def test_wrong_shapes_are_refused_by_name(
+    shapes: tuple[tuple[int, int], ...], message: str
+) -> None:
     """The error names the input and both shapes."""
     kernel = build_model(load_robot(), engine="numpy").kernel("regressor")
     with pytest.raises(ValueError, match=message):
@@ -119,7 +135,12 @@ def run_python(code: str, **environment: str) -> subprocess.CompletedProcess[str
     root = Path(__file__).parents[2]
     inherited = {k: v for k, v in os.environ.items() if k != "CC"}
     return subprocess.run(
-        [sys.executable, "-c", code], cwd=root, env=inherited | environment, capture_output=True, text=True, check=True
+        [sys.executable, "-c", code],
+        cwd=root,
+        env=inherited | environment,
+        capture_output=True,
+        text=True,
+        check=True,
     )
 
 
@@ -146,7 +167,8 @@ def test_processes_may_build_the_same_kernel_at_once(cache: Path) -> None:
     """Four processes on an empty cache all get the right numbers, and leave no half-made files."""
     root = Path(__file__).parents[2]
     running = [
-        subprocess.Popen([sys.executable, "-c", USE], cwd=root, stdout=subprocess.PIPE, text=True) for _ in range(4)
+        subprocess.Popen([sys.executable, "-c", USE], cwd=root, stdout=subprocess.PIPE, text=True)
+        for _ in range(4)
     ]
     answers = {process.communicate()[0].strip() for process in running}
     assert len(answers) == 1 and answers != {""}
@@ -154,7 +176,10 @@ def test_processes_may_build_the_same_kernel_at_once(cache: Path) -> None:
 
 
 def test_without_a_compiler_numpy_serves_and_says_so_once(
-    cache: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, states: tuple[np.ndarray, ...]
+    cache: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+    states: tuple[np.ndarray, ...],
 ) -> None:
     """An empty CC means no compiler: one warning, the same numbers; asking for C by name is refused."""
     expected = build_model(load_robot()).inverse_dynamics(*states)
@@ -183,7 +208,10 @@ def test_a_compiler_that_fails_is_named_with_its_first_words(
 
 
 def exact_entry(a: np.ndarray, b: np.ndarray) -> Fraction:
-    return sum((Fraction(p) * Fraction(q) for p, q in zip(a.tolist(), b.tolist(), strict=True)), Fraction(0))
+    return sum(
+        (Fraction(p) * Fraction(q) for p, q in zip(a.tolist(), b.tolist(), strict=True)),
+        Fraction(0),
+    )
 
 
 @pytest.mark.parametrize("engine", ENGINES)
@@ -191,7 +219,8 @@ def test_a_branch_that_is_not_taken_leaves_zero(engine: str) -> None:
     """Where the condition is false its value does not count, be it infinite or no number at all."""
     a = ca.SX.sym("a")
     kernel = kernels.compile(
-        ca.Function("f", [a], [ca.if_else(a > 0, ca.log(a), 0), ca.if_else(a > 0, 1 / a, 0)]), engine
+        ca.Function("f", [a], [ca.if_else(a > 0, ca.log(a), 0), ca.if_else(a > 0, 1 / a, 0)]),
+        engine,
     )
     found = np.hstack(kernel(np.array([[-1.0], [0.0], [1.0], [np.e]])))
     np.testing.assert_allclose(found, [[0, 0], [0, 0], [0, 1], [1, np.exp(-1)]], rtol=1e-15)
@@ -215,7 +244,9 @@ def test_results_written_to_given_memory_are_those_returned(engine: str, samples
 
 
 @pytest.mark.parametrize("engine", ENGINES)
-def test_information_is_exact_to_seventy_six_bits(engine: str, states: tuple[np.ndarray, ...]) -> None:
+def test_information_is_exact_to_seventy_six_bits(
+    engine: str, states: tuple[np.ndarray, ...]
+) -> None:
     """Every entry of a row's matrix equals the exact sum of products, relative to the columns' norms."""
     model = build_model(load_robot(), engine=engine)
     rng = np.random.default_rng(3)
@@ -243,7 +274,12 @@ def test_information_adds_up_over_parts(engine: str, states: tuple[np.ndarray, .
     y = np.random.default_rng(4).normal(size=x.shape)
     whole = model.information(x, dx, ddx, y)
     parts, other = model.accumulator(), model.accumulator()
-    for start, stop, target in ((0, 1, parts), (1, 130, parts), (130, 4000, other), (4000, 5001, parts)):
+    for start, stop, target in (
+        (0, 1, parts),
+        (1, 130, parts),
+        (130, 4000, other),
+        (4000, 5001, parts),
+    ):
         target.add(x[start:stop], dx[start:stop], ddx[start:stop], y=y[start:stop])
     parts.merge(other)
     assert parts.samples == len(x)
@@ -254,7 +290,9 @@ def test_information_adds_up_over_parts(engine: str, states: tuple[np.ndarray, .
     assert (np.abs(difference) <= 2.0**-75 * scale).all()
 
 
-def test_rounded_information_is_the_exact_sum_of_a_matrix_that_close(states: tuple[np.ndarray, ...]) -> None:
+def test_rounded_information_is_the_exact_sum_of_a_matrix_that_close(
+    states: tuple[np.ndarray, ...],
+) -> None:
     """Where entries may be rounded, they are to 51 bits below the largest of their column and part of the samples."""
     model = build_model(load_robot(), engine="c")
     columns = np.arange(0, 72, 3)
@@ -274,12 +312,18 @@ def test_rounded_information_is_the_exact_sum_of_a_matrix_that_close(states: tup
         filled = np.flatnonzero(np.linalg.norm(whole, axis=0))
         for i, j in itertools.combinations_with_replacement(filled.tolist(), 2):
             norm = np.linalg.norm(whole[:, i]) * np.linalg.norm(whole[:, j])
-            error = Fraction(hi[row, i, j]) + Fraction(lo[row, i, j]) - exact_entry(rounded[:, i], rounded[:, j])
+            error = (
+                Fraction(hi[row, i, j])
+                + Fraction(lo[row, i, j])
+                - exact_entry(rounded[:, i], rounded[:, j])
+            )
             assert abs(float(error)) <= 2.0**-95 * norm
 
 
 @pytest.mark.parametrize("rounded", [False, True])
-def test_a_sum_over_samples_of_all_sizes_is_that_of_its_parts(rounded: bool, states: tuple[np.ndarray, ...]) -> None:
+def test_a_sum_over_samples_of_all_sizes_is_that_of_its_parts(
+    rounded: bool, states: tuple[np.ndarray, ...]
+) -> None:
     """Columns that grow beyond their range on the way, and more samples than integers hold at a time, are no matter."""
     model = build_model(load_robot(), engine="c")
     rng = np.random.default_rng(6)
@@ -294,7 +338,10 @@ def test_a_sum_over_samples_of_all_sizes_is_that_of_its_parts(rounded: bool, sta
     hi, lo = whole.grams()
     diagonal = np.sqrt(np.abs(np.einsum("rii->ri", hi)))
     difference = (hi - parts.grams()[0]) + (lo - parts.grams()[1])
-    assert (np.abs(difference) <= 2.0 ** (-51 if rounded else -75) * diagonal[:, :, None] * diagonal[:, None, :]).all()
+    assert (
+        np.abs(difference)
+        <= 2.0 ** (-51 if rounded else -75) * diagonal[:, :, None] * diagonal[:, None, :]
+    ).all()
 
 
 @pytest.mark.parametrize("rounded", [False, True])
@@ -325,7 +372,9 @@ def test_squaring_a_condition_of_1e7_loses_no_digit() -> None:
     b = A @ np.ones(12)
     hi, lo = gram(np.column_stack([A, b]))
     to_fractions = np.vectorize(lambda h, rest: Fraction(h) + Fraction(rest), otypes=[object])
-    solution = solve_exactly(to_fractions(hi[:-1, :-1], lo[:-1, :-1]), to_fractions(hi[:-1, -1], lo[:-1, -1]))
+    solution = solve_exactly(
+        to_fractions(hi[:-1, :-1], lo[:-1, :-1]), to_fractions(hi[:-1, -1], lo[:-1, -1])
+    )
     reference = np.linalg.lstsq(A, b, rcond=None)[0]
     assert np.abs(solution - 1.0).max() <= 10 * np.abs(reference - 1.0).max()
 
@@ -339,5 +388,7 @@ def solve_exactly(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
             system[i] = system[i] - system[i, k] / system[k, k] * system[k]
     solution = np.zeros(size, dtype=object)
     for k in reversed(range(size)):
-        solution[k] = (system[k, -1] - sum(system[k, k + 1 : -1] * solution[k + 1 :])) / system[k, k]
+        solution[k] = (system[k, -1] - sum(system[k, k + 1 : -1] * solution[k + 1 :])) / system[
+            k, k
+        ]
     return solution.astype(float)

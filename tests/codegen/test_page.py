@@ -14,11 +14,15 @@ FOLDER = PACKAGE / "codegen"
 
 def test_the_example_of_the_page_runs() -> None:
     """What docs/codegen.md shows runs as it stands, and gives the torque and the derivatives of a pendulum."""
-    (example,) = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), flags=re.DOTALL)
+    (example,) = re.findall(
+        r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), flags=re.DOTALL
+    )
     made: dict[str, Any] = {}
     exec(compile(example, str(PAGE), "exec"), made)
     q, ddq = made["samples"].T
-    np.testing.assert_allclose(made["tau"][:, 0], 0.5 * ddq + 9.81 * np.sin(q), rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(
+        made["tau"][:, 0], 0.5 * ddq + 9.81 * np.sin(q), rtol=1e-12, atol=1e-12
+    )
     by_mass = 0.25 * ddq + 0.5 * 9.81 * np.sin(q)
     np.testing.assert_allclose(made["J"][:, 0, 0], by_mass, rtol=1e-12, atol=1e-12)
 
@@ -36,4 +40,6 @@ def test_the_page_names_what_is_there() -> None:
     text = PAGE.read_text(encoding="utf-8")
     for module, name in re.findall(r"`(\w+)\.(\w+)[`(]", text):
         if (FOLDER / f"{module}.py").exists():
-            assert re.search(rf"\b(def|class) {name}\b", (FOLDER / f"{module}.py").read_text(encoding="utf-8")), name
+            assert re.search(
+                rf"\b(def|class) {name}\b", (FOLDER / f"{module}.py").read_text(encoding="utf-8")
+            ), name

@@ -17,7 +17,9 @@ from elastic_arm.codegen.parallel import ahead, in_chunks, share_out
 @pytest.fixture(params=[1, 2, 3])
 def cores(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> int:
     """So many cores are there."""
-    monkeypatch.setattr(parallel.os, "sched_getaffinity", lambda _: range(request.param), raising=False)
+    monkeypatch.setattr(
+        parallel.os, "sched_getaffinity", lambda _: range(request.param), raising=False
+    )
     monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
     assert parallel.threads() == request.param
     return int(request.param)
@@ -55,7 +57,9 @@ def test_chunks_cover_all_samples_once(samples: int) -> None:
 
 @pytest.mark.usefixtures("cores")
 @pytest.mark.parametrize("way", [every, ahead])
-def test_an_error_reaches_the_caller_and_leaves_the_pool_usable(way: Callable[..., Iterator[int]]) -> None:
+def test_an_error_reaches_the_caller_and_leaves_the_pool_usable(
+    way: Callable[..., Iterator[int]],
+) -> None:
     def fails(number: int) -> int:
         if number == 4:
             raise ValueError("the fourth")

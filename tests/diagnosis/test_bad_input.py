@@ -30,7 +30,9 @@ def clean() -> list[Recording]:
     return pair()
 
 
-def with_effort(recording: Recording, change: Callable[[np.ndarray], np.ndarray], *sides: str) -> Recording:
+def with_effort(
+    recording: Recording, change: Callable[[np.ndarray], np.ndarray], *sides: str
+) -> Recording:
     """Change the torque channels of some sides."""
     changed = {}
     for name in sides:
@@ -41,7 +43,10 @@ def with_effort(recording: Recording, change: Callable[[np.ndarray], np.ndarray]
 
 
 def at_rest(recording: Recording) -> Recording:
-    sides = {n: replace(s, position=0 * s.position, velocity=0 * s.velocity) for n, s in recording.sides().items()}
+    sides = {
+        n: replace(s, position=0 * s.position, velocity=0 * s.velocity)
+        for n, s in recording.sides().items()
+    }
     return replace(recording, link=sides["link"], motor=sides["motor"], reference=None)
 
 
@@ -64,7 +69,10 @@ def drifting(recording: Recording, rate: float) -> Recording:
     [
         (at_rest, ("holds no motion", "excite")),
         (lambda r: r.between(0.0, 3.0), ("too short", "at least")),
-        (lambda r: with_effort(r, lambda e: 0 * e, "link", "motor"), ("every torque channel", "empty", "Record")),
+        (
+            lambda r: with_effort(r, lambda e: 0 * e, "link", "motor"),
+            ("every torque channel", "empty", "Record"),
+        ),
     ],
     ids=["no motion", "too short", "torques empty"],
 )
@@ -90,14 +98,18 @@ def test_one_dead_torque_channel_is_left_out_with_a_remark(clean: list[Recording
 
 
 @pytest.mark.parametrize("rate", [1e-5, -1e-4])
-def test_clocks_that_drift_apart_are_brought_together_with_a_remark(rate: float, clean: list[Recording]) -> None:
+def test_clocks_that_drift_apart_are_brought_together_with_a_remark(
+    rate: float, clean: list[Recording]
+) -> None:
     """Two topics stamped by clocks 10 or 100 us a second apart: stamps are as they were, and the figure is said."""
     found, plain = usable(drifting(clean[0], rate)), clean[0]
     assert found.link is not None and found.motor is not None and plain.link is not None
     since = found.link.stamp_ns - found.motor.stamp_ns
     assert np.abs(since).max() < 0.1 * abs(rate) * np.ptp(plain.link.stamp_ns)
     (note, *_) = [note for note in found.notes if "drift apart" in note]
-    assert float(note.split("drift apart by ")[1].split(" us")[0]) == pytest.approx(1e6 * rate, rel=0.05)
+    assert float(note.split("drift apart by ")[1].split(" us")[0]) == pytest.approx(
+        1e6 * rate, rel=0.05
+    )
 
 
 @pytest.mark.parametrize(
@@ -112,7 +124,12 @@ def test_no_effect_of_the_drive_is_taken_for_a_drift(effect: str) -> None:
 
 def test_zeros_beside_joints_without_a_torque_are_no_torques(clean: list[Recording]) -> None:
     """Where the torques that there are hold 0 throughout, and the other joints have none, every channel is empty."""
-    bare = with_effort(clean[0], lambda effort: np.where([True, False, True], 0.0 * effort, np.nan), "link", "motor")
+    bare = with_effort(
+        clean[0],
+        lambda effort: np.where([True, False, True], 0.0 * effort, np.nan),
+        "link",
+        "motor",
+    )
     with pytest.raises(DiagnosisError, match="every torque channel"):
         usable(bare)
 

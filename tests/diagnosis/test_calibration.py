@@ -25,7 +25,9 @@ def ordinary_arm() -> tuple[Diagnosis, list[Fault], Robot]:
 
 
 @pytest.mark.slow
-def test_an_arm_that_is_only_ordinarily_wrong_has_no_cause(ordinary_arm: tuple[Diagnosis, list[Fault], Robot]) -> None:
+def test_an_arm_that_is_only_ordinarily_wrong_has_no_cause(
+    ordinary_arm: tuple[Diagnosis, list[Fault], Robot],
+) -> None:
     """Wrong masses, stiffness, friction and sensors are found as such, and nothing is blamed."""
     found, ordinary, _ = ordinary_arm
     assert found.verdict == "none" and not found.causes
@@ -59,5 +61,8 @@ def test_a_common_scale_of_torques_and_inertias_is_as_uncertain_as_its_priors(
     for key, value in values.items():
         assert abs(known[key].value - value) < 3.0 * known[key].std
         assert 0.9 * common < known[key].std / value < 1.5 * common
-    ratios = [known["motor_torque_gain", name].value / values["motor_torque_gain", name] for name in ROBOT.joint_names]
+    ratios = [
+        known["motor_torque_gain", name].value / values["motor_torque_gain", name]
+        for name in ROBOT.joint_names
+    ]
     assert np.ptp(ratios) < 0.004

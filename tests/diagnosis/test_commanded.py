@@ -24,7 +24,9 @@ def nominal() -> MjcfArm:
     return servo_arm()
 
 
-def answer(nominal: MjcfArm, rate: float, bits: int, changes: dict[str, str] | None = None, late: int = 0) -> Diagnosis:
+def answer(
+    nominal: MjcfArm, rate: float, bits: int, changes: dict[str, str] | None = None, late: int = 0
+) -> Diagnosis:
     true = servo_arm(changes)
     runs = [recorded(true, rate, bits, seed=seed, late=late) for seed in (0, 1)]
     return diagnose(runs[:1], Question(nominal.robot), runs[1:])
@@ -71,11 +73,14 @@ def test_what_is_withheld_is_named(
 
 
 @pytest.mark.parametrize(
-    ("number", "size", "effect"), [("dead_band", 0.02, "position_dead_band"), ("ki", 15.0, "integral_gain")]
+    ("number", "size", "effect"),
+    [("dead_band", 0.02, "position_dead_band"), ("ki", 15.0, "integral_gain")],
 )
 def test_what_no_actuator_of_mujoco_has_is_named(number: str, size: float, effect: str) -> None:
     """A dead band and an integral of the controller are the one cause, right to 3 %; ki is no surer than its scale."""
-    stated = servo_arm({LIMIT: LIMIT.replace("4", "30")})  # Nm; an integral beside a torque at its limit would rest
+    stated = servo_arm(
+        {LIMIT: LIMIT.replace("4", "30")}
+    )  # Nm; an integral beside a torque at its limit would rest
     drive = stated.robot.joints[1].controller
     assert drive is not None
     changed = replace(drive, **{number: size})  # type: ignore[arg-type]
@@ -84,7 +89,11 @@ def test_what_no_actuator_of_mujoco_has_is_named(number: str, size: float, effec
     diagnosed = diagnose(runs[:1], Question(stated.robot, refit=True), runs[1:])
     (cause,) = diagnosed.causes
     (found,) = cause.parameters.values()
-    assert (cause.effect, cause.joint, found.value) == (effect, "lift", pytest.approx(size, rel=0.03))
+    assert (cause.effect, cause.joint, found.value) == (
+        effect,
+        "lift",
+        pytest.approx(size, rel=0.03),
+    )
     assert number == "dead_band" or found.std > diagnosed.torque_scale["lift"].std * found.value
 
 
@@ -97,7 +106,9 @@ PLAY = pytest.param(
 
 
 @pytest.mark.parametrize(("kind", "size", "within"), [PLAY, ("elasticity", 40.0, 0.05)])
-def test_a_joint_that_yields_behind_its_encoder_is_named(tmp_path: Path, kind: str, size: float, within: float) -> None:
+def test_a_joint_that_yields_behind_its_encoder_is_named(
+    tmp_path: Path, kind: str, size: float, within: float
+) -> None:
     """Of play, and of a spring, between encoder and link MuJoCo's servos show joint and size by their encoders alone.
 
     MuJoCo presses joints a millirad beyond their limits; a spring is known no better than the scale of its torques.
@@ -105,14 +116,25 @@ def test_a_joint_that_yields_behind_its_encoder_is_named(tmp_path: Path, kind: s
     text, told = bench_servo_fit.recorded(kind, 0)
     (tmp_path / "arm.xml").write_text(text)
     robot = open_mjcf(tmp_path / "arm.xml").robot
-    runs = [replace(one.recording(robot.joint_names), source=f"run_{k}") for k, one in enumerate(told)]
-    effects = ["joint_play", "joint_elasticity", "coulomb_friction", "position_dead_band", "position_gain"]
+    runs = [
+        replace(one.recording(robot.joint_names), source=f"run_{k}") for k, one in enumerate(told)
+    ]
+    effects = [
+        "joint_play",
+        "joint_elasticity",
+        "coulomb_friction",
+        "position_dead_band",
+        "position_gain",
+    ]
     diagnosed = diagnose(runs[:1], Question(robot, refit=True, effects=effects), runs[1:])
     (cause,) = diagnosed.causes
     (found,) = cause.parameters.values()
     assert (cause.effect, cause.joint) == (f"joint_{kind}", "joint_2")
     assert found.value == pytest.approx(size, rel=within)
-    assert kind == "play" or found.std > diagnosed.torque_scale["joint_2"].std * found.value > 0.01 * found.value
+    assert (
+        kind == "play"
+        or found.std > diagnosed.torque_scale["joint_2"].std * found.value > 0.01 * found.value
+    )
 
 
 def test_gains_that_are_off_together_are_a_scale_and_no_cause(nominal: MjcfArm) -> None:
@@ -129,7 +151,10 @@ def test_gains_that_are_off_together_are_a_scale_and_no_cause(nominal: MjcfArm) 
 def test_a_gain_of_speed_and_viscous_friction_are_alternatives(nominal: MjcfArm) -> None:
     """Of a controller that damps the motor's own speed, both are the same torque, and both are named."""
     (cause,) = answer(nominal, *SLOW, {STATED: STATED.replace("0.6", "0.9")}).causes
-    assert {cause.effect, *(a.effect for a in cause.alternatives)} == {"viscous_friction", "velocity_gain"}
+    assert {cause.effect, *(a.effect for a in cause.alternatives)} == {
+        "viscous_friction",
+        "velocity_gain",
+    }
 
 
 def test_nothing_anchors_the_scale_of_a_vertical_axis(nominal: MjcfArm) -> None:
@@ -152,6 +177,10 @@ def test_identification_takes_made_torques(nominal: MjcfArm) -> None:
 
 def test_without_a_controller_the_error_names_the_block_to_write(nominal: MjcfArm) -> None:
     """The one line names the entry `controller:` of the arm file."""
-    bare = nominal.robot.with_(joints=tuple(replace(joint, controller=None) for joint in nominal.robot.joints))
-    with pytest.raises(DiagnosisError, match=r"holds no torque.*`controller: \{joint_1: \{kp: 30, kd: 0.5\}\}`"):
+    bare = nominal.robot.with_(
+        joints=tuple(replace(joint, controller=None) for joint in nominal.robot.joints)
+    )
+    with pytest.raises(
+        DiagnosisError, match=r"holds no torque.*`controller: \{joint_1: \{kp: 30, kd: 0.5\}\}`"
+    ):
         diagnose([recorded(servo_arm(), 50.0, 12)], Question(bare))

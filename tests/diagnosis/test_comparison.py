@@ -19,7 +19,15 @@ def compared(folder: Path, real: Recording, simulated: Recording) -> tuple[dict[
     """Run `diagnose real --against simulated`, and return comparison.json and what is printed."""
     for name, recording in (("real", real), ("simulated", simulated)):
         write_recording(folder / name, recording)
-    words = ["diagnose", folder / "real", "--against", folder / "simulated", "--no-propose", "--out", folder / "out"]
+    words = [
+        "diagnose",
+        folder / "real",
+        "--against",
+        folder / "simulated",
+        "--no-propose",
+        "--out",
+        folder / "out",
+    ]
     result = CliRunner().invoke(app, [str(word) for word in words])
     assert result.exit_code == 0, result.output
     assert "which effect is in which" in (folder / "out" / "report.html").read_text()
@@ -28,7 +36,9 @@ def compared(folder: Path, real: Recording, simulated: Recording) -> tuple[dict[
 
 def test_an_effect_of_one_recording_is_told_from_one_of_both(tmp_path: Path) -> None:
     """Dry friction of the real arm, viscous friction of the simulated one, and a load of both are told apart."""
-    (motion,) = random_trajectories(MODEL, LIMITS, 1, rng=np.random.default_rng(3), shape=Shape(5, 10.0, 1.0))
+    (motion,) = random_trajectories(
+        MODEL, LIMITS, 1, rng=np.random.default_rng(3), shape=Shape(5, 10.0, 1.0)
+    )
     load = "payload:mass=0.5,position=0/0/0.1"
     real = record(motion, load, "coulomb_friction:joint_2:torque=13.9", seed=1)
     simulated = record(motion, load, "viscous_friction:joint_1:coefficient=60", seed=2)

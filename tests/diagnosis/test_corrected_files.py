@@ -23,7 +23,9 @@ from elastic_arm.simulation import SimulationSettings, simulate
 pytestmark = pytest.mark.slow(30)
 pytest.importorskip("mujoco")
 
-SENSORS = Sensors(motor_torque=TorqueSensor(noise=0.02), motor_encoder=Encoder(2e-5), link_encoder=Encoder(2e-5))
+SENSORS = Sensors(
+    motor_torque=TorqueSensor(noise=0.02), motor_encoder=Encoder(2e-5), link_encoder=Encoder(2e-5)
+)
 ONE_URDF = """<robot name="one"><link name="base"/>
 <joint name="j1" type="revolute"><parent link="base"/><child link="l1"/><axis xyz="0 1 0"/>
  <limit lower="-2" upper="2" effort="50" velocity="3"/></joint>
@@ -68,8 +70,12 @@ def recorded(file: Path, effects: list[str]) -> tuple[Recording, Recording]:
     robot = load_robot(file)
     shape = Shape(5, 8.0, 1.0)
     limits = MotionLimits.of(robot)
-    motions = random_trajectories(build_model(robot), limits, 2, rng=np.random.default_rng(5), shape=shape)
-    settings = SimulationSettings(effects=[parse(e, robot) for e in effects], sensors=SENSORS, rate=250.0)
+    motions = random_trajectories(
+        build_model(robot), limits, 2, rng=np.random.default_rng(5), shape=shape
+    )
+    settings = SimulationSettings(
+        effects=[parse(e, robot) for e in effects], sensors=SENSORS, rate=250.0
+    )
     one, other = (
         simulate(robot, motion, settings, rng=np.random.default_rng(k), duration=10.0)
         for k, motion in enumerate(motions)
@@ -108,11 +114,15 @@ def test_the_corrected_arm_has_the_numbers_of_the_answer(tmp_path: Path) -> None
     first, judge = recorded(base, ["coulomb_friction:j1:torque=0.3"])
     context = diagnose([first], Question(load_robot(base), refit=True), [judge]).context
     explanation, linear = context.explanation, context.explanation.linear
-    heavier = [6.0 * ((one.what, one.joint) == ("link_mass", "j2")) for one in linear.problem.numbers]
+    heavier = [
+        6.0 * ((one.what, one.joint) == ("link_mass", "j2")) for one in linear.problem.numbers
+    ]
     there = Linearisation(linear.problem, linear.values + heavier, linear.acting)
     best = linear_model(there, explanation.best.model.name).fit(_again(explanation.best, there))
     beside = replace(
-        context, explanation=replace(explanation, linear=there, best=best), judging=replace(there, which=1)
+        context,
+        explanation=replace(explanation, linear=there, best=best),
+        judging=replace(there, which=1),
     )
     own, moved = (one.model.robot.joints[1].link.mass for one in (context, beside))
     assert there.model.robot.joints[1].link.mass > 1.2 * own
@@ -124,7 +134,9 @@ def test_a_zero_that_is_another_one_in_a_second_recording_is_a_change(tmp_path: 
     base = tmp_path / "two.urdf"
     base.write_text(FILES["two.urdf"])
     offsets = (0.06, 0.12)
-    (first, judge), (_, second) = (recorded(base, [f"joint_zero:j2:offset={offset}"]) for offset in offsets)
+    (first, judge), (_, second) = (
+        recorded(base, [f"joint_zero:j2:offset={offset}"]) for offset in offsets
+    )
     (change,) = diagnose([first, second], Question(load_robot(base)), [judge]).changes
     assert (change.effect, change.joint, change.parameter) == ("joint_zero", "j2", "offset")
     for (_, value, std), offset in zip(change.values, offsets, strict=True):

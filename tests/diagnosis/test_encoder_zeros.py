@@ -17,7 +17,10 @@ def recording(zero: float, late: float = 0.0) -> Recording:
     """Two swings under load, the link encoder of joint 2 with a zero, all link encoders late."""
     stamps = np.arange(4000) * 1_000_000
     t = stamps[:, None] * 1e-9
-    angle, torque = 0.5 * np.sin(np.pi * t + [0.0, 1.0, 2.0]), 200.0 + 100.0 * np.sin(np.pi * t + [2.0, 0.0, 1.0])
+    angle, torque = (
+        0.5 * np.sin(np.pi * t + [0.0, 1.0, 2.0]),
+        200.0 + 100.0 * np.sin(np.pi * t + [2.0, 0.0, 1.0]),
+    )
     speed = 0.5 * np.pi * np.cos(np.pi * t + [0.0, 1.0, 2.0])
     link = angle - torque / STIFFNESS - late * speed + [0.0, zero, 0.0]
     return Recording(ROBOT.joint_names, Side(stamps, link), Side(stamps, angle, None, torque))

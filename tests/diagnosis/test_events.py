@@ -58,7 +58,9 @@ def touched(recording: Recording, begin: float, end: float, torque: float) -> Re
 
 @pytest.fixture(scope="module")
 def contact() -> Diagnosis:
-    fit, judge = (replace(record(m, FRICTION, seed=k), source=f"run_{k}") for k, m in enumerate(motions()))
+    fit, judge = (
+        replace(record(m, FRICTION, seed=k), source=f"run_{k}") for k, m in enumerate(motions())
+    )
     question = Question(ROBOT, effects=(EFFECTS["coulomb_friction"],))
     return diagnose([touched(fit, 3.0, 3.5, 8.0)], question, [judge])
 
@@ -67,7 +69,9 @@ def test_a_contact_of_half_a_second_is_named_with_its_times(contact: Diagnosis) 
     """To half a second, at its joint alone, in the result, a note and its file; the verdict is unknown."""
     assert {(e.recording, e.joint) for e in contact.events} == {("run_0", "joint_2")}
     link = [e for e in contact.events if e.side == "link"]
-    assert [(e.begin, e.end) for e in link] == [(pytest.approx(3.0, abs=0.4), pytest.approx(3.5, abs=0.4))]
+    assert [(e.begin, e.end) for e in link] == [
+        (pytest.approx(3.0, abs=0.4), pytest.approx(3.5, abs=0.4))
+    ]
     assert link[0].begin < 3.0 and link[0].end > 3.5 and 4.0 < link[0].rmse < 8.0
     assert contact.verdict == "unknown" and ("joint_2", "link", "event") in {
         (p.joint, p.side, p.regime) for p in contact.unexplained

@@ -15,7 +15,9 @@ def test_motor_torques_without_motor_angles_show_friction_of_the_motors() -> Non
 
     def without_motor_angles(recording: Recording) -> Recording:
         assert recording.motor is not None
-        return replace(recording, motor=Side(recording.motor.stamp_ns, effort=recording.motor.effort))
+        return replace(
+            recording, motor=Side(recording.motor.stamp_ns, effort=recording.motor.effort)
+        )
 
     identify, validate = (
         without_motor_angles(record(motion, "coulomb_friction:joint_2:torque=15", seed=k))

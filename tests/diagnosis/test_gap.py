@@ -16,11 +16,18 @@ NOISE = 0.1  # Nm, of white noise up to half the rate
 def measured(*residuals: np.ndarray) -> Gap:
     """Return the gap of residuals (N,), one a row, whose sensors have white noise."""
     rows, f = len(residuals), np.linspace(0.0, RATE / 2, 50)
-    pure = SimpleNamespace(f=f, covariance=np.tile(NOISE**2 * np.eye(rows), (len(f), 1, 1)), rate=RATE)
+    pure = SimpleNamespace(
+        f=f, covariance=np.tile(NOISE**2 * np.eye(rows), (len(f), 1, 1)), rate=RATE
+    )
     band = SimpleNamespace(cutoff=CUTOFF, kept_rate=RATE)
-    whole, parts = [np.ones((len(residuals[0]), rows))], [SimpleNamespace(stretch=SimpleNamespace(band=band))]
+    whole, parts = (
+        [np.ones((len(residuals[0]), rows))],
+        [SimpleNamespace(stretch=SimpleNamespace(band=band))],
+    )
     more = {"band": band, "parts": parts, "seconds": len(residuals[0]) / RATE}
-    data: Any = SimpleNamespace(layout=SimpleNamespace(rows=rows), pure=[pure], shares=lambda: whole, **more)
+    data: Any = SimpleNamespace(
+        layout=SimpleNamespace(rows=rows), pure=[pure], shares=lambda: whole, **more
+    )
     return Gap.of(data, [np.stack(residuals, axis=1)])
 
 
@@ -28,7 +35,9 @@ def white(seed: int) -> np.ndarray:
     from elastic_arm.estimation.band import LowPass
 
     spectrum = np.fft.rfft(NOISE * np.random.default_rng(seed).standard_normal(COUNT))
-    return np.fft.irfft(spectrum * LowPass(CUTOFF, RATE).gain(np.fft.rfftfreq(COUNT, 1.0 / RATE)), COUNT)
+    return np.fft.irfft(
+        spectrum * LowPass(CUTOFF, RATE).gain(np.fft.rfftfreq(COUNT, 1.0 / RATE)), COUNT
+    )
 
 
 def test_noise_of_the_sensors_is_no_gap() -> None:

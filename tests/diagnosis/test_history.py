@@ -43,7 +43,9 @@ def test_a_step_is_found_where_it_is_with_its_levels() -> None:
     found = course([6.0, 6.01, 5.99, 9.0, 9.01, 8.99], 1e-4 * np.eye(6) + COMMON)
     step = found.step
     assert found.changed > 0.99 and step is not None and step.after == 2 and step.probability > 0.99
-    assert step.before_value == pytest.approx(6.0, abs=3e-3) and step.after_value == pytest.approx(9.0, abs=3e-3)
+    assert step.before_value == pytest.approx(6.0, abs=3e-3) and step.after_value == pytest.approx(
+        9.0, abs=3e-3
+    )
     least = np.sqrt(1e-4 / 3 + COMMON)
     assert least < step.before_std < 2.0 * least and least < step.after_std < 2.0 * least
 
@@ -84,14 +86,22 @@ def test_a_drift_within_the_deviations_and_two_sizes_of_an_unknown_arm_are_no_ch
 
 def test_friction_that_rises_is_a_change_and_other_friction_is_none(tmp_path: Path) -> None:
     """From 6 to 9 Nm at one joint, known to 2 %; that of another stays the same. The report draws each number."""
-    effects = [f"coulomb_friction:joint_1:torque=5|coulomb_friction:joint_2:torque={size}" for size in (6, 9)]
+    effects = [
+        f"coulomb_friction:joint_1:torque=5|coulomb_friction:joint_2:torque={size}"
+        for size in (6, 9)
+    ]
     first, second = (
-        replace(record(motions()[0], *each.split("|"), seed=k), source=f"day_{k}") for k, each in enumerate(effects)
+        replace(record(motions()[0], *each.split("|"), seed=k), source=f"day_{k}")
+        for k, each in enumerate(effects)
     )
     judge = replace(record(motions()[1], *effects[0].split("|"), seed=2), source="judge")
-    whole = diagnose([first, second], Question(ROBOT, effects=(EFFECTS["coulomb_friction"],)), [judge])
+    whole = diagnose(
+        [first, second], Question(ROBOT, effects=(EFFECTS["coulomb_friction"],)), [judge]
+    )
     found = courses(whole)
-    one, other = (next(c for c in found if c.sized.joint == joint) for joint in ("joint_2", "joint_1"))
+    one, other = (
+        next(c for c in found if c.sized.joint == joint) for joint in ("joint_2", "joint_1")
+    )
     assert one.changed > 0.99 and one.step is not None and one.step.after == 0
     assert one.sized.values == pytest.approx([6.0, 9.0], rel=0.02)
     assert other.changed < 0.5 and other.step is None
@@ -99,9 +109,13 @@ def test_friction_that_rises_is_a_change_and_other_friction_is_none(tmp_path: Pa
     assert found[0] is one
     told = one.to_dict(("day_0", "day_1"))
     assert told["step"]["between"] == ["day_0", "day_1"] and told["unit"] == "Nm"
-    page = write_history_report(tmp_path / "report.html", whole, found, ("2026-03-03 06:00:00",) * 2).read_text()
+    page = write_history_report(
+        tmp_path / "report.html", whole, found, ("2026-03-03 06:00:00",) * 2
+    ).read_text()
     assert "coulomb friction of joint_2 rose from" in page and page.count("<svg") == len(found)
-    again = from_dict(pickle.loads(pickle.dumps(whole.to_dict())), tmp_path, Catalogue.default())  # between processes
+    again = from_dict(
+        pickle.loads(pickle.dumps(whole.to_dict())), tmp_path, Catalogue.default()
+    )  # between processes
     assert [c.effect for c in again.causes] == [c.effect for c in whole.causes] and again.causes
     with pytest.raises(DiagnosisError, match="two recordings"):
         courses(replace(whole, identify=("day_0",)))
@@ -111,14 +125,22 @@ def test_what_a_recording_lacks_the_channels_for_is_not_compared() -> None:
     """Without motor torques friction is not absent; beside all channels a recording without it shows that it is."""
     link, motor = ("joint_1", "link"), ("joint_1", "motor")
     size = SimpleNamespace(value=6.0, std=0.01, unit="Nm")
-    friction = SimpleNamespace(effect="coulomb_friction", joint="joint_1", parameters={"torque": size})
-    every = SimpleNamespace(known=[], causes=[friction], verdict="explained", noise={link: 0.1, motor: 0.1})
+    friction = SimpleNamespace(
+        effect="coulomb_friction", joint="joint_1", parameters={"torque": size}
+    )
+    every = SimpleNamespace(
+        known=[], causes=[friction], verdict="explained", noise={link: 0.1, motor: 0.1}
+    )
     without = SimpleNamespace(known=[], causes=[], verdict="none", noise={link: 0.1})
     (lacking,) = courses_of_each([every, every, without, without])  # type: ignore[list-item]
     assert lacking.step is None and np.isnan(lacking.sized.values[2:]).all()
     without.noise = every.noise
     (absent,) = courses_of_each([every, every, without, without])  # type: ignore[list-item]
-    assert absent.step is not None and absent.step.after == 1 and (absent.sized.values[2:] == 0.0).all()
+    assert (
+        absent.step is not None
+        and absent.step.after == 1
+        and (absent.sized.values[2:] == 0.0).all()
+    )
 
 
 @pytest.mark.slow(5)
@@ -128,7 +150,11 @@ def test_a_payload_that_is_picked_up_and_kept_is_a_change_between_parts_of_a_rec
     first, second = random_trajectories(MODEL, LIMITS, 2, rng=np.random.default_rng(3), shape=shape)
     empty = record(first, sensors=Sensors.real())
     loaded = record(second, "payload:mass=2.0", seed=1, sensors=Sensors.real())
-    later = {n: replace(s, stamp_ns=s.stamp_ns + 12 * 10**9) for n, s in loaded.sides().items() if s is not None}
+    later = {
+        n: replace(s, stamp_ns=s.stamp_ns + 12 * 10**9)
+        for n, s in loaded.sides().items()
+        if s is not None
+    }
     parts = in_parts(replace(Recording.joined([empty, replace(loaded, **later)]), source="run"))
     assert [part.source for part in parts] == ["run, 0 to 12 s", "run, 12 to 21 s"]
     (found,) = courses(diagnose(parts, Question(ROBOT, effects=(EFFECTS["payload"],))))
@@ -139,12 +165,22 @@ def test_a_payload_that_is_picked_up_and_kept_is_a_change_between_parts_of_a_rec
 def test_a_cause_that_appears_for_good_is_a_change_and_one_that_may_hide_is_none() -> None:
     """2 kg from the third recording on; 0.3 kg that the first cannot tell; one now and then; less from `unknown`."""
 
-    def courses_of(*masses: float | None, std: float, verdict: str = "explained", shown: int = 1) -> tuple[Course, ...]:
+    def courses_of(
+        *masses: float | None, std: float, verdict: str = "explained", shown: int = 1
+    ) -> tuple[Course, ...]:
         sizes = ({"mass": ParameterEstimate(mass, std, "kg")} if mass else None for mass in masses)
-        causes = ([SimpleNamespace(effect="payload", joint="joint_3", parameters=one)] if one else [] for one in sizes)
+        causes = (
+            [SimpleNamespace(effect="payload", joint="joint_3", parameters=one)] if one else []
+            for one in sizes
+        )
         return courses_of_each(
             [
-                SimpleNamespace(known=[], causes=c, verdict="explained" if len(c) == shown else verdict, noise={})
+                SimpleNamespace(
+                    known=[],
+                    causes=c,
+                    verdict="explained" if len(c) == shown else verdict,
+                    noise={},
+                )
                 for c in causes
             ]
         )  # type: ignore[misc]
@@ -162,14 +198,18 @@ def test_a_cause_that_appears_for_good_is_a_change_and_one_that_may_hide_is_none
 
 def test_a_bag_that_cannot_be_read_is_left_out_and_named(tmp_path: Path) -> None:
     """The others make the history; two are needed."""
-    (motion,) = random_trajectories(MODEL, LIMITS, 1, rng=np.random.default_rng(3), shape=Shape(3, 7.0, 1.0))
+    (motion,) = random_trajectories(
+        MODEL, LIMITS, 1, rng=np.random.default_rng(3), shape=Shape(3, 7.0, 1.0)
+    )
     bags = [str(tmp_path / name) for name in ("march", "april", "torn")]
     for seed, bag in enumerate(bags):
         write_recording(bag, record(motion, seed=seed, sensors=Sensors.real()))
     (tmp_path / "torn" / "torn_0.mcap").write_bytes(b"")
     options = ["--with", "coulomb_friction:joint_2", "--out", str(tmp_path / "history")]
     result = CliRunner().invoke(app, ["history", *bags, *options])
-    assert result.exit_code == 0 and "left out: " in result.stderr and "torn" in result.stderr, result.output
+    assert result.exit_code == 0 and "left out: " in result.stderr and "torn" in result.stderr, (
+        result.output
+    )
     told = json.loads((tmp_path / "history" / "history.json").read_text())
     assert {Path(one["recording"]).name for one in told["recordings"]} == {"march", "april"}
     assert any(note.startswith("left out: ") for note in told["notes"])

@@ -24,7 +24,10 @@ def recording(seconds: float = 12.0, skipped: float = 0.0) -> Recording:
     a, b = np.random.default_rng(3).uniform(-0.25, 0.25, (2, 3, 3))
     motion = FourierTrajectory(2 * np.pi / 7.0, a, b, np.array([0.0, 0.4, 0.5]), seconds, 1.0)
     whole = simulate(
-        ROBOT, motion, SimulationSettings(effects=[parse(HYSTERESIS, ROBOT)], rate=500.0), rng=np.random.default_rng(0)
+        ROBOT,
+        motion,
+        SimulationSettings(effects=[parse(HYSTERESIS, ROBOT)], rate=500.0),
+        rng=np.random.default_rng(0),
     )
     return whole.between(skipped, seconds + 1.0)
 
@@ -35,7 +38,9 @@ def left(found: Recording) -> tuple[np.ndarray, np.ndarray]:
     feature = feature_of(parse(HYSTERESIS, ROBOT), ArmEquations(ROBOT)).whole()
     rows = []
     for which in (0, 1):
-        data = Linearisation(prepared.problem, np.zeros(len(prepared.problem.numbers)), (), which).data
+        data = Linearisation(
+            prepared.problem, np.zeros(len(prepared.problem.numbers)), (), which
+        ).data
         (y,), (columns,) = data.y, data.plain(feature, (12.0, 3e-4))
         rows.append((y - columns[:, :, 0])[:, 4] / y[:, 4].std() * 12.0)
     return rows[0], rows[1]

@@ -14,7 +14,9 @@ from elastic_arm.recording import Recording, Side
 from elastic_arm.robot import Robot, load_robot
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "kuka_lwr4"
-missing = pytest.mark.skipif(not DATA.is_dir(), reason=f"the recordings of the LWR 4+ are not in {DATA}")
+missing = pytest.mark.skipif(
+    not DATA.is_dir(), reason=f"the recordings of the LWR 4+ are not in {DATA}"
+)
 pytestmark = [pytest.mark.slow(11), missing]
 
 LAWS = ("viscous_friction:side=link", "coulomb_friction:side=link", "joint_torque_offset")
@@ -76,11 +78,14 @@ def test_poor_excitation_of_one_run_is_said_before_the_fit(on_one_speed: Identif
     """Run 1 alone, one sinusoid at one speed, is called poor from its motion alone."""
     assert on_one_speed.excitation["poor"]
     assert any(
-        "base parameters get standard deviations above" in reason for reason in on_one_speed.excitation["reasons"]
+        "base parameters get standard deviations above" in reason
+        for reason in on_one_speed.excitation["reasons"]
     )
 
 
-def test_half_the_parameters_of_one_run_are_called_undetermined(on_one_speed: Identification) -> None:
+def test_half_the_parameters_of_one_run_are_called_undetermined(
+    on_one_speed: Identification,
+) -> None:
     """After the fit too: at least a third of the base parameters is said to be determined poorly or not at all."""
     words = [e.verdict for e in on_one_speed.estimates]
     assert words.count("well") < 2 / 3 * len(words)
@@ -93,7 +98,9 @@ def test_identify_stays_far_below_the_plain_failure(on_one_speed: Identification
 
 def test_consistent_arm_stays_far_below_the_plain_failure(on_one_speed: Identification) -> None:
     """Fitted on run 1 alone, the consistent arm misses run 3 by at most half of the known failure on the whole."""
-    assert np.linalg.norm(rmse(on_one_speed, "consistent")) <= 0.5 * np.linalg.norm(KNOWN_FAILURE_ON_3)
+    assert np.linalg.norm(rmse(on_one_speed, "consistent")) <= 0.5 * np.linalg.norm(
+        KNOWN_FAILURE_ON_3
+    )
 
 
 def test_well_determined_parameters_of_two_recordings_agree_within_their_deviations(
@@ -101,7 +108,9 @@ def test_well_determined_parameters_of_two_recordings_agree_within_their_deviati
 ) -> None:
     """Each run alone: what is called well differs by 1.2 deviations (rms) at most between runs, and never by three."""
     settings = IdentificationSettings(effects=parse_laws(LAWS, robot), consistent=False)
-    single = [{e.name: e for e in identify(run, robot, settings).estimates} for run in runs.values()]
+    single = [
+        {e.name: e for e in identify(run, robot, settings).estimates} for run in runs.values()
+    ]
     for one, other in combinations(single, 2):
         pairs = [(a, other[name]) for name, a in one.items() if name in other]
         well = [(a, b) for a, b in pairs if a.verdict == b.verdict == "well"]

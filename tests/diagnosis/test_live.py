@@ -32,7 +32,8 @@ def batches(samples: Samples, length: int = 100) -> Iterator[Samples]:
         part = {
             f.name: values[first : first + length]
             for f in fields(samples)
-            if f.name not in ("notes", "lacking") and (values := getattr(samples, f.name)) is not None
+            if f.name not in ("notes", "lacking")
+            and (values := getattr(samples, f.name)) is not None
         }
         yield replace(samples, **part)
 
@@ -120,6 +121,7 @@ def test_a_size_that_changes_is_said_with_its_size_and_what_varies_is_none(sprea
     for _ in range(3):
         (said,) = sizes.changes(friction(9.0))
         assert re.match(
-            r"torque of coulomb_friction on joint_2 changed from (6\.0|5\.9)\S* ± \S+ Nm to 9\.00 ± 0\.10 Nm", said
+            r"torque of coulomb_friction on joint_2 changed from (6\.0|5\.9)\S* ± \S+ Nm to 9\.00 ± 0\.10 Nm",
+            said,
         )
     assert not sizes.changes(friction(6.05))

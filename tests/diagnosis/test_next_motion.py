@@ -42,23 +42,34 @@ def test_what_the_recording_cannot_tell_apart_gets_a_motion_that_does(doubtful: 
     """The result holds both explanations, how little this recording separates them, and how far the motion will."""
     assert names(doubtful) >= {"backlash", "encoder_offset"}
     assert doubtful.proposal is not None
-    pair = next(p for p in doubtful.proposal.pairs if {p.cause[0], p.alternative[0]} == {"backlash", "encoder_offset"})
+    pair = next(
+        p
+        for p in doubtful.proposal.pairs
+        if {p.cause[0], p.alternative[0]} == {"backlash", "encoder_offset"}
+    )
     assert pair.here < 1.0 < DECISIVE < pair.expected
     written = doubtful.to_dict()
     told = {a["effect"]: a["separated_by"] for a in written["causes"][0]["alternatives"]}
-    assert told["encoder_offset" if written["causes"][0]["effect"] == "backlash" else "backlash"] == SEPARATING
+    assert (
+        told["encoder_offset" if written["causes"][0]["effect"] == "backlash" else "backlash"]
+        == SEPARATING
+    )
     assert written["next_motion"]["file"] == SEPARATING
     assert written["next_motion"]["duration_s"] == pytest.approx(20.0)
 
 
-def test_the_motion_keeps_the_limits_and_its_file_loads(doubtful: Diagnosis, tmp_path: Path) -> None:
+def test_the_motion_keeps_the_limits_and_its_file_loads(
+    doubtful: Diagnosis, tmp_path: Path
+) -> None:
     """What is proposed may be run: within every limit, and its file gives the same motion."""
     assert doubtful.proposal is not None and doubtful.proposal.trajectory is not None
     motion = doubtful.proposal.trajectory
     assert LIMITS.use(motion, MODEL).kept
     motion.save(tmp_path / SEPARATING)
     t = np.linspace(0.0, motion.duration, 50)
-    np.testing.assert_array_equal(load_trajectory(tmp_path / SEPARATING).evaluate(t)[0], motion.evaluate(t)[0])
+    np.testing.assert_array_equal(
+        load_trajectory(tmp_path / SEPARATING).evaluate(t)[0], motion.evaluate(t)[0]
+    )
 
 
 def test_a_recording_of_the_motion_decides(doubtful: Diagnosis) -> None:
@@ -74,7 +85,9 @@ def test_the_rehearsed_size_of_an_effect_is_the_recorded_one(doubtful: Diagnosis
     first, second = motions()
     friction = "coulomb_friction:joint_2:torque=6"
     question = Question(ROBOT, effects=(EFFECTS["coulomb_friction"],))
-    context = diagnose([record(first, friction, seed=1)], question, [record(second, friction, seed=2)]).context
+    context = diagnose(
+        [record(first, friction, seed=1)], question, [record(second, friction, seed=2)]
+    ).context
     assert context is not None
     (term,) = context.explanation.best.optional
     assert term.feature is not None
@@ -82,7 +95,9 @@ def test_the_rehearsed_size_of_an_effect_is_the_recorded_one(doubtful: Diagnosis
     around = ExperimentConditions.of(context.model, fitted)
     for data, motion in zip((fitted, context.validate), (first, second), strict=True):
         recorded = np.sum(data.whiten(data.plain(term.feature, term.theta)) ** 2)
-        predicted = np.sum(PredictedExperiment(around, motion, RATE).white(term.feature, term.theta) ** 2)
+        predicted = np.sum(
+            PredictedExperiment(around, motion, RATE).white(term.feature, term.theta) ** 2
+        )
         assert recorded / data.seconds == pytest.approx(predicted / motion.duration, rel=0.1)
 
 
@@ -102,4 +117,8 @@ def test_changes_between_recordings_are_no_rivals_of_causes(doubtful: Diagnosis)
     assert changed
     best = replace(explanation.best, terms=(*explanation.best.terms, *changed))
     beside = replace(context, explanation=replace(explanation, best=best))
-    assert len(_ambiguous_pairs(beside, doubtful.causes)) == len(_ambiguous_pairs(context, doubtful.causes)) > 0
+    assert (
+        len(_ambiguous_pairs(beside, doubtful.causes))
+        == len(_ambiguous_pairs(context, doubtful.causes))
+        > 0
+    )

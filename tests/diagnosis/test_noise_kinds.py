@@ -55,5 +55,13 @@ def test_friction_is_named_in_coloured_noise(kind):
 
 def test_an_effect_that_no_candidate_resembles_is_not_taken_for_noise():
     """Friction that the catalogue lacks is left as `unknown`, not explained by noise of its colour."""
-    friction = ("coulomb_friction", "stribeck_friction", "load_dependent_friction", "viscous_friction", "hysteresis")
-    assert found("white", "friction", without=(*friction, "degressive_friction")).verdict == "unknown"
+    friction = (
+        "coulomb_friction",
+        "stribeck_friction",
+        "load_dependent_friction",
+        "viscous_friction",
+        "hysteresis",
+    )
+    assert (
+        found("white", "friction", without=(*friction, "degressive_friction")).verdict == "unknown"
+    )

@@ -26,7 +26,9 @@ def without_motor_side(recording: Recording) -> Recording:
 @pytest.fixture(scope="module")
 def found() -> Diagnosis:
     acting = [f"viscous_friction:{joint}:coefficient=8,side=link" for joint in ("joint_1", BARE)]
-    fit, judge = (without_motor_side(record(motion, *acting, seed=k)) for k, motion in enumerate(motions()))
+    fit, judge = (
+        without_motor_side(record(motion, *acting, seed=k)) for k, motion in enumerate(motions())
+    )
     known = parse(f"coulomb_friction:{BARE}:torque=3,side=link", ROBOT)
     effects = (EFFECTS["viscous_friction"],)
     return diagnose([fit], Question(ROBOT, effects=effects, given=(known,), refit=True), [judge])
@@ -40,19 +42,30 @@ def test_known_friction_of_a_motor_without_a_torque_is_not_seen_beside_its_encod
         assert one.link is not None and one.motor is not None and one.motor.effort is not None
         effort = one.motor.effort.copy()
         effort[:, ROBOT.joint_names.index(BARE)] = np.nan
-        recordings.append(replace(one, link=replace(one.link, effort=None), motor=replace(one.motor, effort=effort)))
+        recordings.append(
+            replace(
+                one, link=replace(one.link, effort=None), motor=replace(one.motor, effort=effort)
+            )
+        )
     known = tuple(parse(f"coulomb_friction:{joint}:torque=3", ROBOT) for joint in ("joint_1", BARE))
     effects = (EFFECTS["viscous_friction"],)
-    prepared = prepare(recordings[:1], recordings[1:], Question(ROBOT, effects=effects, given=known))
+    prepared = prepare(
+        recordings[:1], recordings[1:], Question(ROBOT, effects=effects, given=known)
+    )
     assert [given.joint for given in prepared.problem.given] == ["joint_1"]
-    assert any("no motor torque was recorded: coulomb_friction on joint_2" in note for note in prepared.notes)
+    assert any(
+        "no motor torque was recorded: coulomb_friction on joint_2" in note
+        for note in prepared.notes
+    )
     sides = {(one.joint, one.choices["side"]) for one in prepared.problem.candidates}
     assert (BARE, "link") in sides and (BARE, "motor") not in sides
 
 
 def test_friction_is_found_where_a_torque_shows_it(found: Diagnosis) -> None:
     """Viscous friction of joint 1 comes out within a tenth, and no cause is named at the joint without a torque."""
-    assert [(cause.effect, cause.joint) for cause in found.causes] == [("viscous_friction", "joint_1")]
+    assert [(cause.effect, cause.joint) for cause in found.causes] == [
+        ("viscous_friction", "joint_1")
+    ]
     assert found.causes[0].parameters["coefficient"].value == pytest.approx(8.0, rel=0.1)
 
 

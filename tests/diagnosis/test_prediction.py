@@ -18,7 +18,9 @@ pytestmark = pytest.mark.slow(20)
 
 def context(*recordings: Recording, effects: Sequence[Effect] = ()) -> DiagnosisContext:
     """What a diagnosis with these effects to find leaves."""
-    found = diagnose([recordings[0]], Question(ROBOT, effects=tuple(effects)), [recordings[1]]).context
+    found = diagnose(
+        [recordings[0]], Question(ROBOT, effects=tuple(effects)), [recordings[1]]
+    ).context
     assert found is not None
     return found
 
@@ -44,9 +46,14 @@ def test_the_model_of_a_clean_arm_sees_200_ms_ahead(clean: Prediction) -> None:
     """With the right model the error after 200 ms is micro-radians, from many starts, and grows with the horizon."""
     assert clean.before is not None and clean.reason == ""
     assert clean.horizons == HORIZONS and clean.starts >= 50
-    assert set(clean.before) == {(joint, side) for joint in ROBOT.joint_names for side in ("link", "motor")}
+    assert set(clean.before) == {
+        (joint, side) for joint in ROBOT.joint_names for side in ("link", "motor")
+    }
     assert worst(clean.before) < 2e-5
-    assert all(clean.before[joint, "motor"][0] < clean.before[joint, "motor"][-1] for joint in ROBOT.joint_names)
+    assert all(
+        clean.before[joint, "motor"][0] < clean.before[joint, "motor"][-1]
+        for joint in ROBOT.joint_names
+    )
 
 
 @pytest.mark.parametrize(
@@ -62,7 +69,9 @@ def test_adding_the_effect_brings_the_prediction_back(effect: str, clean: Predic
     """With the effect added in the forward simulation, the arm is predicted as well as a clean one."""
     found = predicted(INSTANCES[effect][0])
     assert found.before is not None and found.after is not None and clean.before is not None
-    gained = [found.before[place][k] / found.after[place][k] for place in found.before for k in (1, 4)]
+    gained = [
+        found.before[place][k] / found.after[place][k] for place in found.before for k in (1, 4)
+    ]
     assert max(gained) > (1.5 if effect == "bearing_compliance" else 10.0)
     for k in (1, 4):
         assert worst(found.after, k) < 2.0 * worst(clean.before, k)
@@ -70,9 +79,14 @@ def test_adding_the_effect_brings_the_prediction_back(effect: str, clean: Predic
 
 @pytest.mark.parametrize(
     ("effect", "horizon"),
-    [("time_delay:joint_2:delay=0.004,channels=link_encoder", 0), ("motor_torque_gain:joint_2:gain=1.3", -1)],
+    [
+        ("time_delay:joint_2:delay=0.004,channels=link_encoder", 0),
+        ("motor_torque_gain:joint_2:gain=1.3", -1),
+    ],
 )
-def test_what_the_calibration_took_out_of_a_channel_is_taken_out_once(effect: str, horizon: int) -> None:
+def test_what_the_calibration_took_out_of_a_channel_is_taken_out_once(
+    effect: str, horizon: int
+) -> None:
     """With `--refit` channels were moved back and torques divided: with the cause the arm is predicted as clean."""
     runs = [record(motion, effect, seed=k) for k, motion in enumerate(motions())]
     found = diagnose([runs[0]], Question(ROBOT, refit=True), [runs[1]])
@@ -86,9 +100,13 @@ def test_what_the_calibration_took_out_of_a_channel_is_taken_out_once(effect: st
 
 def test_half_the_friction_leaves_about_half_the_error() -> None:
     """The prediction error measures what is missing: a cause found half as large mends half."""
-    found = predicted("coulomb_friction:joint_2:torque=10", known=("coulomb_friction:joint_2:torque=5",))
+    found = predicted(
+        "coulomb_friction:joint_2:torque=10", known=("coulomb_friction:joint_2:torque=5",)
+    )
     assert found.before is not None and found.after is not None
-    assert found.after["joint_2", "motor"][-1] / found.before["joint_2", "motor"][-1] == pytest.approx(0.5, abs=0.1)
+    assert found.after["joint_2", "motor"][-1] / found.before["joint_2", "motor"][
+        -1
+    ] == pytest.approx(0.5, abs=0.1)
 
 
 def test_a_cause_takes_the_place_of_what_the_description_states_of_it() -> None:
@@ -101,7 +119,9 @@ def test_a_cause_takes_the_place_of_what_the_description_states_of_it() -> None:
     assert found.context is not None
     prediction = predict(found.context, [cause.instance for cause in found.causes])
     assert prediction.before is not None and prediction.after is not None
-    assert prediction.after["joint_2", "motor"][-1] < 0.01 * prediction.before["joint_2", "motor"][-1]
+    assert (
+        prediction.after["joint_2", "motor"][-1] < 0.01 * prediction.before["joint_2", "motor"][-1]
+    )
 
 
 def test_without_motor_torque_nothing_is_predicted_and_the_reason_is_said() -> None:

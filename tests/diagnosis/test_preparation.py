@@ -56,12 +56,18 @@ def test_known_effects_are_given_at_the_values_that_are_not_linear() -> None:
     """An effect of the user counts as part of the model; its searched parameter stands as stated."""
     prepared = prepare([pair()[0]], [pair()[1]], question(given=(parse(STRIBECK, ROBOT),)))
     (known,) = prepared.problem.given
-    assert (known.effect.id, known.joint, known.parameters["speed"]) == ("stribeck_friction", "joint_3", 0.05)
+    assert (known.effect.id, known.joint, known.parameters["speed"]) == (
+        "stribeck_friction",
+        "joint_3",
+        0.05,
+    )
 
 
 def test_an_effect_of_the_arm_file_is_given_too() -> None:
     """What the description carries is stated, not searched for."""
-    carrying = ROBOT.with_(effects=(parse("viscous_friction:joint_1:coefficient=3", ROBOT).to_dict(),))
+    carrying = ROBOT.with_(
+        effects=(parse("viscous_friction:joint_1:coefficient=3", ROBOT).to_dict(),)
+    )
     prepared = prepare([pair()[0]], [pair()[1]], question(robot=carrying))
     assert [known.effect.id for known in prepared.problem.stated] == ["viscous_friction"]
 
@@ -125,20 +131,32 @@ def test_one_encoder_narrows_the_band() -> None:
     single = EquationSet.direct(frozenset({"q", "tau_m"}), MODEL.n)
     wide, narrow = (common_band(one, MODEL, 1000.0) for one in (both, single))
     assert np.isclose(narrow.cutoff, ONE_ENCODER) and wide.cutoff > narrow.cutoff
-    rigid = build_model(ROBOT.with_(joints=tuple(replace(j, transmission=None) for j in ROBOT.joints)), "mod1")
+    rigid = build_model(
+        ROBOT.with_(joints=tuple(replace(j, transmission=None) for j in ROBOT.joints)), "mod1"
+    )
     assert common_band(single, rigid, 1000.0).cutoff == wide.cutoff
 
 
-def test_friction_of_motors_that_were_not_recorded_is_left_out_with_a_note_on_what_is_known() -> None:
+def test_friction_of_motors_that_were_not_recorded_is_left_out_with_a_note_on_what_is_known() -> (
+    None
+):
     """With link encoders and joint torque sensors alone, friction of a motor is in no equation; that of a link is."""
     alone = [replace(recording, motor=None) for recording in pair()]
     known = tuple(
-        parse(f"coulomb_friction:joint_{k}:torque=3,side={side}", ROBOT) for k, side in ((1, "motor"), (2, "link"))
+        parse(f"coulomb_friction:joint_{k}:torque=3,side={side}", ROBOT)
+        for k, side in ((1, "motor"), (2, "link"))
     )
     prepared = prepare([alone[0]], [alone[1]], question(given=known))
     assert [instance.joint for instance in prepared.problem.given] == ["joint_2"]
-    assert {feature.choices["side"] for feature in prepared.problem.candidates if "side" in feature.choices} == {"link"}
-    assert any("coulomb_friction on joint_1" in note and "no motor torque" in note for note in prepared.notes)
+    assert {
+        feature.choices["side"]
+        for feature in prepared.problem.candidates
+        if "side" in feature.choices
+    } == {"link"}
+    assert any(
+        "coulomb_friction on joint_1" in note and "no motor torque" in note
+        for note in prepared.notes
+    )
 
 
 def test_velocities_that_are_differences_of_positions_are_left_out_with_one_note() -> None:
@@ -154,4 +172,7 @@ def test_velocities_that_are_differences_of_positions_are_left_out_with_one_note
     prepared = prepare([recordings[0]], [recordings[1]], question())
     notes = [note for note in prepared.notes if "velocities" in note]
     assert len(notes) == len({recording.source for recording in recordings})
-    assert all("link and motor velocities are differences of the positions: left out" in note for note in notes)
+    assert all(
+        "link and motor velocities are differences of the positions: left out" in note
+        for note in notes
+    )

@@ -15,13 +15,17 @@ ROOT = Path(__file__).resolve().parents[2]
 SHARED = ROOT.parent / "shared" / "data"
 pytestmark = [
     pytest.mark.slow(60),
-    pytest.mark.skipif(not SHARED.is_dir(), reason=f"the recordings of real robots are not in {SHARED}"),
+    pytest.mark.skipif(
+        not SHARED.is_dir(), reason=f"the recordings of real robots are not in {SHARED}"
+    ),
 ]
 
 
 def runs(robot: str, mapping: str, files: list[str]) -> list[Recording]:
     """Read recordings of a robot as its example does."""
-    return [import_arrays(SHARED / robot / file, ROOT / "examples" / robot / mapping) for file in files]
+    return [
+        import_arrays(SHARED / robot / file, ROOT / "examples" / robot / mapping) for file in files
+    ]
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +37,9 @@ def six_axes() -> Diagnosis:
     return diagnose([first, second], Question(arm, given=friction, refit=True), [judge])
 
 
-@pytest.mark.xfail(reason="not seen to hold since the search is a frontier; friction of real drives fills its sets")
+@pytest.mark.xfail(
+    reason="not seen to hold since the search is a frontier; friction of real drives fills its sets"
+)
 def test_what_a_model_lacks_is_not_taken_for_noise(six_axes: Diagnosis) -> None:
     """Axis 2's counterbalance leaves the KR300 `unknown` at its place; its spring and the payload are named."""
     assert six_axes.verdict == "unknown" and not six_axes.events

@@ -21,7 +21,9 @@ pytestmark = pytest.mark.slow(8)
 SECONDS, RATE = 10.0, 500.0  # at 250 Hz the smoother takes a part of the residuals' band
 FRICTION = "coulomb_friction:joint_2:torque=6"
 # Enough where not the choice among all is asked for.
-FEW = tuple(EFFECTS[name] for name in ("coulomb_friction", "stiffness_mismatch", "joint_torque_offset"))
+FEW = tuple(
+    EFFECTS[name] for name in ("coulomb_friction", "stiffness_mismatch", "joint_torque_offset")
+)
 
 
 @cache
@@ -34,15 +36,21 @@ def motion(seed: int) -> FourierTrajectory:
 def recorded(*effects: str, seed: int = 1, robot: Robot = ROBOT) -> Recording:
     """Let an arm with effects follow a motion of its own."""
     settings = SimulationSettings(effects=[parse(text, robot) for text in effects], rate=RATE)
-    return simulate(robot, motion(seed), settings, duration=SECONDS, rng=np.random.default_rng(seed))
+    return simulate(
+        robot, motion(seed), settings, duration=SECONDS, rng=np.random.default_rng(seed)
+    )
 
 
 def diagnosed(*effects: str, question: Question | None = None) -> Diagnosis:
     """Diagnose an arm with effects by two motions, the second of which judges."""
-    return diagnose([recorded(*effects, seed=1)], question or Question(ROBOT), [recorded(*effects, seed=2)])
+    return diagnose(
+        [recorded(*effects, seed=1)], question or Question(ROBOT), [recorded(*effects, seed=2)]
+    )
 
 
-def assert_size(found: Diagnosis, effect: str, joint: str | None, **sizes: float | Sequence[float]) -> None:
+def assert_size(
+    found: Diagnosis, effect: str, joint: str | None, **sizes: float | Sequence[float]
+) -> None:
     """Assert that an effect is among the causes for sure, with these sizes within 4 deviations."""
     (cause,) = [c for c in found.causes if (c.effect, c.joint) == (effect, joint)]
     assert cause.confidence > 0.9
@@ -66,7 +74,12 @@ def test_an_arm_as_described_has_no_cause() -> None:
     ("text", "effect", "joint", "sizes"),
     [
         (FRICTION, "coulomb_friction", "joint_2", {"torque": 6.0}),
-        ("payload:mass=2,position=0.05/0.1/0", "payload", "joint_3", {"mass": 2.0, "position": (0.05, 0.1, 0.0)}),
+        (
+            "payload:mass=2,position=0.05/0.1/0",
+            "payload",
+            "joint_3",
+            {"mass": 2.0, "position": (0.05, 0.1, 0.0)},
+        ),
         ("joint_torque_gain:joint_1:gain=1.15", "joint_torque_gain", "joint_1", {"gain": 1.15}),
     ],
     ids=["dry friction", "load", "torque sensor"],
@@ -98,16 +111,24 @@ def test_two_effects_at_once_are_told_apart() -> None:
     assert_size(found, "transmission_error", "joint_1", amplitude=3e-5, phase=0.7)
 
 
-def test_friction_that_a_description_states_ten_times_too_large_goes_from_its_number_to_the_true_one() -> None:
+def test_friction_that_a_description_states_ten_times_too_large_goes_from_its_number_to_the_true_one() -> (
+    None
+):
     """Stated 60 Nm, true 6: the cause is that number of the description, from 60 to 6."""
-    stated = ROBOT.with_(effects=({"effect": "coulomb_friction", "joint": "joint_2", "parameters": {"torque": 60.0}},))
+    stated = ROBOT.with_(
+        effects=(
+            {"effect": "coulomb_friction", "joint": "joint_2", "parameters": {"torque": 60.0}},
+        )
+    )
     found = diagnosed(FRICTION, question=Question(stated))
     (cause,) = found.causes
     assert (cause.effect, cause.joint) == ("coulomb_friction", "joint_2")
     assert cause.stated is not None and cause.stated["torque"] == pytest.approx(60.0)
     assert_size(found, "coulomb_friction", "joint_2", torque=6.0)
     written = cause.to_dict()
-    assert written["from"]["torque"] == 60.0 and written["to"]["torque"] == pytest.approx(6.0, rel=0.05)
+    assert written["from"]["torque"] == 60.0 and written["to"]["torque"] == pytest.approx(
+        6.0, rel=0.05
+    )
 
 
 def test_friction_that_is_another_one_in_one_recording_is_a_change() -> None:
@@ -119,7 +140,11 @@ def test_friction_that_is_another_one_in_one_recording_is_a_change() -> None:
     ]
     found = diagnose(fitted, Question(ROBOT, effects=FEW), [recorded(FRICTION, seed=3)])
     (change,) = found.changes
-    assert (change.effect, change.joint, change.parameter) == ("coulomb_friction", "joint_2", "torque")
+    assert (change.effect, change.joint, change.parameter) == (
+        "coulomb_friction",
+        "joint_2",
+        "torque",
+    )
     assert change.confidence > 0.9
     for name, value, std in change.values:
         assert abs(value - sizes[name]) < 4.0 * std
@@ -152,7 +177,9 @@ def test_a_simpler_model_lacks_what_it_leaves_out() -> None:
 
 
 @pytest.mark.parametrize("sides", ["motor", "link"])
-def test_friction_is_found_with_the_motor_side_alone_and_no_motor_friction_with_the_links(sides: str) -> None:
+def test_friction_is_found_with_the_motor_side_alone_and_no_motor_friction_with_the_links(
+    sides: str,
+) -> None:
     """The motor's equation holds its friction; of links with their sensors alone it is in no equation."""
     without = {"motor": "link", "link": "motor"}[sides]
     pair = [replace(recorded(FRICTION, seed=k), **{without: None}) for k in (1, 2)]

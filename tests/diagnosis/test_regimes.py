@@ -38,7 +38,9 @@ DATA: Any = SimpleNamespace(
     parts=[
         SimpleNamespace(
             signals=SIGNALS,
-            stretch=SimpleNamespace(in_band=lambda values: values, band=SimpleNamespace(kept_rate=100.0)),
+            stretch=SimpleNamespace(
+                in_band=lambda values: values, band=SimpleNamespace(kept_rate=100.0)
+            ),
         )
     ],
 )

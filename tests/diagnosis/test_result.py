@@ -47,9 +47,22 @@ PLACE = ("joint_2", "motor")
 
 def cause(text: str = "coulomb_friction:joint_2:torque=6", **sizes: ParameterEstimate) -> Cause:
     instance = parse(text, ROBOT)
-    others = (Alternative("viscous_friction", "joint_2", 0.2, "slow motion"), Alternative("backlash", None, 0.1, "any"))
+    others = (
+        Alternative("viscous_friction", "joint_2", 0.2, "slow motion"),
+        Alternative("backlash", None, 0.1, "any"),
+    )
     size = sizes or {"torque": ParameterEstimate(6.0, 0.12345678901, "Nm")}
-    return Cause(instance.effect.id, instance.joint, ("motor",), "velocity_reversal", size, 0.5, 0.7, others, instance)
+    return Cause(
+        instance.effect.id,
+        instance.joint,
+        ("motor",),
+        "velocity_reversal",
+        size,
+        0.5,
+        0.7,
+        others,
+        instance,
+    )
 
 
 def diagnosis(*causes: Cause) -> Diagnosis:
@@ -73,8 +86,19 @@ def diagnosis(*causes: Cause) -> Diagnosis:
         shrink_by_place={PLACE: 0.9},
         causes=causes,
         unexplained=(),
-        imperfections=(Imperfection("joint_torque_gain", "joint_2", "1", 1.006, 0.001, 0.01, True),),
-        changes=(Change("coulomb_friction", "joint_2", "torque", "Nm", (("a", 6.0, 0.1), ("b", 9.0, 0.1)), 0.999),),
+        imperfections=(
+            Imperfection("joint_torque_gain", "joint_2", "1", 1.006, 0.001, 0.01, True),
+        ),
+        changes=(
+            Change(
+                "coulomb_friction",
+                "joint_2",
+                "torque",
+                "Nm",
+                (("a", 6.0, 0.1), ("b", 9.0, 0.1)),
+                0.999,
+            ),
+        ),
     )
 
 
@@ -88,22 +112,38 @@ def test_the_file_is_the_contracts(tmp_path: Path) -> None:
         "notes", "not_confirmed", "prediction", "next_motion",
     }  # fmt: skip
     assert set(data["recordings"]) == {"identify", "validate", "independent_motion", "judged_s"}
-    assert data["gap"]["before"]["joint_2"] == {"link": None, "drive": None, "motor": {"rmse": 0.4, "max": 1.2}}
-    assert data["shrink_interval"] == [0.8, None] and data["shrink_by_place"]["joint_2"]["motor"] == 0.9
+    assert data["gap"]["before"]["joint_2"] == {
+        "link": None,
+        "drive": None,
+        "motor": {"rmse": 0.4, "max": 1.2},
+    }
+    assert (
+        data["shrink_interval"] == [0.8, None]
+        and data["shrink_by_place"]["joint_2"]["motor"] == 0.9
+    )
     (one,) = data["causes"]
     assert set(one) == {
         "effect", "joint", "sides", "regime", "parameters", "shrink", "confidence", "from", "to", "held_as",
         "alternatives", "shrink_without",
     }  # fmt: skip
-    assert one["parameters"]["torque"]["std"] == pytest.approx(0.1234568, abs=1e-9) and one["from"] is None
+    assert (
+        one["parameters"]["torque"]["std"] == pytest.approx(0.1234568, abs=1e-9)
+        and one["from"] is None
+    )
     assert data["imperfections"][0]["prior_std"] == 0.01
     assert data["changes"][0]["values"][1] == {"recording": "b", "value": 9.0, "std": 0.1}
 
 
 def test_a_saved_diagnosis_is_read_as_it_was(tmp_path: Path) -> None:
     """What was written is written again alike once read, with its causes as the simulator takes them; else one line."""
-    found = diagnosis(cause(), cause("time_delay:delay=0.003", delay=ParameterEstimate(0.003, 1e-4, "s")))
-    found = replace(found, shrink_interval=(0.8, 0.9), proposal=Proposal(None, (PairSeparation(PLACE, PLACE, 1.0),), 3))
+    found = diagnosis(
+        cause(), cause("time_delay:delay=0.003", delay=ParameterEstimate(0.003, 1e-4, "s"))
+    )
+    found = replace(
+        found,
+        shrink_interval=(0.8, 0.9),
+        proposal=Proposal(None, (PairSeparation(PLACE, PLACE, 1.0),), 3),
+    )
     read = Diagnosis.load(found.save(tmp_path / "diagnosis.json"))
     assert read.to_dict() == found.to_dict() and read.causes[0].instance == found.causes[0].instance
     assert summary(read) == summary(found)
@@ -118,15 +158,25 @@ def test_tables_are_csv_files_and_a_notebook_shows_the_verdict(tmp_path: Path) -
     found = diagnosis(cause())
     files = {path.name: path.read_text().splitlines() for path in found.to_csv(tmp_path)}
     assert list(files) == ["causes.csv", "gap.csv", "parameters.csv"]
-    assert files["causes.csv"][0] == "effect,joint,sides,probability,share_of_gap,parameter,value,std,unit"
-    assert files["causes.csv"][1] == "coulomb_friction,joint_2,motor,0.7,0.5,torque,6,0.123456789,Nm"
-    assert "Joint 2 loses 6 Nm of dry friction" in found._repr_html_() and found.plot()._repr_png_()[1:4] == b"PNG"
+    assert (
+        files["causes.csv"][0]
+        == "effect,joint,sides,probability,share_of_gap,parameter,value,std,unit"
+    )
+    assert (
+        files["causes.csv"][1] == "coulomb_friction,joint_2,motor,0.7,0.5,torque,6,0.123456789,Nm"
+    )
+    assert (
+        "Joint 2 loses 6 Nm of dry friction" in found._repr_html_()
+        and found.plot()._repr_png_()[1:4] == b"PNG"
+    )
 
 
 @pytest.mark.parametrize("library", ["pandas", "polars"])
 def test_a_data_frame_is_a_table(library: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """The library is given the columns of a table; a table and a library that are missing are refused."""
-    monkeypatch.setitem(sys.modules, library, SimpleNamespace(DataFrame=lambda columns, **_: columns))
+    monkeypatch.setitem(
+        sys.modules, library, SimpleNamespace(DataFrame=lambda columns, **_: columns)
+    )
     monkeypatch.setattr("elastic_arm.errors.find_spec", lambda name: name)
     assert diagnosis(cause()).to_dataframe("gap", library)["rmse_before"] == [0.4]
     with pytest.raises(OutputError, match="there is no table 'nope'"):
@@ -141,7 +191,10 @@ def test_what_a_description_states_goes_from_its_number_to_the_one_found() -> No
     one = replace(cause(), stated={"torque": 60.0, "side": "motor"})
     written = replace(one, stated={"torque": 60.0}).to_dict()
     assert (written["from"], written["to"]) == ({"torque": 60.0}, {"torque": 6.0})
-    assert "loses 6 Nm of dry friction, where the description states torque 60 Nm" in cause_sentence(one, "mod3")
+    assert (
+        "loses 6 Nm of dry friction, where the description states torque 60 Nm"
+        in cause_sentence(one, "mod3")
+    )
     assert cause_size(one) == "torque 60 → 6.00 ± 0.12 Nm"
 
 
@@ -163,7 +216,9 @@ def test_the_corrected_arm_has_what_was_known_and_what_was_found() -> None:
     """Causes join the known effects, at their fitted sizes or, where nothing shows them, as they are stated; numbers
     are the arm's own, and what a richer model variant has is left to that variant."""
     known, unseen = (parse(f"viscous_friction:joint_{k}:coefficient=3", ROBOT) for k in (1, 3))
-    context: Any = SimpleNamespace(known=(known,), unseen=(unseen,), model=SimpleNamespace(robot=ROBOT))
+    context: Any = SimpleNamespace(
+        known=(known,), unseen=(unseen,), model=SimpleNamespace(robot=ROBOT)
+    )
     number = replace(cause("stiffness_mismatch:joint_1:stiffness=0.7"), is_number=True)
     causes = (cause(), cause("inertia_coupling"), number)
     found: Any = SimpleNamespace(context=context, causes=causes, imperfections=(), made=())
@@ -181,7 +236,10 @@ def test_a_size_is_as_uncertain_as_the_set_of_causes_is() -> None:
     sets = [(p, {"torque": ParameterEstimate(v, 0.1, "Nm")}) for p, v in ((0.6, 5.0), (0.2, 7.0))]
     size, std = averaged(sets)["torque"], (0.1**2 + 0.75 * 0.5**2 + 0.25 * 1.5**2) ** 0.5
     assert (size.value, size.std) == pytest.approx((5.5, std))
-    sets = [(p, {"com": ParameterEstimate([v, 1.0], [0.1, 0.2], "m")}) for p, v in ((0.6, 5.0), (0.2, 7.0))]
+    sets = [
+        (p, {"com": ParameterEstimate([v, 1.0], [0.1, 0.2], "m")})
+        for p, v in ((0.6, 5.0), (0.2, 7.0))
+    ]
     size = averaged(sets)["com"]
     assert size.value == pytest.approx([5.5, 1.0]) and size.std == pytest.approx([std, 0.2])
 
@@ -190,14 +248,27 @@ def test_a_cause_is_a_plain_sentence() -> None:
     """Friction is the model's lack, a gain the recording's, what has no size a matter of the model, small angles have
     a prefix, a rival is named, and an effect without words of its own goes by its name."""
     alone = replace(cause(), alternatives=())
-    assert cause_sentence(alone, "mod3") == "Joint 2 loses 6 Nm of dry friction, which the model lacks."
-    assert "(or viscous_friction on joint_2: this recording does not separate them)" in cause_sentence(cause(), "mod3")
+    assert (
+        cause_sentence(alone, "mod3")
+        == "Joint 2 loses 6 Nm of dry friction, which the model lacks."
+    )
+    assert (
+        "(or viscous_friction on joint_2: this recording does not separate them)"
+        in cause_sentence(cause(), "mod3")
+    )
     gain = cause("joint_torque_gain:joint_1:gain=1.15", gain=ParameterEstimate(1.15, 0.01, "1"))
-    assert cause_sentence(replace(gain, alternatives=()), "mod3") == "Joint 1 records 1.15 times its joint torque."
-    slight = replace(gain, parameters={"gain": ParameterEstimate(1.0023, 0.0004, "1")}, alternatives=())
+    assert (
+        cause_sentence(replace(gain, alternatives=()), "mod3")
+        == "Joint 1 records 1.15 times its joint torque."
+    )
+    slight = replace(
+        gain, parameters={"gain": ParameterEstimate(1.0023, 0.0004, "1")}, alternatives=()
+    )
     assert cause_sentence(slight, "mod3") == "Joint 1 records 1.002 times its joint torque."
     coupling = replace(cause("inertia_coupling"), parameters={}, alternatives=())
-    assert cause_sentence(coupling, "mod2").endswith("on the links that carry them, which mod2 lacks (mod3 has it).")
+    assert cause_sentence(coupling, "mod2").endswith(
+        "on the links that carry them, which mod2 lacks (mod3 has it)."
+    )
     play = cause("backlash:joint_1:half_gap=2e-5", half_gap=ParameterEstimate(2e-5, 1e-6, "rad"))
     assert cause_sentence(play, "mod3").startswith("Joint 1 has 20 µrad of play to either side")
     own = replace(cause().instance, effect=replace(cause().instance.effect, plain=""))
@@ -206,7 +277,9 @@ def test_a_cause_is_a_plain_sentence() -> None:
     )
 
 
-@pytest.mark.parametrize(("std", "words"), [(0.03, "share of 0.06 over"), (0.3, "share of 0.06 ± 0.30 over")])
+@pytest.mark.parametrize(
+    ("std", "words"), [(0.03, "share of 0.06 over"), (0.3, "share of 0.06 ± 0.30 over")]
+)
 def test_a_size_within_its_deviation_of_none_is_not_said_as_known(std: float, words: str) -> None:
     """Such a size has its deviation in the sentence, and where there is no other, the sentence says that it is open."""
     one = cause("thermal_friction:joint_2:change=0.06", change=ParameterEstimate(0.06, std, "1"))
@@ -214,7 +287,10 @@ def test_a_size_within_its_deviation_of_none_is_not_said_as_known(std: float, wo
     assert words in told and ("that it is there, and not its size" in told) == (std > 0.06)
     stated = replace(cause(torque=ParameterEstimate(0.1, 0.3, "Nm")), stated={"torque": 60.0})
     assert "loses 0.1 Nm of" in cause_sentence(stated, "mod3")  # 200 deviations from what is stated
-    sizes = {"mass": ParameterEstimate(1.0, 0.1, "kg"), "position": ParameterEstimate([0.06, 0.0, 0.0], [0.3] * 3, "m")}
+    sizes = {
+        "mass": ParameterEstimate(1.0, 0.1, "kg"),
+        "position": ParameterEstimate([0.06, 0.0, 0.0], [0.3] * 3, "m"),
+    }
     load = cause_sentence(cause("payload:mass=1,position=0.06/0/0", **sizes), "mod3")
     assert "carries 1 kg at its tool" in load and "not its size" not in load
 
@@ -223,24 +299,43 @@ def test_every_effect_says_in_plain_words_what_it_does() -> None:
     """At its defaults or in the middle of its ranges, every effect of the catalogue gives a sentence."""
     for effect in EFFECTS.values():
         instance = next(effect.candidates(ROBOT))
-        sizes = {p.name: ParameterEstimate(instance.parameters[p.name], 0.1, p.unit) for p in effect.parameters}
-        one = replace(cause(), effect=effect.id, joint=instance.joint, parameters=sizes, instance=instance)
-        assert effect.plain and re.fullmatch(r"[A-Z][^{}_]*\.", cause_sentence(replace(one, alternatives=()), "mod1"))
+        sizes = {
+            p.name: ParameterEstimate(instance.parameters[p.name], 0.1, p.unit)
+            for p in effect.parameters
+        }
+        one = replace(
+            cause(), effect=effect.id, joint=instance.joint, parameters=sizes, instance=instance
+        )
+        assert effect.plain and re.fullmatch(
+            r"[A-Z][^{}_]*\.", cause_sentence(replace(one, alternatives=()), "mod1")
+        )
 
 
 def test_the_summary_says_what_the_arm_has_and_how_right_the_model_is_then() -> None:
     """The verdict comes first, then causes, the model's error without and with them, and the share that is gone."""
     first, last = summary(diagnosis(cause()))
-    assert first.startswith("explained: Joint 2 loses 6 Nm of dry friction") and "error on another motion" in last
+    assert (
+        first.startswith("explained: Joint 2 loses 6 Nm of dry friction")
+        and "error on another motion" in last
+    )
     assert "0.4 Nm at joint_2 (motor side, noise 0.1 Nm), where it exceeds the noise most;" in last
     assert last.endswith("90.0 % of the gap is gone.")
-    assert summary(replace(diagnosis(cause()), shrink=-147.69))[-1].endswith("makes the gap as a whole larger.")
+    assert summary(replace(diagnosis(cause()), shrink=-147.69))[-1].endswith(
+        "makes the gap as a whole larger."
+    )
     inertia = Imperfection("rotor_inertia", "joint_2", "kg m^2", 1.2, 0.01, 2.0, ordinary=True)
     _, then, named = summary(replace(diagnosis(cause()), imperfections=(inertia,)))
-    assert then.startswith("With it and the motor inertia, the model") and "1.2 kg m² at joint_2" in named
+    assert (
+        then.startswith("With it and the motor inertia, the model")
+        and "1.2 kg m² at joint_2" in named
+    )
     assert repr(diagnosis(cause())) == f"{first}\n{last}"
-    (off,) = summary(replace(diagnosis(), verdict="none", shrink_by_place={("joint_2", "motor"): 0.9}))
-    assert off.endswith("of the sensors, with numbers of the arm and its sensors no further off than is usual.")
+    (off,) = summary(
+        replace(diagnosis(), verdict="none", shrink_by_place={("joint_2", "motor"): 0.9})
+    )
+    assert off.endswith(
+        "of the sensors, with numbers of the arm and its sensors no further off than is usual."
+    )
     (alone,) = summary(replace(diagnosis(), verdict="none", shrink_by_place={}))
     assert alone == "none: recording and model agree within the noise of the sensors."
 
@@ -266,7 +361,9 @@ def test_trust_and_changes_are_sentences() -> None:
         (0.444, 1e-12, "0.4440000 ± 1.0e-12"),
     ],
 )
-def test_values_have_the_digits_that_their_deviation_warrants(value: float, std: float, told: str) -> None:
+def test_values_have_the_digits_that_their_deviation_warrants(
+    value: float, std: float, told: str
+) -> None:
     """The deviation has two digits, the value the same place, at most seven of them."""
     assert " ± ".join(rounded(value, std)) == told
 
@@ -288,7 +385,14 @@ def test_sizes_carry_units_and_leave_out_deviations_of_what_is_given() -> None:
 
 @pytest.mark.parametrize(
     ("probability", "told"),
-    [(1.0, "> 99.9 %"), (0.9996, "> 99.9 %"), (0.9957, "99.6 %"), (0.85, "85 %"), (0.005, "0.5 %"), (0.0, "< 0.1 %")],
+    [
+        (1.0, "> 99.9 %"),
+        (0.9996, "> 99.9 %"),
+        (0.9957, "99.6 %"),
+        (0.85, "85 %"),
+        (0.005, "0.5 %"),
+        (0.0, "< 0.1 %"),
+    ],
 )
 def test_certainty_is_never_claimed(probability: float, told: str) -> None:
     """A probability is never told as 100 %, nor as 0 %, and a share next to nothing has no sign."""
@@ -317,13 +421,19 @@ def test_a_joint_that_moves_worse_is_said_first_and_not_explained(tmp_path: Path
     commanded = replace(diagnosis(cause()), made=("joint_1",), imperfections=(scale,))
     found = commanded.with_closed_loop(errors, ("joint_2", "joint_3"))
     first, second, *_ = summary(found)
-    assert found.verdict == "unknown" and first.startswith("unknown: With all that was found the arm errs more")
+    assert found.verdict == "unknown" and first.startswith(
+        "unknown: With all that was found the arm errs more"
+    )
     assert "joint_2 by 102 mrad instead of 30.8 mrad" in first
     assert "joint_3 in no simulator" in first
     assert "The correction of joint_2 and joint_3 is not written" in first
     assert second.startswith("Joint 2 loses 6 Nm of dry friction, which the model lacks")
     written = found.to_dict()
-    assert written["closed_loop"]["joint_1"] == {"described": 0.03, "corrected": 0.003, "unit": "rad"}
+    assert written["closed_loop"]["joint_1"] == {
+        "described": 0.03,
+        "corrected": 0.003,
+        "unit": "rad",
+    }
     assert written["closed_loop"]["joint_3"]["refused"] is None
     assert written["torque_scale"] == {"joint_1": {"value": 1.12, "std": 0.04}}
     read = Diagnosis.load(found.save(tmp_path / "diagnosis.json"))
@@ -345,8 +455,14 @@ def test_a_scale_that_is_off_is_said_with_its_value() -> None:
 
 def test_errors_that_no_joint_has_are_no_reason() -> None:
     """Where no joint moves worse the verdict stays, and the worst joint's errors are the last sentence."""
-    errors = {"joint_1": ClosedLoopError(0.03, 0.003, "rad"), "joint_2": ClosedLoopError(0.01, 0.001, "rad")}
+    errors = {
+        "joint_1": ClosedLoopError(0.03, 0.003, "rad"),
+        "joint_2": ClosedLoopError(0.01, 0.001, "rad"),
+    }
     found = diagnosis(cause()).with_closed_loop(errors, ())
     *_, last = summary(found)
     assert found.verdict == "explained"
-    assert last == "Under the recorded commands the description errs by 30 mrad at joint_1, what is written by 3 mrad."
+    assert (
+        last
+        == "Under the recorded commands the description errs by 30 mrad at joint_1, what is written by 3 mrad."
+    )

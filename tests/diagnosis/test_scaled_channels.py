@@ -31,8 +31,12 @@ def test_an_offset_is_in_what_a_sensor_reads_whatever_its_gain() -> None:
     found = refitted(45, Fault("joint_torque_gain", 1, {"gain": 0.8}))
     rng = np.random.default_rng(45)
     imprecise(ROBOT, rng)
-    true = {(one.effect, one.joint): one for one in ordinary_faults(ROBOT.n, rng)}["joint_torque_offset", 1]
-    offset = {(one.what, one.joint): one for one in found.imperfections}["joint_torque_offset", "joint_2"]
+    true = {(one.effect, one.joint): one for one in ordinary_faults(ROBOT.n, rng)}[
+        "joint_torque_offset", 1
+    ]
+    offset = {(one.what, one.joint): one for one in found.imperfections}[
+        "joint_torque_offset", "joint_2"
+    ]
     assert abs(offset.value - true.parameters["offset"]) < 3.0 * offset.std
 
 
@@ -41,7 +45,9 @@ def test_friction_that_changes_by_a_tenth_is_ordinary_and_known() -> None:
     """A tenth in a run is an imperfection with its size, and no cause."""
     found = refitted(46, replace(Fault("thermal_friction", 1, {"change": -0.1}), side="motor"))
     assert found.verdict == "none" and not found.causes
-    changes = {one.joint: one for one in found.imperfections if one.what == "thermal_friction_motor"}
+    changes = {
+        one.joint: one for one in found.imperfections if one.what == "thermal_friction_motor"
+    }
     assert set(changes) == set(ROBOT.joint_names) and all(one.ordinary for one in changes.values())
     for joint, change in {"joint_1": 0.0, "joint_2": -0.1, "joint_3": 0.0}.items():
         assert abs(changes[joint].value - change) < 3.0 * changes[joint].std

@@ -15,13 +15,19 @@ def recording(seconds: float, seed: int, frequency: float = 0.37) -> Recording:
     t = np.arange(0.0, seconds, 0.01)
     noise = 1e-5 * np.random.default_rng(seed).standard_normal((len(t), 1))
     angle = np.sin(2 * np.pi * frequency * t + seed)[:, None] + noise
-    return Recording(("joint_1",), motor=Side(np.round(1e9 * t).astype(np.int64), position=angle), source=f"bag_{seed}")
+    return Recording(
+        ("joint_1",),
+        motor=Side(np.round(1e9 * t).astype(np.int64), position=angle),
+        source=f"bag_{seed}",
+    )
 
 
 def test_the_last_third_judges() -> None:
     """Without a validation recording two thirds are fitted, and both parts are of the same recording."""
     (fitted,), (judging,) = split([recording(30.0, 1)], [])
-    assert fitted.duration == pytest.approx(20.0, abs=0.1) and judging.duration == pytest.approx(10.0, abs=0.1)
+    assert fitted.duration == pytest.approx(20.0, abs=0.1) and judging.duration == pytest.approx(
+        10.0, abs=0.1
+    )
 
 
 def test_a_validation_recording_is_taken_whole() -> None:
@@ -40,7 +46,11 @@ def test_what_is_fitted_may_not_judge() -> None:
 def test_coarse_currents_that_repeat_do_not_make_a_recording_the_same() -> None:
     """Whole amperes on the motors' side, angles on the links': another recording judges, the same one does not."""
     first, second = (
-        replace(one, motor=Side(one.motor.stamp_ns, effort=np.round(3.0 * one.motor.position)), link=one.motor)
+        replace(
+            one,
+            motor=Side(one.motor.stamp_ns, effort=np.round(3.0 * one.motor.position)),
+            link=one.motor,
+        )
         for one in (recording(12.0, 1), recording(8.0, 2))
     )
     assert split([first], [second]) == ([first], [second])

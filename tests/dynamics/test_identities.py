@@ -28,7 +28,9 @@ def states(model: Model, samples: int, seed: int) -> tuple[np.ndarray, np.ndarra
 
 def without(model: Model, *kinds: str) -> np.ndarray:
     """Nominal Psi in which parameters whose names end so are zero."""
-    return np.array([0.0 if p.name.rpartition(".")[2] in kinds else p.nominal for p in model.parameters])
+    return np.array(
+        [0.0 if p.name.rpartition(".")[2] in kinds else p.nominal for p in model.parameters]
+    )
 
 
 @pytest.mark.parametrize(("name", "bearings"), VARIANTS)
@@ -38,7 +40,9 @@ def test_regressor_times_parameters_is_inverse_dynamics(name: str, bearings: boo
     x, dx, ddx = states(model, 200, 1)
     for Psi in (model.Psi, model.Psi * np.random.default_rng(2).normal(size=len(model.Psi))):
         forces = model.inverse_dynamics(x, dx, ddx, Psi)
-        np.testing.assert_allclose(model.regressor(x, dx, ddx) @ Psi, forces, rtol=0, atol=1e-12 * np.abs(forces).max())
+        np.testing.assert_allclose(
+            model.regressor(x, dx, ddx) @ Psi, forces, rtol=0, atol=1e-12 * np.abs(forces).max()
+        )
 
 
 def test_no_samples_give_rows_of_none() -> None:
@@ -86,7 +90,9 @@ def test_mass_matrix_is_symmetric_and_positive_definite(name: str, bearings: boo
 
 
 @pytest.mark.parametrize("bearings", [False, True])
-def test_coriolis_terms_are_those_of_the_mass_matrix_and_leave_M_dot_minus_2C_skew(bearings: bool) -> None:
+def test_coriolis_terms_are_those_of_the_mass_matrix_and_leave_M_dot_minus_2C_skew(
+    bearings: bool,
+) -> None:
     """c + c1 and c2 equal C dx with C of Christoffel's symbols of M, so that M' - 2C is skew-symmetric."""
     model = build_model(load_robot(), "mod3", bearings=bearings)
     x, dx = ca.SX.sym("x", model.dof), ca.SX.sym("dx", model.dof)
@@ -103,7 +109,9 @@ def test_coriolis_terms_are_those_of_the_mass_matrix_and_leave_M_dot_minus_2C_sk
         expected = np.empty(model.dof)
         expected[list(model.bodies.link_side)] = terms["c"][k] + terms["c1"][k]
         expected[list(model.bodies.motor_side)] = terms["c2"][k]
-        np.testing.assert_allclose(C @ sample_dx, expected, rtol=0, atol=1e-10 * np.abs(expected).max())
+        np.testing.assert_allclose(
+            C @ sample_dx, expected, rtol=0, atol=1e-10 * np.abs(expected).max()
+        )
         skew = rate - 2.0 * C
         np.testing.assert_allclose(skew, -skew.T, rtol=0, atol=1e-12 * max(np.abs(C).max(), 1.0))
 
@@ -141,22 +149,30 @@ def test_energy_is_conserved_without_damping_and_input(name: str, bearings: bool
         ddx = model.forward_dynamics(state[None, :dof], state[None, dof:], np.zeros((1, dof)), Psi)
         return np.concatenate([state[dof:], ddx[0]])
 
-    run = solve_ivp(rates, (0.0, 0.5), np.concatenate([x[0], dx[0]]), method="DOP853", rtol=1e-12, atol=1e-12)
+    run = solve_ivp(
+        rates, (0.0, 0.5), np.concatenate([x[0], dx[0]]), method="DOP853", rtol=1e-12, atol=1e-12
+    )
     kinetic, potential = model.energy(run.y[:dof].T, run.y[dof:].T, Psi)
     total = kinetic + potential
     assert np.ptp(kinetic) > 0.01 * kinetic.max()
-    np.testing.assert_allclose(total, total[0], rtol=0, atol=1e-9 * (kinetic.max() + np.ptp(potential)))
+    np.testing.assert_allclose(
+        total, total[0], rtol=0, atol=1e-9 * (kinetic.max() + np.ptp(potential))
+    )
 
 
 @pytest.mark.parametrize("bearings", [False, True])
 def test_mod3_without_S_is_mod2(bearings: bool) -> None:
     """With S, c1 and c2 taken away, mod3's terms are mod2's, and mod2 has none of them."""
-    coupled, simple = (build_model(load_robot(), name, bearings=bearings) for name in ("mod3", "mod2"))
+    coupled, simple = (
+        build_model(load_robot(), name, bearings=bearings) for name in ("mod3", "mod2")
+    )
     x, dx, _ = states(coupled, 50, 8)
     terms, plain = coupled.terms(x, dx), simple.terms(x, dx)
     assert np.abs(terms["S"]).max() > 0.1
     for name in ("M", "B", "c", "g"):
-        np.testing.assert_allclose(terms[name], plain[name], rtol=0, atol=1e-12 * np.abs(plain[name]).max())
+        np.testing.assert_allclose(
+            terms[name], plain[name], rtol=0, atol=1e-12 * np.abs(plain[name]).max()
+        )
     for name in ("S", "c1", "c2"):
         assert not plain[name].any()
 
@@ -167,7 +183,9 @@ def test_mod1_moves_the_spline_from_B_to_M() -> None:
     x, dx, _ = states(simple, 20, 9)
     B2, B1 = (model.terms(x, dx)["B"] for model in (simple, folded))
     splines = [joint.transmission.spline.izz for joint in load_robot().joints]
-    np.testing.assert_allclose(B2 - B1, np.broadcast_to(np.diag(splines), B2.shape), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(
+        B2 - B1, np.broadcast_to(np.diag(splines), B2.shape), rtol=0, atol=1e-12
+    )
     # Joint 3's own entry of M: its spline now turns with q_3.
     gained = (folded.terms(x, dx)["M"] - simple.terms(x, dx)["M"])[:, 2, 2]
     np.testing.assert_allclose(gained, splines[2], rtol=1e-9)
@@ -182,7 +200,9 @@ def test_B_is_the_reflected_inertia_of_7() -> None:
         t.spline.izz + t.wave_generator.izz * t.harmonic_drive_ratio**2 + t.rotor.izz * t.r_tot**2
         for t in (joint.transmission for joint in robot.joints)
     ]
-    np.testing.assert_allclose(model.terms(x, dx)["B"], np.broadcast_to(np.diag(expected), (20, 3, 3)), rtol=1e-12)
+    np.testing.assert_allclose(
+        model.terms(x, dx)["B"], np.broadcast_to(np.diag(expected), (20, 3, 3)), rtol=1e-12
+    )
 
 
 def test_S_has_the_pattern_of_8_and_the_values_of_9() -> None:
@@ -195,12 +215,18 @@ def test_S_has_the_pattern_of_8_and_the_values_of_9() -> None:
     x, dx, _ = states(model, 50, 11)
     S = model.terms(x, dx)["S"][:, :3]
     pattern = np.abs(S).max(axis=0) > 0.0
-    np.testing.assert_array_equal(pattern, [[True, False, True], [False, False, True], [False, False, False]])
+    np.testing.assert_array_equal(
+        pattern, [[True, False, True], [False, False, True], [False, False, False]]
+    )
     # S_23's coefficient is cos of the angle between axes 2 and 3: one while nothing tilts.
     x[:, 6:] = 0.0
     S = model.terms(x, dx)["S"][:, :3]
     third = robot.joints[2].transmission
-    S_23 = third.spline.izz + third.wave_generator.izz * third.harmonic_drive_ratio + third.rotor.izz * third.r_tot
+    S_23 = (
+        third.spline.izz
+        + third.wave_generator.izz * third.harmonic_drive_ratio
+        + third.rotor.izz * third.r_tot
+    )
     np.testing.assert_allclose(S[:, 0, 0], 0.4356, rtol=1e-12)
     np.testing.assert_allclose(S[:, 1, 2], S_23, rtol=1e-12)
     assert pytest.approx(0.185, abs=5e-4) == S_23
@@ -240,7 +266,10 @@ def test_terms_put_together_are_inverse_dynamics() -> None:
     t = model.terms(x, dx)
     n = model.n
     (q, theta), (dq, dtheta), (ddq, ddtheta) = ((v[:, :n], v[:, n:]) for v in (x, dx, ddx))
-    K, D = (np.array([getattr(j.transmission, what) for j in model.robot.joints]) for what in ("stiffness", "damping"))
+    K, D = (
+        np.array([getattr(j.transmission, what) for j in model.robot.joints])
+        for what in ("stiffness", "damping")
+    )
     elastic = K * (theta - q) + D * (dtheta - dq)
     link = np.einsum("nij,nj->ni", t["M"], ddq) + np.einsum("nij,nj->ni", t["S"], ddtheta)
     motor = np.einsum("nji,nj->ni", t["S"], ddq) + np.einsum("nij,nj->ni", t["B"], ddtheta)
@@ -263,7 +292,10 @@ def test_parameters_are_named_with_units() -> None:
     by_name = {p.name: p for p in model.parameters}
     assert len(by_name) == len(model.Psi) == 3 * 10 + 9 * 4 + 6 + 6
     assert by_name["link_2.m"].nominal == 34.0 and by_name["link_2.m"].unit == "kg"
-    assert by_name["joint_1.rotor.Izz"].nominal == 1.2e-3 and by_name["joint_1.rotor.Izz"].unit == "kg m^2"
+    assert (
+        by_name["joint_1.rotor.Izz"].nominal == 1.2e-3
+        and by_name["joint_1.rotor.Izz"].unit == "kg m^2"
+    )
     assert by_name["joint_3.K"].nominal == 45000.0 and by_name["joint_3.K"].unit == "Nm/rad"
     assert by_name["joint_3.K_b"].nominal == 1e6
 

@@ -15,12 +15,16 @@ ARMS = {
     "nominal": lambda: load_robot(),
     "nominal at low ratio": lambda: load_robot().with_ratio(5),
     "random of 7 joints": lambda: random_arm(7, np.random.default_rng(7)),
-    "random of 5 joints, three of them prismatic": lambda: random_arm(5, np.random.default_rng(8), prismatic=(0, 2, 3)),
+    "random of 5 joints, three of them prismatic": lambda: random_arm(
+        5, np.random.default_rng(8), prismatic=(0, 2, 3)
+    ),
 }
 CASES = [(arm, bearings) for arm in ARMS for bearings in (False, True)]
 
 
-def states(dof: int, n: int, rng: np.random.Generator, samples: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def states(
+    dof: int, n: int, rng: np.random.Generator, samples: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Random states with theta near q and bearings tilted by centiradians, as real ones are, but more."""
     x, dx, ddx = rng.uniform(-3.0, 3.0, (3, samples, dof))
     if dof > n:
@@ -44,7 +48,9 @@ def test_inverse_dynamics_is_that_of_the_full_tree(arm: str, bearings: bool) -> 
     """mod3 equals Pinocchio's full tree reduced by G, springs included, at random states."""
     model, tree = both(ARMS[arm](), bearings)
     x, dx, ddx = states(model.dof, model.n, np.random.default_rng(1), 100)
-    reference = np.array([tree.inverse_dynamics(*sample) for sample in zip(x, dx, ddx, strict=True)])
+    reference = np.array(
+        [tree.inverse_dynamics(*sample) for sample in zip(x, dx, ddx, strict=True)]
+    )
     assert relative_error(model.inverse_dynamics(x, dx, ddx), reference) < RELATIVE
 
 
@@ -52,10 +58,15 @@ def test_inverse_dynamics_is_that_of_the_full_tree(arm: str, bearings: bool) -> 
 def test_every_row_of_the_equation_agrees_on_its_own_scale(arm: str, bearings: bool) -> None:
     """Without springs, whose torques would hide them, each generalized force agrees relative to its own range."""
     model, tree = both(ARMS[arm](), bearings)
-    no_springs = np.array([0.0 if p.name.rpartition(".")[2][0] in "KD" else p.nominal for p in model.parameters])
+    no_springs = np.array(
+        [0.0 if p.name.rpartition(".")[2][0] in "KD" else p.nominal for p in model.parameters]
+    )
     x, dx, ddx = states(model.dof, model.n, np.random.default_rng(2), 100)
     springs = np.array([tree._springs(*sample) for sample in zip(x, dx, strict=True)])
-    reference = np.array([tree.inverse_dynamics(*sample) for sample in zip(x, dx, ddx, strict=True)]) - springs
+    reference = (
+        np.array([tree.inverse_dynamics(*sample) for sample in zip(x, dx, ddx, strict=True)])
+        - springs
+    )
     error = np.abs(model.inverse_dynamics(x, dx, ddx, no_springs) - reference).max(axis=0)
     # The reference itself loses digits where the springs' forces are taken off again.
     rounding = 4e-16 * np.abs(springs).max(axis=0)
@@ -75,7 +86,9 @@ def test_mass_matrix_is_that_of_the_full_tree(arm: str, bearings: bool) -> None:
 def test_energy_is_that_of_the_full_tree(arm: str, bearings: bool) -> None:
     """Kinetic and gravity's energy equal the full tree's."""
     model, tree = both(ARMS[arm](), bearings)
-    no_springs = np.array([0.0 if p.name.rpartition(".")[2][0] in "KD" else p.nominal for p in model.parameters])
+    no_springs = np.array(
+        [0.0 if p.name.rpartition(".")[2][0] in "KD" else p.nominal for p in model.parameters]
+    )
     x, dx, _ = states(model.dof, model.n, np.random.default_rng(4), 50)
     kinetic, potential = model.energy(x, dx, no_springs)
     reference = np.array([tree.energy(*sample) for sample in zip(x, dx, strict=True)])
@@ -91,7 +104,9 @@ def test_an_arm_without_transmissions_is_its_rigid_links(prismatic: tuple[int, .
     robot = random_arm(7, np.random.default_rng(5), elastic=False, prismatic=prismatic)
     tree = FullTree(robot, bearings=False)
     x, dx, ddx = np.random.default_rng(6).normal(size=(3, 50, 7))
-    reference = np.array([tree.inverse_dynamics(*sample) for sample in zip(x, dx, ddx, strict=True)])
+    reference = np.array(
+        [tree.inverse_dynamics(*sample) for sample in zip(x, dx, ddx, strict=True)]
+    )
     for name in ("mod1", "mod2", "mod3"):
         model = build_model(robot, name)
         assert model.coordinates == tuple(f"q_{i}" for i in range(1, 8))
@@ -107,5 +122,7 @@ def test_any_arm_agrees_with_the_full_tree(seed: int, n: int, prismatic: set[int
     model = build_model(robot, "mod3", bearings=True, engine="numpy")
     tree = FullTree(robot, bearings=True)
     x, dx, ddx = states(model.dof, n, rng, 5)
-    reference = np.array([tree.inverse_dynamics(*sample) for sample in zip(x, dx, ddx, strict=True)])
+    reference = np.array(
+        [tree.inverse_dynamics(*sample) for sample in zip(x, dx, ddx, strict=True)]
+    )
     assert relative_error(model.inverse_dynamics(x, dx, ddx), reference) < RELATIVE

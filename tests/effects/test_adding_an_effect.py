@@ -16,7 +16,9 @@ PAGE = (Path(__file__).parents[2] / "docs" / "adding_an_effect.md").read_text(en
 def commands(section: str) -> list[list[str]]:
     """Return the arguments of the commands of one section of the page."""
     text = PAGE[PAGE.index(section) + 3 :].split("\n## ", 1)[0].replace("\\\n", "")
-    return [shlex.split(line)[1:] for line in re.findall(r"^    (elastic-arm .+)$", text, re.MULTILINE)]
+    return [
+        shlex.split(line)[1:] for line in re.findall(r"^    (elastic-arm .+)$", text, re.MULTILINE)
+    ]
 
 
 def run(arguments: list[str]) -> str:

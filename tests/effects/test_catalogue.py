@@ -7,7 +7,15 @@ import numpy as np
 import pytest
 
 import elastic_arm.effects.library as package
-from elastic_arm.effects import EFFECTS, EffectInstance, Role, Scope, from_dict, parse, robot_effects
+from elastic_arm.effects import (
+    EFFECTS,
+    EffectInstance,
+    Role,
+    Scope,
+    from_dict,
+    parse,
+    robot_effects,
+)
 from elastic_arm.effects.catalogue import discover
 from elastic_arm.errors import EffectError
 from elastic_arm.recording import read_recording
@@ -44,7 +52,9 @@ def test_adding_an_effect_is_adding_a_file(tmp_path, monkeypatch, arm):
     sys.modules.pop("elastic_arm.effects.library.magnetic_hand")
     assert set(found) == set(EFFECTS) | {"magnetic_hand"}
     motion = random_motion(arm, np.random.default_rng(0))
-    law = contribution(arm, [EffectInstance(found["magnetic_hand"], "joint_2", {"pull": 4.0})], motion)
+    law = contribution(
+        arm, [EffectInstance(found["magnetic_hand"], "joint_2", {"pull": 4.0})], motion
+    )
     assert law["link"][1] == pytest.approx(4.0 * motion["x"][1])
 
 
@@ -63,7 +73,10 @@ def test_text_and_data_are_read_back(arm, effect):
     """An effect written as text or as plain data is read back as it was."""
     instance = parse(INSTANCES[effect][0], arm)
     assert instance.effect is EFFECTS[effect]
-    for again in (parse(str(instance), arm), from_dict(json.loads(json.dumps(instance.to_dict())), arm)):
+    for again in (
+        parse(str(instance), arm),
+        from_dict(json.loads(json.dumps(instance.to_dict())), arm),
+    ):
         assert again.to_dict() == instance.to_dict()
 
 
@@ -143,7 +156,10 @@ def test_a_fit_may_find_less_than_a_real_arm_has(arm):
         ("load:joint_3:mass=5", ["cannot sit on joint_3", "joint_1, joint_2"]),
         ("base_tilt:joint_1:x=0.1", ["whole arm"]),
         ("spline_inertia:size=2", ["no free parameter"]),
-        ("time_delay:joint_1:delay=0.001,channels=joint_torque+thermometer", ["thermometer", "link_encoder"]),
+        (
+            "time_delay:joint_1:delay=0.001,channels=joint_torque+thermometer",
+            ["thermometer", "link_encoder"],
+        ),
     ],
 )
 def test_errors_list_what_would_be_valid(arm, text, words):
@@ -158,7 +174,10 @@ def test_the_command_writes_a_bag(tmp_path):
     """`elastic-arm simulate` makes a bag with both sides, the same bag for the same seed, and JSON on request."""
     common = ("--duration", 0.5, "--effect", "coulomb_friction:joint_2:torque=13.9", "--json")
     seeds = {"a": 1, "b": 1, "c": 2}
-    results = [run("simulate", "--out", tmp_path / name, "--seed", seed, *common) for name, seed in seeds.items()]
+    results = [
+        run("simulate", "--out", tmp_path / name, "--seed", seed, *common)
+        for name, seed in seeds.items()
+    ]
     assert [r.exit_code for r in results] == [0, 0, 0], results[0].output
     said = json.loads(results[0].stdout)
     assert said["samples"] == 501 and said["effects"][0]["parameters"]["torque"] == 13.9

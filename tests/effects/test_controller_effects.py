@@ -10,7 +10,11 @@ from elastic_arm.errors import EffectError
 from elastic_arm.robot import JointController, Robot, load_robot
 from elastic_arm.simulation import SimulationSettings, Simulator
 
-OWN = [e.id for e in EFFECTS.values() if isinstance(e, ControllerEffect) and e.parameters[0].neutral is not None]
+OWN = [
+    e.id
+    for e in EFFECTS.values()
+    if isinstance(e, ControllerEffect) and e.parameters[0].neutral is not None
+]
 KP, KD = 30.0, 2.0
 
 
@@ -59,10 +63,16 @@ def law(robot: Robot, text: str) -> dict[str, float]:
         ("integral_gain:joint_2:ki=7.0", {}, -0.2 * 7.0),
     ],
 )
-def test_laws_are_what_the_stated_controller_makes_more(text: str, numbers: dict[str, object], wanted: float) -> None:
+def test_laws_are_what_the_stated_controller_makes_more(
+    text: str, numbers: dict[str, object], wanted: float
+) -> None:
     """Stated less true torque, in the motor's row alone."""
     found = law(controlled(**numbers), text)
-    assert found == {"link": 0.0, "drive": 0.0, "motor": pytest.approx(wanted, rel=1e-12, abs=1e-12)}
+    assert found == {
+        "link": 0.0,
+        "drive": 0.0,
+        "motor": pytest.approx(wanted, rel=1e-12, abs=1e-12),
+    }
 
 
 @pytest.mark.parametrize("effect", OWN)
@@ -84,7 +94,9 @@ def test_at_the_neutral_value_nothing_is_added(effect: str) -> None:
         ("integral_gain:joint_2:ki=7.0", {"ki": 7.0}),
     ],
 )
-def test_a_simulated_arm_is_driven_by_the_changed_controller(text: str, changed: dict[str, float]) -> None:
+def test_a_simulated_arm_is_driven_by_the_changed_controller(
+    text: str, changed: dict[str, float]
+) -> None:
     """The simulator takes the true controller, not that of the description."""
     robot = controlled()
     simulator = Simulator(robot, SimulationSettings(effects=[parse(text, robot)]))
@@ -96,5 +108,10 @@ def test_a_simulated_arm_is_driven_by_the_changed_controller(text: str, changed:
 def test_without_a_controller_the_effect_is_refused_with_the_block_to_write() -> None:
     """The error names the joint and the entry of the arm file."""
     robot = load_robot(None)
-    with pytest.raises(EffectError, match=r"no controller of joint_1.*`controller: \{joint_1: \{kp: 30, kd: 0.5\}\}`"):
-        Simulator(robot, SimulationSettings(effects=[parse("position_gain:joint_1:gain=1.2", robot)]))
+    with pytest.raises(
+        EffectError,
+        match=r"no controller of joint_1.*`controller: \{joint_1: \{kp: 30, kd: 0.5\}\}`",
+    ):
+        Simulator(
+            robot, SimulationSettings(effects=[parse("position_gain:joint_1:gain=1.2", robot)])
+        )

@@ -19,7 +19,13 @@ from tests.helpers.effect_samples import DURATION, INSTANCES, contribution, rand
 PAGE = (Path(__file__).parents[2] / "docs" / "contract.md").read_text(encoding="utf-8")
 CATALOGUE = PAGE.split("## Effects", 1)[1].split("\n## ", 1)[0]
 # What no value of a parameter turns off.
-NEVER_NEUTRAL = {"bearing_compliance", "joint_elasticity", "torque_lowpass", "spline_inertia", "inertia_coupling"}
+NEVER_NEUTRAL = {
+    "bearing_compliance",
+    "joint_elasticity",
+    "torque_lowpass",
+    "spline_inertia",
+    "inertia_coupling",
+}
 # Of arms that state controllers, which have tests of their own.
 CONTROLLERS = {effect.id for effect in EFFECTS.values() if isinstance(effect, ControllerEffect)}
 CONTRACT = set(re.findall(r"^\| `(\w+)` \|", CATALOGUE, re.MULTILINE))
@@ -31,11 +37,17 @@ CLOSED_FORMS = {
     "stribeck_friction": lambda m, g, p: {
         "motor": p["torque"] * np.exp(-((m.dtheta / p["speed"]) ** 2)) * np.sign(m.dtheta)
     },
-    "load_dependent_friction": lambda m, g, p: {"motor": p["coefficient"] * abs(m.tau_J) * np.sign(m.dtheta)},
+    "load_dependent_friction": lambda m, g, p: {
+        "motor": p["coefficient"] * abs(m.tau_J) * np.sign(m.dtheta)
+    },
     "nonlinear_stiffness": lambda m, g, p: {"drive": p["cubic"] * m.d**3},
-    "backlash": lambda m, g, p: {"drive": g.stiffness * (np.sign(m.d) * max(abs(m.d) - p["half_gap"], 0.0) - m.d)},
+    "backlash": lambda m, g, p: {
+        "drive": g.stiffness * (np.sign(m.d) * max(abs(m.d) - p["half_gap"], 0.0) - m.d)
+    },
     "transmission_error": lambda m, g, p: {
-        "drive": g.stiffness * p["amplitude"] * np.sin(2 * g.harmonic_drive_ratio * m.theta + p["phase"])
+        "drive": g.stiffness
+        * p["amplitude"]
+        * np.sin(2 * g.harmonic_drive_ratio * m.theta + p["phase"])
         + g.damping
         * p["amplitude"]
         * 2
@@ -48,13 +60,20 @@ CLOSED_FORMS = {
         * g.harmonic_drive_ratio
         * np.cos(2 * g.harmonic_drive_ratio * m.theta + p["phase"]),
     },
-    "torque_ripple": lambda m, g, p: {"motor": -p["amplitude"] * np.sin(p["order"] * g.r_tot * m.theta + p["phase"])},
+    "torque_ripple": lambda m, g, p: {
+        "motor": -p["amplitude"] * np.sin(p["order"] * g.r_tot * m.theta + p["phase"])
+    },
     "motor_torque_gain": lambda m, g, p: {"motor": m.tau_m - m.tau_m / p["gain"]},
     "joint_torque_gain": lambda m, g, p: (
-        dict.fromkeys(("link", "drive"), m.tau_J - m.tau_J / p["gain"]) | {"motor": -(m.tau_J - m.tau_J / p["gain"])}
+        dict.fromkeys(("link", "drive"), m.tau_J - m.tau_J / p["gain"])
+        | {"motor": -(m.tau_J - m.tau_J / p["gain"])}
     ),
     "motor_torque_offset": lambda m, g, p: {"motor": p["offset"]},
-    "joint_torque_offset": lambda m, g, p: {"link": p["offset"], "drive": p["offset"], "motor": -p["offset"]},
+    "joint_torque_offset": lambda m, g, p: {
+        "link": p["offset"],
+        "drive": p["offset"],
+        "motor": -p["offset"],
+    },
     "encoder_offset": lambda m, g, p: {"drive": g.stiffness * p["offset"]},
     "encoder_eccentricity": lambda m, g, p: {
         "drive": g.stiffness * p["amplitude"] * np.sin(m.q + p["phase"])
@@ -63,10 +82,16 @@ CLOSED_FORMS = {
     "rotor_inertia_mismatch": lambda m, g, p: {
         "motor": (p["inertia"] - 1)
         * m.ddtheta
-        * (g.rotor.izz * g.r_tot**2 + g.wave_generator.izz * g.harmonic_drive_ratio**2 + g.spline.izz)
+        * (
+            g.rotor.izz * g.r_tot**2
+            + g.wave_generator.izz * g.harmonic_drive_ratio**2
+            + g.spline.izz
+        )
     },
     "stiffness_mismatch": lambda m, g, p: {"drive": (p["stiffness"] - 1) * g.stiffness * m.d},
-    "damping_mismatch": lambda m, g, p: {"drive": (p["damping"] - 1) * g.damping * (m.dtheta - m.dq)},
+    "damping_mismatch": lambda m, g, p: {
+        "drive": (p["damping"] - 1) * g.damping * (m.dtheta - m.dq)
+    },
     "joint_spring": lambda m, g, p: {"link": p["stiffness"] * (m.q - p["rest"])},
     "counterbalance": lambda m, g, p: {"link": np.polynomial.Polynomial((0, 0, *p["torque"]))(m.q)},
     "degressive_friction": lambda m, g, p: {"motor": p["torque"] * np.tanh(m.dtheta / p["speed"])},
@@ -105,7 +130,9 @@ def test_law_meets_its_closed_form(arm, effect):
     (i,) = instance.joint_indices(arm)
     for seed in range(5):
         motion = random_motion(arm, np.random.default_rng(seed))
-        expected = CLOSED_FORMS[effect](At(motion, i, arm.n), arm.joints[i].transmission, instance.parameters)
+        expected = CLOSED_FORMS[effect](
+            At(motion, i, arm.n), arm.joints[i].transmission, instance.parameters
+        )
         found = contribution(arm, [instance], motion)
         for side in ("link", "drive", "motor"):
             row = np.zeros(arm.n)
@@ -113,7 +140,9 @@ def test_law_meets_its_closed_form(arm, effect):
             assert np.allclose(found[side], row, rtol=1e-12, atol=1e-12), (side, found[side], row)
 
 
-@pytest.mark.parametrize("effect", ["viscous_friction", "coulomb_friction", "stribeck_friction", "degressive_friction"])
+@pytest.mark.parametrize(
+    "effect", ["viscous_friction", "coulomb_friction", "stribeck_friction", "degressive_friction"]
+)
 def test_friction_acts_on_the_chosen_side(arm, effect):
     """Friction of the link side follows the link's velocity and shows in the link equation."""
     instance = parse(INSTANCES[effect][0]).with_parameters(side="link")
@@ -145,14 +174,19 @@ def test_no_effect_at_the_neutral_value(arm, effect):
 @pytest.mark.parametrize("side", ["motor", "link"])
 def test_thermal_friction_scales_the_friction_of_its_joint_and_side(arm, side):
     """It adds r (t - t_mid)/T times all friction there, at the begin, in the middle and at the end of a run."""
-    texts = [f"coulomb_friction:joint_2:torque=10,side={side}", f"viscous_friction:joint_2:coefficient=5,side={side}"]
+    texts = [
+        f"coulomb_friction:joint_2:torque=10,side={side}",
+        f"viscous_friction:joint_2:coefficient=5,side={side}",
+    ]
     other = parse("coulomb_friction:joint_1:torque=7")
     friction = [parse(text, arm) for text in texts]
     warm = parse(f"thermal_friction:joint_2:change=-0.4,side={side}", arm)
     motion = random_motion(arm, np.random.default_rng(2))
     alone = contribution(arm, [*friction, other], motion)
     for progress in (0.0, 0.5, 1.0):
-        found = contribution(arm, [*friction, other, warm], motion, z=np.array([progress * DURATION]))
+        found = contribution(
+            arm, [*friction, other, warm], motion, z=np.array([progress * DURATION])
+        )
         expected = alone[side].copy()
         expected[1] *= 1 - 0.4 * (progress - 0.5)
         assert np.allclose(found[side], expected)
@@ -162,7 +196,10 @@ def test_thermal_friction_scales_the_friction_of_its_joint_and_side(arm, side):
 @pytest.mark.parametrize("side", ["motor", "link"])
 def test_asymmetric_friction_is_larger_in_one_direction(arm, side):
     """All friction of its joint and side is 1 + a times as large forwards, 1 - a times backwards; none elsewhere."""
-    texts = [f"coulomb_friction:joint_2:torque=10,side={side}", f"viscous_friction:joint_2:coefficient=5,side={side}"]
+    texts = [
+        f"coulomb_friction:joint_2:torque=10,side={side}",
+        f"viscous_friction:joint_2:coefficient=5,side={side}",
+    ]
     friction = [*(parse(text, arm) for text in texts), parse("coulomb_friction:joint_1:torque=7")]
     skewed = parse(f"asymmetric_friction:joint_2:asymmetry=0.3,side={side}", arm)
     for seed in range(4):
@@ -177,7 +214,8 @@ def test_a_joint_zero_turns_what_hangs_on_the_joint(arm):
     motion, model = random_motion(arm, np.random.default_rng(0)), build_model(arm, engine="numpy")
     turned = motion["x"] - 0.05 * np.array([0, 1, 0, 0, 1, 0])
     there, here = (
-        model.inverse_dynamics(*(v[None] for v in (x, motion["dx"], motion["ddx"])))[0] for x in (turned, motion["x"])
+        model.inverse_dynamics(*(v[None] for v in (x, motion["dx"], motion["ddx"])))[0]
+        for x in (turned, motion["x"])
     )
     found = contribution(arm, [parse("joint_zero:joint_2:offset=0.05")], motion)
     assert np.allclose(found["link"], (there - here)[:3]) and np.abs(found["link"][1]) > 1.0
@@ -191,7 +229,9 @@ def test_a_joint_zero_is_the_turned_geometry_of_a_description(arm):
     built = arm.with_joint("joint_2", dh=row, after=row.placement)
     motion = random_motion(arm, np.random.default_rng(1))
     state = [motion[name][None] for name in ("x", "dx", "ddx")]
-    true, nominal = (build_model(robot, engine="numpy").inverse_dynamics(*state)[0] for robot in (built, arm))
+    true, nominal = (
+        build_model(robot, engine="numpy").inverse_dynamics(*state)[0] for robot in (built, arm)
+    )
     found = contribution(arm, [parse("joint_zero:joint_2:offset=0.05")], motion)
     assert np.allclose(np.append(found["link"], found["motor"]), true - nominal)
 
@@ -205,20 +245,31 @@ def test_gravity_compensation_takes_its_share_of_the_weight(arm, joint):
     if joint:
         weight *= [0, 1, 0]
     place = f"gravity_compensation:{joint}:share=0.4" if joint else "gravity_compensation:share=0.4"
-    of = {c: contribution(arm, [parse(f"{place},channels={c}_torque")], motion) for c in ("joint", "motor")}
-    assert np.allclose(of["motor"]["motor"], -weight) and not (of["motor"]["link"].any() or of["motor"]["drive"].any())
+    of = {
+        c: contribution(arm, [parse(f"{place},channels={c}_torque")], motion)
+        for c in ("joint", "motor")
+    }
+    assert np.allclose(of["motor"]["motor"], -weight) and not (
+        of["motor"]["link"].any() or of["motor"]["drive"].any()
+    )
     assert np.allclose(of["joint"]["link"], -weight) and np.allclose(of["joint"]["drive"], -weight)
     assert np.allclose(of["joint"]["motor"], weight) and np.abs(weight).max() > 10.0
 
 
 def test_a_load_is_a_link_with_a_point_mass(arm):
     """An arm whose second link carries the mass needs the torques of the model with the effect."""
-    link = lumped([arm.joints[1].link, Inertia(6.0, np.array([0.05, -0.02, 0.1]), np.zeros((3, 3)))])
+    link = lumped(
+        [arm.joints[1].link, Inertia(6.0, np.array([0.05, -0.02, 0.1]), np.zeros((3, 3)))]
+    )
     motion = random_motion(arm, np.random.default_rng(0))
     state = [motion[name][None] for name in ("x", "dx", "ddx")]
     heavy = arm.with_joint("joint_2", link=link)
-    true, nominal = (build_model(robot, engine="numpy").inverse_dynamics(*state)[0, :3] for robot in (heavy, arm))
-    found = contribution(arm, [parse("load:joint_2:mass=6,position=0.05/-0.02/0.1")], motion)["link"]
+    true, nominal = (
+        build_model(robot, engine="numpy").inverse_dynamics(*state)[0, :3] for robot in (heavy, arm)
+    )
+    found = contribution(arm, [parse("load:joint_2:mass=6,position=0.05/-0.02/0.1")], motion)[
+        "link"
+    ]
     assert np.allclose(found, true - nominal) and found[2] == pytest.approx(0.0, abs=1e-12)
 
 
@@ -236,7 +287,9 @@ def test_hysteresis_rate_is_the_contracts(arm):
         d_rate = motion["dx"][4] - motion["dx"][1]
         found = contribution(arm, [instance], motion, np.array([z]))
         assert found["drive"][1] == pytest.approx(5 * z)
-        assert found["rates"][0] == pytest.approx((d_rate - abs(d_rate) * z / 2 - d_rate * abs(z) / 2) / 1e-4)
+        assert found["rates"][0] == pytest.approx(
+            (d_rate - abs(d_rate) * z / 2 - d_rate * abs(z) / 2) / 1e-4
+        )
 
 
 def inverse_dynamics(robot, motion, model="mod3"):
@@ -291,13 +344,16 @@ def test_changed_parts_equal_a_changed_description(arm, effect):
     for seed in range(3):
         motion = random_motion(arm, np.random.default_rng(seed))
         found = contribution(arm, [instance], motion)
-        true = inverse_dynamics(truly(effect, arm, instance.parameters), motion) - inverse_dynamics(arm, motion)
+        true = inverse_dynamics(truly(effect, arm, instance.parameters), motion) - inverse_dynamics(
+            arm, motion
+        )
         assert np.allclose(np.append(found["link"], found["motor"]), true, rtol=1e-9, atol=1e-9)
         assert np.abs(true).max() > 0.1 and not found["drive"].any()
 
 
 @pytest.mark.parametrize(
-    ("effect", "less", "more"), [("spline_inertia", "mod1", "mod2"), ("inertia_coupling", "mod2", "mod3")]
+    ("effect", "less", "more"),
+    [("spline_inertia", "mod1", "mod2"), ("inertia_coupling", "mod2", "mod3")],
 )
 def test_model_form_is_the_difference_of_two_models(arm, effect, less, more):
     """The parameter-free effects add what the richer model has, and refuse a model that has it already."""
@@ -313,7 +369,10 @@ def test_model_form_is_the_difference_of_two_models(arm, effect, less, more):
 def test_a_transmission_error_is_found_in_the_deflection_by_other_laws(arm):
     """Backlash beside a transmission error takes its play from theta + e - q."""
     motion = random_motion(arm, np.random.default_rng(1))
-    error, play = parse("transmission_error:joint_2:amplitude=3e-5"), parse("backlash:joint_2:half_gap=1e-4")
+    error, play = (
+        parse("transmission_error:joint_2:amplitude=3e-5"),
+        parse("backlash:joint_2:half_gap=1e-4"),
+    )
     both, alone = contribution(arm, [play, error], motion), contribution(arm, [error], motion)
     at, gear = At(motion, 1, 3), arm.joints[1].transmission
     d = at.d + 3e-5 * np.sin(2 * gear.harmonic_drive_ratio * at.theta)

@@ -43,12 +43,18 @@ def reference(seconds, rate=1.0, size=0.4, offset=(0.0, 0.4, 0.5)):
     """All joints swing at `rate` Hz and half of it, from rest."""
     t = np.arange(round(seconds * RATE) + 1)[:, None] / RATE
     w = 2 * np.pi * rate * np.array([1.0, 0.5, 0.75])
-    return offset + size * (1 - np.cos(w * t)), size * w * np.sin(w * t), size * w**2 * np.cos(w * t)
+    return (
+        offset + size * (1 - np.cos(w * t)),
+        size * w * np.sin(w * t),
+        size * w**2 * np.cos(w * t),
+    )
 
 
 def run(robot, effects=(), seconds=1.0, **settings):
     q, dq, ddq = reference(seconds)
-    start = {"q0": q[0]} | {name: settings.pop(name) for name in ("q0", "dq0", "duration") if name in settings}
+    start = {"q0": q[0]} | {
+        name: settings.pop(name) for name in ("q0", "dq0", "duration") if name in settings
+    }
     settings = {"sensors": Sensors.exact(), "nominal": robot, "effects": effects} | settings
     return Simulator(robot, SimulationSettings(**settings), **start).follow(q, dq, ddq)
 
@@ -57,13 +63,16 @@ def fault(instance, robot):
     """The same effect in the words of the hidden arm."""
     numbers = {p.name: instance.parameters[p.name] for p in instance.effect.parameters}
     if "position" in numbers:
-        numbers |= {f"position_{axis}": v for axis, v in zip("xyz", numbers.pop("position"), strict=True)}
+        numbers |= {
+            f"position_{axis}": v for axis, v in zip("xyz", numbers.pop("position"), strict=True)
+        }
     joint = None if instance.joint is None else robot.joint_names.index(instance.joint)
     return Fault(instance.effect.id, joint, numbers, instance.parameters.get("side", "motor"))
 
 
 @pytest.mark.parametrize(
-    "effect", sorted((set(IN_EQUATIONS) & KNOWN) - READ_WRONG - {"spline_inertia", "inertia_coupling"})
+    "effect",
+    sorted((set(IN_EQUATIONS) & KNOWN) - READ_WRONG - {"spline_inertia", "inertia_coupling"}),
 )
 def test_accelerations_agree_with_the_hidden_arm(arm, effect):
     """An arm in Pinocchio with effects written apart from the catalogue accelerates alike at random states."""
@@ -71,16 +80,23 @@ def test_accelerations_agree_with_the_hidden_arm(arm, effect):
     instance = parse(text, arm)
     faults = [fault(instance, arm)]
     hidden = HiddenArm(arm, faults, standstill=1e-4)
-    clock = np.zeros(arm.n + 1 if needs_further_laws(faults) else 0)  # and the states of further laws before it
+    clock = np.zeros(
+        arm.n + 1 if needs_further_laws(faults) else 0
+    )  # and the states of further laws before it
     simulator = Simulator(arm, SimulationSettings(effects=[instance], sensors=Sensors.exact()))
     constants = simulator.system.evaluate_constants(np.full(6, 1e-4))
     dof, rng = simulator.system.dof, np.random.default_rng(0)
     for _ in range(5):
         motion = random_motion(arm, rng)
         tilts = rng.uniform(-1e-4, 1e-4, (2, dof - 6))
-        x, dx = (np.append(motion[name], tilt) for name, tilt in zip(("x", "dx"), tilts, strict=True))
+        x, dx = (
+            np.append(motion[name], tilt) for name, tilt in zip(("x", "dx"), tilts, strict=True)
+        )
         z = rng.uniform(-1, 1, simulator.system.states)
-        ddx, dz, _ = (np.array(v).ravel() for v in simulator.system.accelerations(x, dx, z, motion["tau_m"], constants))
+        ddx, dz, _ = (
+            np.array(v).ravel()
+            for v in simulator.system.accelerations(x, dx, z, motion["tau_m"], constants)
+        )
         state = np.concatenate([x, dx, [0.0, *z, 0.0] if len(z) else np.zeros(3), clock])
         expected = hidden.rate(state, motion["tau_m"])
         assert np.allclose(ddx, expected[dof : 2 * dof], rtol=1e-9, atol=1e-8)
@@ -92,14 +108,20 @@ def test_residuals_of_a_simulated_arm_are_the_law(arm, effect):
     """The nominal model misses a simulated arm by exactly what the law says, in all three equations of every joint."""
     text, name = INSTANCES[effect]
     instance, model = parse(text, arm), build_model(arm, name, engine="numpy")
-    simulator = Simulator(arm, SimulationSettings(model=name, effects=[instance], sensors=Sensors.exact()))
+    simulator = Simulator(
+        arm, SimulationSettings(model=name, effects=[instance], sensors=Sensors.exact())
+    )
     system, constants = simulator.system, simulator._loop.constants
-    K, D = (np.array([getattr(j.transmission, k) for j in arm.joints]) for k in ("stiffness", "damping"))
+    K, D = (
+        np.array([getattr(j.transmission, k) for j in arm.joints]) for k in ("stiffness", "damping")
+    )
     rng, largest = np.random.default_rng(0), 0.0
     for _ in range(3):
         motion = random_motion(arm, rng)
         x, dx, u, z = motion["x"], motion["dx"], motion["tau_m"], rng.uniform(-1, 1, system.states)
-        motion["ddx"], _, motion["tau_J"] = (np.array(v).ravel() for v in system.accelerations(x, dx, z, u, constants))
+        motion["ddx"], _, motion["tau_J"] = (
+            np.array(v).ravel() for v in system.accelerations(x, dx, z, u, constants)
+        )
         drive = K * (x[3:] - x[:3]) + D * (dx[3:] - dx[:3])
         left = model.inverse_dynamics(x[None], dx[None], motion["ddx"][None])[0]
         law = contribution(arm, [instance], motion, z, name)
@@ -115,12 +137,18 @@ def test_friction_of_a_simulated_arm_changes_over_the_run(arm):
     t = np.arange(4001)[:, None] / RATE
     speed = 0.5 * np.where(t % 2.0 < 1.0, 1.0, -1.0) * [[1.0, 0.0, 0.0]]
     q, still = np.cumsum(speed, axis=0) / RATE, np.zeros_like(speed)
-    friction = [parse("coulomb_friction:joint_1:torque=20", arm), parse("viscous_friction:joint_1:coefficient=10", arm)]
+    friction = [
+        parse("coulomb_friction:joint_1:torque=20", arm),
+        parse("viscous_friction:joint_1:coefficient=10", arm),
+    ]
     warm = parse("thermal_friction:joint_1:change=-0.4", arm)
     torques = []
     for effects in (friction, [*friction, warm]):
         simulator = Simulator(
-            arm, SimulationSettings(effects=effects, sensors=Sensors.exact(), nominal=arm), dq0=speed[0], duration=4.0
+            arm,
+            SimulationSettings(effects=effects, sensors=Sensors.exact(), nominal=arm),
+            dq0=speed[0],
+            duration=4.0,
         )
         truth, _ = simulator.follow(q, speed, still)
         torques.append(truth.tau_m[:, 0] - truth.tau_J[:, 0])
@@ -128,12 +156,16 @@ def test_friction_of_a_simulated_arm_changes_over_the_run(arm):
         assert torques[1][k] / torques[0][k] == pytest.approx(1 - 0.4 * (k / 4000 - 0.5), abs=0.01)
 
 
-@pytest.mark.parametrize("effect", sorted(SENSOR_EFFECTS - {"time_delay", "torque_drift", "torque_lowpass"}))
+@pytest.mark.parametrize(
+    "effect", sorted(SENSOR_EFFECTS - {"time_delay", "torque_drift", "torque_lowpass"})
+)
 def test_residuals_of_recorded_channels_are_the_law(arm, effect):
     """What a sensor effect changes in the channels changes the residuals of the nominal model as its law says."""
     instance = parse(INSTANCES[effect][0], arm)
     truth, measured = run(arm, [instance], seconds=0.3)
-    K, D = (np.array([getattr(j.transmission, k) for j in arm.joints]) for k in ("stiffness", "damping"))
+    K, D = (
+        np.array([getattr(j.transmission, k) for j in arm.joints]) for k in ("stiffness", "damping")
+    )
 
     def residuals(c):
         drive = c["tau_J"] - K * (c["theta"] - c["q"]) - D * (c["dtheta"] - c["dq"])
@@ -145,18 +177,24 @@ def test_residuals_of_recorded_channels_are_the_law(arm, effect):
         motion["dx"] = np.append(measured["dq"][k], measured["dtheta"][k])
         motion |= {"tau_J": measured["tau_J"][k], "tau_m": measured["tau_m"][k]}
         motion |= {"dtau_J": np.zeros(3), "dtau_m": np.zeros(3)}
-        motion = {name: motion[name] for name in ("x", "dx", "ddx", "tau_J", "tau_m", "dtau_J", "dtau_m")}
+        motion = {
+            name: motion[name] for name in ("x", "dx", "ddx", "tau_J", "tau_m", "dtau_J", "dtau_m")
+        }
         law = contribution(arm, [instance], motion)
         for side in ("link", "drive", "motor"):
             size = np.abs(law[side]).max()
-            assert np.abs(after[side][k] - before[side][k] - law[side]).max() <= 1e-3 * size + 1e-9, side
+            assert (
+                np.abs(after[side][k] - before[side][k] - law[side]).max() <= 1e-3 * size + 1e-9
+            ), side
 
 
 @pytest.mark.parametrize("channel", ["joint_torque", "motor_torque", "link_encoder"])
 def test_time_delay_makes_its_channels_late(arm, channel):
     """A delayed channel holds what was true two milliseconds before; the others are untouched."""
     truth, measured = run(arm, [parse(f"time_delay:joint_2:delay=0.002,channels={channel}")])
-    late = {"joint_torque": ("tau_J",), "motor_torque": ("tau_m",), "link_encoder": ("q", "dq")}[channel]
+    late = {"joint_torque": ("tau_J",), "motor_torque": ("tau_m",), "link_encoder": ("q", "dq")}[
+        channel
+    ]
     for name, true in truth.channels().items():
         expected = true.copy()
         if name in late:
@@ -179,7 +217,9 @@ def test_torque_drift_moves_the_zero_of_its_channel(arm, channel):
 
 def test_torque_lowpass_is_the_law(arm):
     """Recorded less true torque is -T times the rate of the recorded torque, T = 1 / (2 pi cutoff)."""
-    truth, measured = run(arm, [parse("torque_lowpass:joint_2:cutoff=5,channels=joint_torque+motor_torque")])
+    truth, measured = run(
+        arm, [parse("torque_lowpass:joint_2:cutoff=5,channels=joint_torque+motor_torque")]
+    )
     for name in ("tau_J", "tau_m"):
         y, true = measured[name][:, 1], truth.channels()[name][:, 1]
         rate = np.diff(y) * RATE
@@ -213,14 +253,18 @@ def stored(effect, p, gear, theta, q):
     return energy
 
 
-@pytest.mark.parametrize("effect", ["nonlinear_stiffness", "backlash", "transmission_error", "torque_ripple"])
+@pytest.mark.parametrize(
+    "effect", ["nonlinear_stiffness", "backlash", "transmission_error", "torque_ripple"]
+)
 def test_conservative_effects_keep_energy(arm, effect):
     """By virtual work, an undamped falling arm with this effect keeps its energy, the effect's own part counted."""
     robot = free(arm)
     name, _, values = INSTANCES[effect][0].split(":")
     instance = parse(f"{name}:joint_2:{values}")
     simulator = Simulator(
-        robot, SimulationSettings(effects=[instance], sensors=Sensors.exact(), substeps=40), q0=np.full(3, 0.5)
+        robot,
+        SimulationSettings(effects=[instance], sensors=Sensors.exact(), substeps=40),
+        q0=np.full(3, 0.5),
     )
     truth, _ = simulator.drive(np.zeros((1000, 3)))
     kinetic, potential = build_model(robot, engine="numpy").energy(truth.x, truth.dx)
@@ -235,7 +279,10 @@ def test_conservative_effects_keep_energy(arm, effect):
 def test_dry_friction_holds_a_joint_nearly_still(arm):
     """A torque below Coulomb's leaves the vertical axis creeping below the regularisation speed; one above moves it."""
     simulator = Simulator(
-        arm, SimulationSettings(effects=[parse("coulomb_friction:joint_1:torque=20")], sensors=Sensors.exact())
+        arm,
+        SimulationSettings(
+            effects=[parse("coulomb_friction:joint_1:torque=20")], sensors=Sensors.exact()
+        ),
     )
     push = np.array([10.0, 0.0, 0.0])
     held, _ = simulator.drive(np.tile(simulator.state.command + push, (500, 1)))
@@ -248,7 +295,10 @@ def test_friction_that_outruns_the_integrator_is_widened(arm):
     """At a low ratio the motor is light: the regularisation widens until friction is stable, and stays stable."""
     light = arm.with_ratio(5)
     simulator = Simulator(
-        light, SimulationSettings(effects=[parse("coulomb_friction:joint_1:torque=20")], sensors=Sensors.exact())
+        light,
+        SimulationSettings(
+            effects=[parse("coulomb_friction:joint_1:torque=20")], sensors=Sensors.exact()
+        ),
     )
     assert simulator.sign_speed[3] > 1e-3 and simulator.sign_speed[4] == 1e-4
     push = np.array([10.0, 0.0, 0.0])
@@ -311,11 +361,15 @@ def test_the_law_of_bearings_explains_a_simulated_arm(arm):
     a, b = np.random.default_rng(0).uniform(-0.5, 0.5, (2, 3, 3))
     smooth = FourierTrajectory(2 * np.pi / 4.0, a, b, np.array([0.0, 0.4, 0.5]), 6.0, 1.0)
     q, dq, ddq = smooth.evaluate(np.arange(6001) / RATE)
-    simulator = Simulator(arm, SimulationSettings(effects=[instance], sensors=Sensors.exact()), q0=q[0])
+    simulator = Simulator(
+        arm, SimulationSettings(effects=[instance], sensors=Sensors.exact()), q0=q[0]
+    )
     truth, _ = simulator.follow(q, dq, ddq)
     system, constants = simulator.system, simulator._loop.constants
     rows = zip(truth.x, truth.dx, truth.command, strict=True)
-    ddx = np.array([np.array(system.accelerations(x, dx, [], u, constants)[0])[:6, 0] for x, dx, u in rows])
+    ddx = np.array(
+        [np.array(system.accelerations(x, dx, [], u, constants)[0])[:6, 0] for x, dx, u in rows]
+    )
     x, dx = truth.x[:, :6], truth.dx[:, :6]
     missed = -build_model(arm, engine="numpy").inverse_dynamics(x, dx, ddx)[:, :3]
     jerk = np.gradient(smoothed(ddx), 1 / RATE, axis=0)

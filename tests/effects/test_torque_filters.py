@@ -48,7 +48,9 @@ class Signals:
     predicted: bool
     t: np.ndarray = field(default_factory=lambda: T)
     cutoff: float = np.inf
-    torque_noise: dict = field(default_factory=lambda: dict.fromkeys(("tau_J", "tau_m"), np.full(3, NOISE**2)))
+    torque_noise: dict = field(
+        default_factory=lambda: dict.fromkeys(("tau_J", "tau_m"), np.full(3, NOISE**2))
+    )
     once: Once = field(default_factory=Once)
 
     @property
@@ -57,12 +59,16 @@ class Signals:
 
     @property
     def model_torques(self):
-        return {name: np.stack([0 * T, true_torque(T), 0 * T], axis=1) for name in ("tau_J", "tau_m")}
+        return {
+            name: np.stack([0 * T, true_torque(T), 0 * T], axis=1) for name in ("tau_J", "tau_m")
+        }
 
 
 def error_of(effect, signals, channels=("joint_torque",)):
     kind, values, _ = FILTERS[effect]
-    return kind(ArmEquations(ROBOT)).residuals(signals, {**values, "channels": channels, "joints": [1]})
+    return kind(ArmEquations(ROBOT)).residuals(
+        signals, {**values, "channels": channels, "joints": [1]}
+    )
 
 
 @pytest.mark.parametrize("predicted", [False, True])
@@ -70,7 +76,9 @@ def error_of(effect, signals, channels=("joint_torque",)):
 def test_the_error_is_recorded_less_true_torque(effect, predicted):
     """By a torque without noise, recorded or the model's: a lag of 20 ms and a corner of 5 Hz, to 1 % of the error."""
     recorded, exact = FILTERS[effect][2], {"tau_J": np.full(3, 1e-12)}
-    found = error_of(effect, Signals(true_torque(T) if predicted else recorded, predicted, torque_noise=exact))[INSIDE]
+    found = error_of(
+        effect, Signals(true_torque(T) if predicted else recorded, predicted, torque_noise=exact)
+    )[INSIDE]
     expected = (recorded - true_torque(T))[INSIDE]
     assert np.abs(found[:, 1] - expected).max() < 0.01 * np.abs(expected).max()
     # tau_J stands in link and drive with one sign, in the motor's equation with the other.

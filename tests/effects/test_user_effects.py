@@ -6,7 +6,17 @@ from pathlib import Path
 import pytest
 
 import elastic_arm
-from elastic_arm.effects import EFFECTS, Catalogue, Choice, Effect, Parameter, Role, Scale, parse, robot_effects
+from elastic_arm.effects import (
+    EFFECTS,
+    Catalogue,
+    Choice,
+    Effect,
+    Parameter,
+    Role,
+    Scale,
+    parse,
+    robot_effects,
+)
 from elastic_arm.effects import catalogue as catalogue_module
 from elastic_arm.effects.model import REGIMES
 from elastic_arm.errors import EffectError
@@ -47,11 +57,23 @@ def test_no_module_but_an_effects_own_file_names_it() -> None:
     for path in PACKAGE.rglob("*.py"):
         place = path.relative_to(PACKAGE).as_posix()
         if place.startswith(
-            ("effects/library/", "studies/blind_challenge/", "robot/urdf.py", "robot/mjcf/", "mujoco/")
+            (
+                "effects/library/",
+                "studies/blind_challenge/",
+                "robot/urdf.py",
+                "robot/mjcf/",
+                "mujoco/",
+            )
         ):
             continue
-        held = {node.value for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Constant)}
-        assert not {value for value in held if isinstance(value, str)} & (set(EFFECTS) - set(REGIMES)), place
+        held = {
+            node.value
+            for node in ast.walk(ast.parse(path.read_text()))
+            if isinstance(node, ast.Constant)
+        }
+        assert not {value for value in held if isinstance(value, str)} & (
+            set(EFFECTS) - set(REGIMES)
+        ), place
 
 
 def test_a_users_file_is_in_the_catalogue_and_an_arm_file_may_name_it(tmp_path: Path) -> None:
@@ -76,16 +98,36 @@ def test_a_users_file_is_in_the_catalogue_and_an_arm_file_may_name_it(tmp_path: 
         ("x = (\n", r"line 1: .*never closed"),
         ("\nimport nowhere_at_all", "line 2: ModuleNotFoundError"),
         (OWN.format(id="payload"), "'payload' is taken"),
-        (OWN.format(id="magnet").replace("0.0, 10.0", "10.0, 0.0"), r"line \d+: parameter pull: its range is 10 to 0"),
-        (OWN.format(id="magnet").replace('p["pull"]', 'p["push"]'), r"line \d+: KeyError: 'push'.*p holds pull"),
+        (
+            OWN.format(id="magnet").replace("0.0, 10.0", "10.0, 0.0"),
+            r"line \d+: parameter pull: its range is 10 to 0",
+        ),
+        (
+            OWN.format(id="magnet").replace('p["pull"]', 'p["push"]'),
+            r"line \d+: KeyError: 'push'.*p holds pull",
+        ),
         (
             OWN.format(id="magnet").replace("link=", "lnk="),
             r"line \d+: a law adds a torque to 'lnk'.*link, drive, motor",
         ),
-        (OWN.format(id="magnet").replace("motion.at(i, link=", "("), "law of magnet returns no Contribution"),
+        (
+            OWN.format(id="magnet").replace("motion.at(i, link=", "("),
+            "law of magnet returns no Contribution",
+        ),
         (None, "no such file"),
     ],
-    ids=["nothing", "no effect", "syntax", "import", "taken", "range", "parameter", "side", "contribution", "missing"],
+    ids=[
+        "nothing",
+        "no effect",
+        "syntax",
+        "import",
+        "taken",
+        "range",
+        "parameter",
+        "side",
+        "contribution",
+        "missing",
+    ],
 )
 def test_a_wrong_file_gets_one_clear_line(tmp_path: Path, text: str | None, message: str) -> None:
     """The error names the file, the line where there is one, and what to do."""
@@ -125,7 +167,10 @@ def test_an_installed_package_adds_its_effect(monkeypatch: pytest.MonkeyPatch) -
         ({"magnitude": ("weight",)}, "magnitude holds 'weight'"),
         ({"states": ("size",)}, "two things"),
         ({"choices": (Choice("size", ("a", "b"), "a"),)}, "two things"),
-        ({"parameters": (Parameter("phase", "rad", -3.0, 3.0, role=Role.PHASE),)}, "needs exactly one amplitude"),
+        (
+            {"parameters": (Parameter("phase", "rad", -3.0, 3.0, role=Role.PHASE),)},
+            "needs exactly one amplitude",
+        ),
     ],
     ids=lambda value: None if isinstance(value, dict) else value,
 )
@@ -152,4 +197,6 @@ def test_an_effect_that_contradicts_itself_is_refused(changes: dict, message: st
 def test_a_parameter_that_contradicts_itself_is_refused(entries: dict, message: str) -> None:
     """What is wrong is named when the parameter is made."""
     with pytest.raises(EffectError, match=message):
-        Parameter(**({"name": "size", "unit": "Nm", "low": 0.0, "high": 1.0, "neutral": 0.0} | entries))
+        Parameter(
+            **({"name": "size", "unit": "Nm", "low": 0.0, "high": 1.0, "neutral": 0.0} | entries)
+        )

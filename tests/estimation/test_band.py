@@ -41,12 +41,20 @@ def test_too_short_a_stretch_gives_no_rows() -> None:
     assert len(Band(20.0, RATE).apply(np.ones((10, 2)))) == 0
 
 
-@pytest.mark.parametrize(("cutoff", "rate"), [(1.7, 200.0), (3.0, 200.0), (20.0, 1000.0), (40.0, 100.0), (40.0, 250.0)])
+@pytest.mark.parametrize(
+    ("cutoff", "rate"), [(1.7, 200.0), (3.0, 200.0), (20.0, 1000.0), (40.0, 100.0), (40.0, 250.0)]
+)
 def test_rows_are_those_of_the_plain_convolution(cutoff: float, rate: float) -> None:
     """By products of matrices and by spectra, narrow and wide bands give what the taps give, to rounding."""
-    band, values = Band(cutoff, rate), np.cumsum(np.random.default_rng(0).standard_normal((2011, 9)), axis=0)
+    band, values = (
+        Band(cutoff, rate),
+        np.cumsum(np.random.default_rng(0).standard_normal((2011, 9)), axis=0),
+    )
     kept = band.apply(values)
     first = -(-(len(band.taps) - 1) // band.step) * band.step
-    plain = np.stack([np.convolve(column, band.taps)[first : len(column) : band.step] for column in values.T], axis=1)
+    plain = np.stack(
+        [np.convolve(column, band.taps)[first : len(column) : band.step] for column in values.T],
+        axis=1,
+    )
     assert kept.shape == plain.shape == (len(band.times(np.arange(len(values)) / rate)), 9)
     assert np.abs(kept - plain).max() < 1e-13 * np.abs(values).max()

@@ -11,7 +11,9 @@ from elastic_arm.recording import Samples
 RATE = 500.0
 
 
-def recorded(at: np.ndarray, stamps: np.ndarray, noise: float = 1e-5, velocity: bool = True) -> Samples:
+def recorded(
+    at: np.ndarray, stamps: np.ndarray, noise: float = 1e-5, velocity: bool = True
+) -> Samples:
     """A motion of two joints read at `at` and stamped `stamps`, with encoder noise, rad."""
     rng = np.random.default_rng(1)
     q = 0.5 * np.stack([np.sin(2.0 * at), np.cos(3.0 * at)], axis=1)
@@ -19,7 +21,16 @@ def recorded(at: np.ndarray, stamps: np.ndarray, noise: float = 1e-5, velocity: 
     q = q + noise * rng.standard_normal(q.shape)
     dq = dq + 30.0 * noise * rng.standard_normal(q.shape)
     ns = np.round(1e9 * stamps).astype(np.int64)
-    return Samples(stamps, q=q, dq=dq if velocity else None, tau_J=None, theta=None, dtheta=None, tau_m=q, stamp_ns=ns)
+    return Samples(
+        stamps,
+        q=q,
+        dq=dq if velocity else None,
+        tau_J=None,
+        theta=None,
+        dtheta=None,
+        tau_m=q,
+        stamp_ns=ns,
+    )
 
 
 def jittered(std: float) -> tuple[np.ndarray, np.ndarray]:
@@ -60,7 +71,10 @@ def test_late_stamps_of_regular_samples_are_not(std: float, velocity: bool) -> N
 def test_stamps_late_by_more_than_an_interval_are_no_missing_samples(late: float) -> None:
     """Late stamps in order of arrival keep to a regular clock; every sample is one of its points."""
     at = np.arange(5000) / RATE
-    stamps = np.maximum.accumulate(at + np.abs(np.random.default_rng(4).normal(0.0, late, 5000))) + 1e-9 * RATE * at
+    stamps = (
+        np.maximum.accumulate(at + np.abs(np.random.default_rng(4).normal(0.0, late, 5000)))
+        + 1e-9 * RATE * at
+    )
     taken = recorded(at, stamps)
     clock = Clock.of(taken)
     assert clock.mode == "regular"

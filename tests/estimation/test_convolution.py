@@ -6,7 +6,9 @@ import pytest
 from elastic_arm.estimation.convolution import FEW, circular_gains, convolve, filtered_circularly
 
 
-@pytest.mark.parametrize("samples, taps", [(60, 11), (60, 60), (5000, 101), (5003, 96), (40_000, 301)])
+@pytest.mark.parametrize(
+    "samples, taps", [(60, 11), (60, 60), (5000, 101), (5003, 96), (40_000, 301)]
+)
 @pytest.mark.parametrize("every", [1, 2, 8])
 def test_it_is_the_sum_of_plain_convolutions(samples: int, taps: int, every: int) -> None:
     """Two signals of three columns through two outputs' responses, added up, without the ends, one of `every`."""
@@ -14,7 +16,10 @@ def test_it_is_the_sum_of_plain_convolutions(samples: int, taps: int, every: int
     signals = list(rng.standard_normal((2, samples, 3)))
     responses = rng.standard_normal((2, 2, taps))
     expected = [
-        [sum(np.convolve(s, r, "valid") for s, r in zip(column, own, strict=True))[::every] for own in responses]
+        [
+            sum(np.convolve(s, r, "valid") for s, r in zip(column, own, strict=True))[::every]
+            for own in responses
+        ]
         for column in np.transpose(signals, (2, 0, 1))
     ]
     found = convolve(signals, responses, every)
@@ -34,7 +39,9 @@ def test_a_circular_filter_is_that_of_transforms_of_the_signals_own_length(sampl
     gains[0] = gains[0].real
     values = rng.standard_normal((samples, rows, 40))
     values[:, 0, 5:], values[:, 2:, 10:30], values[:, 2, :30], values[:, :, 39] = 0.0, 0.0, 0.0, 0.0
-    expected = np.fft.irfft(gains @ np.fft.rfft(values, axis=0)[:count], samples, axis=0)[edge:-edge].T
+    expected = np.fft.irfft(gains @ np.fft.rfft(values, axis=0)[:count], samples, axis=0)[
+        edge:-edge
+    ].T
     prepared = circular_gains(gains, samples, edge)
     found = filtered_circularly(values, prepared)
     products = expected.reshape(40, -1) @ expected.reshape(40, -1).T

@@ -45,7 +45,10 @@ def cubic() -> tuple[Feature, EffectInstance]:
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_cubic_stiffness_beside_a_free_one_is_not_drawn_to_the_encoders_noise(seed: int) -> None:
     """Where the load hardly changes, the two act nearly alike, and their difference would be noise of the encoders."""
-    found, (feature, instance) = data(record(gentle(seed), CUBIC, seed=seed, sensors=SENSORS)), cubic()
+    found, (feature, instance) = (
+        data(record(gentle(seed), CUBIC, seed=seed, sensors=SENSORS)),
+        cubic(),
+    )
     part, row = found.parts[0], MODEL.n + JOINT
     load = np.zeros((len(part.signals.t), 3 * MODEL.n, 2))
     load[:, row, 0], load[:, row, 1] = part.signals.model_torques["tau_J"][:, JOINT], 1.0
@@ -55,13 +58,18 @@ def test_a_cubic_stiffness_beside_a_free_one_is_not_drawn_to_the_encoders_noise(
     scale = np.linalg.norm(columns, axis=0)
     beta = np.linalg.lstsq(columns / scale, found.white, rcond=None)[0] / scale
     left = found.white - columns @ beta
-    std = np.sqrt(np.linalg.inv((columns / scale).T @ (columns / scale))[2, 2] * np.mean(left**2)) / scale[2]
+    std = (
+        np.sqrt(np.linalg.inv((columns / scale).T @ (columns / scale))[2, 2] * np.mean(left**2))
+        / scale[2]
+    )
     assert abs(beta[2] - float(instance.parameters["cubic"])) < 3.0 * std
 
 
 @pytest.mark.parametrize("size", [3e8, 1e11, -4e9])
 @pytest.mark.parametrize("acts", [False, True])
-def test_a_law_carries_its_part_of_the_load_at_the_deflection_of_the_drive(size: float, acts: bool) -> None:
+def test_a_law_carries_its_part_of_the_load_at_the_deflection_of_the_drive(
+    size: float, acts: bool
+) -> None:
     """K d + D d' + K_3 d³ is the predicted load, be the law more than twice as steep as the spring, or falling."""
     recording, (feature, _) = record(gentle(1), CUBIC, seed=1, sensors=SENSORS), cubic()
     acting = [ActingEffect(feature.whole(), (size,), np.ones(1))] if acts else []

@@ -36,10 +36,16 @@ def contribution(instance: EffectInstance, signals: Signals) -> np.ndarray:
     effects = EffectSet([instance], ROBOT)
     total, _ = effects.contribution(motion)
     rows = ca.vertcat(total.link, total.drive, total.motor)
-    function = ca.Function("law", [*symbols.values(), *signs.values(), effects.p, EQUATIONS.Psi], [rows])
+    function = ca.Function(
+        "law", [*symbols.values(), *signs.values(), effects.p, EQUATIONS.Psi], [rows]
+    )
     arrays = [values.T for values in signals.arrays]
     N = len(signals.t)
-    return np.array(function(*arrays, np.tile(effects.numbers()[:, None], N), np.tile(EQUATIONS.nominal[:, None], N))).T
+    return np.array(
+        function(
+            *arrays, np.tile(effects.numbers()[:, None], N), np.tile(EQUATIONS.nominal[:, None], N)
+        )
+    ).T
 
 
 def feature(instance: EffectInstance) -> Feature:
@@ -83,11 +89,17 @@ def test_a_sine_and_a_cosine_column_make_every_phase() -> None:
 def test_internal_states_run_from_zero_and_settle() -> None:
     """Under a steady motion hysteresis settles at its limit, in the direction of the motion."""
     effect = EFFECTS["hysteresis"]
-    own = next(feature(instance) for instance in effect.candidates(ROBOT) if instance.joint == "joint_1")
+    own = next(
+        feature(instance) for instance in effect.candidates(ROBOT) if instance.joint == "joint_1"
+    )
     signals = Signals.of(motion(), STANDSTILL)
     searched = [float(np.sqrt(p.low * p.high)) for p in own.searched]
     columns = own.columns(signals, searched)
-    assert columns[0, :, 0] == pytest.approx(0.0, abs=1e-12) and np.isfinite(columns).all() and columns.any()
+    assert (
+        columns[0, :, 0] == pytest.approx(0.0, abs=1e-12)
+        and np.isfinite(columns).all()
+        and columns.any()
+    )
 
 
 def test_both_engines_give_the_same_columns() -> None:

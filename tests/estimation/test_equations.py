@@ -19,10 +19,16 @@ def subsets(*needed: str) -> list[frozenset[str]]:
     return [frozenset(needed) | set(c) for k in range(len(rest) + 1) for c in combinations(rest, k)]
 
 
-@pytest.mark.parametrize("recorded", [s for s in subsets("q", "theta") if s & {"tau_J", "tau_m"}], ids=sorted)
-def test_with_both_encoders_direct_and_independent_equations_span_the_same(recorded: frozenset[str]) -> None:
+@pytest.mark.parametrize(
+    "recorded", [s for s in subsets("q", "theta") if s & {"tau_J", "tau_m"}], ids=sorted
+)
+def test_with_both_encoders_direct_and_independent_equations_span_the_same(
+    recorded: frozenset[str],
+) -> None:
     """The two bases hold the same information: their rows span one space."""
-    direct, independent = (make(recorded, 2).transform for make in (EquationSet.direct, EquationSet.independent))
+    direct, independent = (
+        make(recorded, 2).transform for make in (EquationSet.direct, EquationSet.independent)
+    )
     rank = np.linalg.matrix_rank
     assert rank(direct) == len(direct) == rank(independent) == len(independent)
     assert rank(np.vstack([direct, independent])) == len(direct)
@@ -37,7 +43,9 @@ def test_independent_equations_share_no_torque_sensor(recorded: frozenset[str]) 
     assert sorted(held) == sorted(recorded & {"tau_J", "tau_m"})
 
 
-@pytest.mark.parametrize("recorded", [s for s in subsets("q", "theta") if s & {"tau_J", "tau_m"}], ids=sorted)
+@pytest.mark.parametrize(
+    "recorded", [s for s in subsets("q", "theta") if s & {"tau_J", "tau_m"}], ids=sorted
+)
 def test_a_missing_torque_cancels(recorded: frozenset[str]) -> None:
     """What is in a channel that was not recorded has no influence on the usable rows."""
     of_torque = {"tau_J": (1.0, 1.0, -1.0), "tau_m": (0.0, 0.0, 1.0)}
@@ -88,7 +96,8 @@ def test_motor_torque_gives_its_equation_without_motor_angles(
 
 
 @pytest.mark.parametrize(
-    "recorded, word", [({"tau_m"}, "positions"), ({"q", "theta"}, "torque"), ({"theta", "tau_J"}, "no equation")]
+    "recorded, word",
+    [({"tau_m"}, "positions"), ({"q", "theta"}, "torque"), ({"theta", "tau_J"}, "no equation")],
 )
 def test_channels_that_allow_no_equation_are_named(recorded: set[str], word: str) -> None:
     """The error names what is missing."""

@@ -21,12 +21,17 @@ def test_the_load_is_known_better_than_by_model_or_deflection_alone() -> None:
     true = np.outer(100 * np.sin(2 * np.pi * t) + 10 * np.sin(2 * np.pi * 15 * t), np.ones(model.n))
     link, motor = STD * rng.standard_normal((2, *true.shape))
     f, w = np.fft.rfftfreq(len(t), 1 / RATE), 2 * np.pi * np.fft.rfftfreq(len(t), 1 / RATE)
-    inertial = np.fft.irfft((INERTIA * w**2 * (f < 40.0))[:, None] * np.fft.rfft(link, axis=0), len(t), axis=0)
+    inertial = np.fft.irfft(
+        (INERTIA * w**2 * (f < 40.0))[:, None] * np.fft.rfft(link, axis=0), len(t), axis=0
+    )
     zeros = np.zeros_like(true)
     motion: Any = SimpleNamespace(theta=true / K + motor, q=link, dtheta=zeros, dq=zeros)
     spectrum = lambda f: np.full((len(f), model.n), STD**2)  # noqa: E731
     observation: Any = SimpleNamespace(
-        rate=RATE, quiet_gain=np.ones_like, position_spectrum=lambda _, f: spectrum(f), quiet_link_spectrum=spectrum
+        rate=RATE,
+        quiet_gain=np.ones_like,
+        position_spectrum=lambda _, f: spectrum(f),
+        quiet_link_spectrum=spectrum,
     )
     at = np.linspace(0.0, 40.0, 400)
     noise = (INERTIA * (2 * np.pi * at) ** 2 * STD)[:, None] ** 2 * np.ones(model.n)
@@ -41,7 +46,9 @@ def test_the_load_is_known_better_than_by_model_or_deflection_alone() -> None:
 
     by_model, by_deflection = left(true + inertial), left(K * (motion.theta - motion.q))
     assert np.all(left(found) < 1.2 * np.minimum(by_model, by_deflection))
-    assert np.all(left(found)[0] < 0.1 * by_deflection[0]) and np.all(left(found)[1, :2] < 0.9 * by_model[1, :2])
+    assert np.all(left(found)[0] < 0.1 * by_deflection[0]) and np.all(
+        left(found)[1, :2] < 0.9 * by_model[1, :2]
+    )
 
     def above(load: np.ndarray) -> np.ndarray:
         power = np.abs(np.fft.rfft(load[2000:-2000], axis=0)) ** 2

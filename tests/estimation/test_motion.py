@@ -9,7 +9,13 @@ from scipy.signal import butter, sosfiltfilt
 from elastic_arm.dynamics import build_model
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.equations import EquationSet
-from elastic_arm.estimation.motion import CompletedMotion, Motion, completed, drive_constants, with_filtered_deflection
+from elastic_arm.estimation.motion import (
+    CompletedMotion,
+    Motion,
+    completed,
+    drive_constants,
+    with_filtered_deflection,
+)
 from elastic_arm.estimation.residuals import raw_residuals
 from elastic_arm.robot import load_robot
 from tests.helpers.smooth_motion import smooth_motion
@@ -33,7 +39,9 @@ def test_what_stands_in_for_a_torque_cancels_from_the_usable_rows(missing: str) 
     whole = smooth_motion(MODEL, samples=50)
     part = replace(whole, **{missing: None})
     equations = EquationSet.direct(part.recorded, MODEL.n)
-    full, standing_in = (raw_residuals(MODEL, completed(m, MODEL)) @ equations.transform.T for m in (whole, part))
+    full, standing_in = (
+        raw_residuals(MODEL, completed(m, MODEL)) @ equations.transform.T for m in (whole, part)
+    )
     np.testing.assert_allclose(standing_in, full, atol=1e-9 * np.abs(full).max())
 
 
@@ -44,10 +52,14 @@ def test_a_missing_link_encoder_is_made_up_from_the_load_at_low_frequency() -> N
     ddtheta = -(w**2) * theta
     found = completed(Motion(t, theta=theta, dtheta=dtheta, ddtheta=ddtheta, tau_m=theta), MODEL)
     assert isinstance(found, CompletedMotion)
-    load = MODEL.inverse_dynamics(*(np.hstack([v, v]) for v in (theta, dtheta, ddtheta)))[:, : MODEL.n]
+    load = MODEL.inverse_dynamics(*(np.hstack([v, v]) for v in (theta, dtheta, ddtheta)))[
+        :, : MODEL.n
+    ]
     middle = slice(1000, 3000)
     expected = load[middle] / drive_constants(MODEL)[0]
-    np.testing.assert_allclose((found.theta - found.q)[middle], expected, atol=0.05 * np.abs(expected).max())
+    np.testing.assert_allclose(
+        (found.theta - found.q)[middle], expected, atol=0.05 * np.abs(expected).max()
+    )
 
 
 def test_a_missing_motor_encoder_is_made_up_beside_joint_torques() -> None:
@@ -57,7 +69,9 @@ def test_a_missing_motor_encoder_is_made_up_beside_joint_torques() -> None:
     motion = Motion(t, q=q, dq=dq, ddq=-(w**2) * q, tau_J=100.0 * q, tau_m=q)
     found, middle = completed(motion, MODEL), slice(1000, 3000)
     expected = 100.0 * q[middle] / drive_constants(MODEL)[0]
-    np.testing.assert_allclose((found.theta - found.q)[middle], expected, atol=0.01 * np.abs(expected).max())
+    np.testing.assert_allclose(
+        (found.theta - found.q)[middle], expected, atol=0.01 * np.abs(expected).max()
+    )
 
 
 def test_without_positions_nothing_is_completed() -> None:
@@ -74,12 +88,21 @@ def test_a_deflection_is_filtered_of_both_encoders_noise() -> None:
 
     def noisy(values: list[np.ndarray], std: float) -> list[np.ndarray]:
         """Angle and two derivatives, with noise that is white up to 40 Hz."""
-        noise = sosfiltfilt(butter(4, 40.0, fs=rate, output="sos"), std * rng.standard_normal(len(t)))
+        noise = sosfiltfilt(
+            butter(4, 40.0, fs=rate, output="sos"), std * rng.standard_normal(len(t))
+        )
         first = np.gradient(noise, 1 / rate)
-        return [(v + n)[:, None] for v, n in zip(values, (noise, first, np.gradient(first, 1 / rate)), strict=True)]
+        return [
+            (v + n)[:, None]
+            for v, n in zip(values, (noise, first, np.gradient(first, 1 / rate)), strict=True)
+        ]
 
     q = [np.sin(t), np.cos(t), -np.sin(t)]
-    wound = [size * (1 + np.sin(wave * t)), size * wave * np.cos(wave * t), -size * wave**2 * np.sin(wave * t)]
+    wound = [
+        size * (1 + np.sin(wave * t)),
+        size * wave * np.cos(wave * t),
+        -size * wave**2 * np.sin(wave * t),
+    ]
     link, motor = noisy(q, 2e-5), noisy([a + d for a, d in zip(q, wound, strict=True)], 5e-6)
     motion = Motion(t, *link, *motor)
     f = np.linspace(0.0, 40.0, 100)
@@ -89,6 +112,7 @@ def test_a_deflection_is_filtered_of_both_encoders_noise() -> None:
     inside = slice(1000, -1000)
     for name, other, true in (("theta", "q", wound[0]), ("dtheta", "dq", wound[1])):
         before, after = (
-            np.std((getattr(one, name) - getattr(one, other))[inside, 0] - true[inside]) for one in (motion, found)
+            np.std((getattr(one, name) - getattr(one, other))[inside, 0] - true[inside])
+            for one in (motion, found)
         )
         assert after < 0.4 * before

@@ -33,7 +33,9 @@ def test_both_channels_have_a_noise_of_their_own() -> None:
     """Position and velocity noise are told apart."""
     rng = np.random.default_rng(1)
     q, dq = motion()
-    found = estimate_noise(q + 1e-4 * rng.standard_normal(q.shape), dq + 3e-3 * rng.standard_normal(dq.shape), RATE)
+    found = estimate_noise(
+        q + 1e-4 * rng.standard_normal(q.shape), dq + 3e-3 * rng.standard_normal(dq.shape), RATE
+    )
     np.testing.assert_allclose(found.position_std, 1e-4, rtol=0.1)
     assert found.velocity_std is not None
     np.testing.assert_allclose(found.velocity_std, 3e-3, rtol=0.1)
@@ -53,7 +55,9 @@ def test_a_regression_on_a_filtered_signal_is_not_biased_by_its_noise() -> None:
     filtered = wiener_filter(seen, RATE, f, np.full(len(f), np.var(noise)))(0.0)
     assert abs(coefficient(filtered) - 1.0) < 0.03
     np.testing.assert_allclose(
-        wiener_filter(signal, RATE, f, np.zeros(len(f)))(0.0)[2000:-2000], signal[2000:-2000], atol=0.02
+        wiener_filter(signal, RATE, f, np.zeros(len(f)))(0.0)[2000:-2000],
+        signal[2000:-2000],
+        atol=0.02,
     )
 
 
@@ -77,7 +81,9 @@ def test_a_signal_up_to_the_highest_frequency_is_left_as_it_is() -> None:
     rate, std = 1000.0, 3.5e-6
     values = 10.0 * std * np.random.default_rng(1).standard_normal(10_000)
     f = np.linspace(0.0, 55.0, 50)
-    np.testing.assert_array_equal(noise_filter(values, rate, f, np.full(len(f), std**2))(values), values)
+    np.testing.assert_array_equal(
+        noise_filter(values, rate, f, np.full(len(f), std**2))(values), values
+    )
 
 
 def test_an_encoder_that_stands_half_of_the_time_has_slow_noise_beside_the_white_one() -> None:

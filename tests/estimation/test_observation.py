@@ -42,7 +42,10 @@ def test_the_noise_of_a_torque_is_found_beside_motion_and_a_line() -> None:
 def test_the_noise_of_every_channel_is_what_the_sensors_have() -> None:
     """Standard deviations that the simulated sensors state come back from the recording alone."""
     sensors, noise, n = Sensors.real(), observation().noise, recording().n
-    pairs = ((noise.tau_J, sensors.joint_torque.row("noise", n)), (noise.tau_m, sensors.motor_torque.row("noise", n)))
+    pairs = (
+        (noise.tau_J, sensors.joint_torque.row("noise", n)),
+        (noise.tau_m, sensors.motor_torque.row("noise", n)),
+    )
     for found, stated in pairs:
         assert found is not None
         np.testing.assert_allclose(found, stated, rtol=0.15)
@@ -51,7 +54,9 @@ def test_the_noise_of_every_channel_is_what_the_sensors_have() -> None:
 def test_columns_are_made_of_motion_smoothed_at_least_as_far_as_residuals() -> None:
     """The motion of the columns has no more power in its accelerations than that of the residuals."""
     seen = observation()
-    wide, quiet = (np.std(np.asarray(pieces[0].ddtheta), axis=0) for pieces in (seen.pieces, seen.quiet))
+    wide, quiet = (
+        np.std(np.asarray(pieces[0].ddtheta), axis=0) for pieces in (seen.pieces, seen.quiet)
+    )
     assert (quiet <= wide).all()
 
 
@@ -68,7 +73,9 @@ def test_a_velocity_channel_takes_noise_from_the_position() -> None:
     """With it the density is nowhere above the encoder's alone."""
     seen, f = observation(), np.linspace(0.1, 40.0, 60)
     alone = replace(seen, noise=replace(seen.noise, dtheta=None))
-    assert (seen.position_spectrum("motor", f) <= alone.position_spectrum("motor", f) * (1 + 1e-9)).all()
+    assert (
+        seen.position_spectrum("motor", f) <= alone.position_spectrum("motor", f) * (1 + 1e-9)
+    ).all()
 
 
 def test_the_widest_band_follows_the_rate_up_to_the_drives_resonances() -> None:
@@ -80,7 +87,9 @@ def test_recordings_that_no_residual_can_be_made_of_are_refused() -> None:
     """Without a torque, shorter than two seconds, or at rest: one line each, with the remedy."""
     whole = recording()
     assert whole.link is not None and whole.motor is not None
-    silent = replace(whole, link=replace(whole.link, effort=None), motor=replace(whole.motor, effort=None))
+    silent = replace(
+        whole, link=replace(whole.link, effort=None), motor=replace(whole.motor, effort=None)
+    )
     with pytest.raises(DiagnosisError, match="holds no torque"):
         observe(silent)
     with pytest.raises(DiagnosisError, match="too short"):
@@ -88,7 +97,9 @@ def test_recordings_that_no_residual_can_be_made_of_are_refused() -> None:
     still = replace(
         whole,
         **{
-            side: replace(part, position=np.tile(part.position[:1], (len(part.position), 1)), velocity=None)
+            side: replace(
+                part, position=np.tile(part.position[:1], (len(part.position), 1)), velocity=None
+            )
             for side, part in (("link", whole.link), ("motor", whole.motor))
         },
     )
@@ -96,11 +107,15 @@ def test_recordings_that_no_residual_can_be_made_of_are_refused() -> None:
         observe(still)
 
 
-def test_a_torque_that_was_low_passed_limits_the_band_and_has_the_noise_of_an_ordinary_sensor() -> None:
+def test_a_torque_that_was_low_passed_limits_the_band_and_has_the_noise_of_an_ordinary_sensor() -> (
+    None
+):
     """Below a low pass of 5 Hz a torque is compared up to there, with noise of 0.5 % of its rms in that band."""
     whole = recording()
     assert whole.motor is not None and whole.motor.effort is not None
-    sections = scipy.signal.butter(4, 5.0, fs=1e9 / np.median(np.diff(whole.motor.stamp_ns)), output="sos")
+    sections = scipy.signal.butter(
+        4, 5.0, fs=1e9 / np.median(np.diff(whole.motor.stamp_ns)), output="sos"
+    )
     smooth = scipy.signal.sosfiltfilt(sections, whole.motor.effort, axis=0)
     seen = observe(replace(whole, motor=replace(whole.motor, effort=smooth)))
     assert observation().torque_band == np.inf
@@ -112,7 +127,12 @@ def test_a_torque_that_was_low_passed_limits_the_band_and_has_the_noise_of_an_or
 
 def test_a_made_torque_follows_the_gains_of_its_controller() -> None:
     """With other gains of kp and kd it is the torque that these controllers make of the same recording."""
-    true = servo_arm({f'joint="{name}" forcerange="-4 4"': f'joint="{name}"' for name in ("pan", "lift", "elbow")})
+    true = servo_arm(
+        {
+            f'joint="{name}" forcerange="-4 4"': f'joint="{name}"'
+            for name in ("pan", "lift", "elbow")
+        }
+    )
     other = arm = true.robot
     for joint in arm.joints:
         assert joint.controller is not None
@@ -123,7 +143,9 @@ def test_a_made_torque_follows_the_gains_of_its_controller() -> None:
     margin = round(seen.margin * seen.rate)
     for own, right in zip(found.quiet, wanted.quiet, strict=True):
         assert own.tau_m is not None and right.tau_m is not None
-        np.testing.assert_allclose(own.tau_m[margin:-margin], right.tau_m[margin:-margin], rtol=0, atol=1e-4)
+        np.testing.assert_allclose(
+            own.tau_m[margin:-margin], right.tau_m[margin:-margin], rtol=0, atol=1e-4
+        )
     np.testing.assert_allclose(found.scale(3), 1.3)
     (same,) = seen.corrected({}, {}, arm).quiet
     np.testing.assert_array_equal(same.tau_m, seen.quiet[0].tau_m)

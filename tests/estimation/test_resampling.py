@@ -17,14 +17,18 @@ def samples(t: np.ndarray) -> Samples:
     q = np.stack([np.sin(2.0 * t), np.cos(3.0 * t)], axis=1)
     dq = np.stack([2.0 * np.cos(2.0 * t), -3.0 * np.sin(3.0 * t)], axis=1)
     stamps = np.round(1e9 * t).astype(np.int64)
-    return Samples(t, q=q, dq=dq, tau_J=None, theta=None, dtheta=None, tau_m=q.copy(), stamp_ns=stamps)
+    return Samples(
+        t, q=q, dq=dq, tau_J=None, theta=None, dtheta=None, tau_m=q.copy(), stamp_ns=stamps
+    )
 
 
 def test_interpolation_is_exact_for_polynomials_of_fifth_order() -> None:
     """Six points determine a polynomial of fifth order."""
     rng = np.random.default_rng(0)
     known, wanted = np.sort(rng.uniform(0, 1, 40)), rng.uniform(0.1, 0.9, 20)
-    values, expected = (np.polynomial.Polynomial([1, -2, 3, 0.5, -1, 2])(t)[:, None] for t in (known, wanted))
+    values, expected = (
+        np.polynomial.Polynomial([1, -2, 3, 0.5, -1, 2])(t)[:, None] for t in (known, wanted)
+    )
     np.testing.assert_allclose(interpolate(known, values, wanted, 1.0), expected, rtol=1e-8)
 
 
@@ -41,7 +45,9 @@ def test_a_regular_recording_is_its_own_grid() -> None:
 def test_times_in_another_unit_are_refused(unit: float, words: str) -> None:
     """Milliseconds taken for seconds, or the reverse, give a rate at which no arm is recorded: asked is the unit."""
     taken = samples(np.arange(1000) * 5e-3)
-    with pytest.raises(IdentificationError, match=f"run_1: .*{words}.*Are the times in another unit"):
+    with pytest.raises(
+        IdentificationError, match=f"run_1: .*{words}.*Are the times in another unit"
+    ):
         Clock.of(replace(taken, t=unit * taken.t), "run_1")
 
 
@@ -62,7 +68,10 @@ def test_single_missing_samples_are_filled_and_gaps_cut() -> None:
 def test_noise_does_not_grow_across_a_hole() -> None:
     """Of twelve missing samples the motion is known as well as of recorded ones; through six points it is eight times
     worse."""
-    t = np.delete(np.arange(2000), np.add.outer(np.arange(200, 1800, 100), np.arange(12)).ravel()) / 1000.0
+    t = (
+        np.delete(np.arange(2000), np.add.outer(np.arange(200, 1800, 100), np.arange(12)).ravel())
+        / 1000.0
+    )
     taken = samples(t)
     noise = np.random.default_rng(5).standard_normal(taken.q.shape)
     noisy = replace(taken, q=taken.q + 1e-4 * noise)

@@ -54,7 +54,9 @@ def test_residuals_are_what_the_equations_of_motion_leave() -> None:
     # A joint torque pulls the link and brakes the motor; the drive's equation compares it with the spring.
     [("tau_m", (0.0, 0.0, 1.0)), ("tau_J", (1.0, 1.0, -1.0))],
 )
-def test_a_torque_beyond_the_model_appears_in_its_equations(channel: str, signs: tuple[float, ...]) -> None:
+def test_a_torque_beyond_the_model_appears_in_its_equations(
+    channel: str, signs: tuple[float, ...]
+) -> None:
     """What a sensor shows too much stands in the link, drive and motor residual with the sign of that equation."""
     exact, added = motion(), np.random.default_rng(0).normal(size=(200, N))
     changed: dict[str, Any] = {channel: getattr(exact, channel) + added}
@@ -68,8 +70,12 @@ def test_an_arm_without_transmissions_has_no_drive_residual() -> None:
     rigid = build_model(ROBOT.with_(joints=joints), "mod1")
     whole = smooth_motion(MODEL, samples=50)
     left = rigid.inverse_dynamics(whole.q, whole.dq, whole.ddq)
-    found = raw_residuals(rigid, CompletedMotion(**{**whole.channels(), "tau_J": left + 2.0, "tau_m": left + 5.0}))
-    np.testing.assert_allclose(found, np.hstack([np.full_like(left, v) for v in (2.0, 0.0, 3.0)]), atol=1e-9)
+    found = raw_residuals(
+        rigid, CompletedMotion(**{**whole.channels(), "tau_J": left + 2.0, "tau_m": left + 5.0})
+    )
+    np.testing.assert_allclose(
+        found, np.hstack([np.full_like(left, v) for v in (2.0, 0.0, 3.0)]), atol=1e-9
+    )
 
 
 def test_the_ends_of_a_stretch_are_dropped_and_its_rows_lie_at_the_kept_rate() -> None:
@@ -77,7 +83,10 @@ def test_the_ends_of_a_stretch_are_dropped_and_its_rows_lie_at_the_kept_rate() -
     seen = observation()
     equations, band = setting(seen)
     (stretch,) = residuals(MODEL, seen, equations, band)
-    assert stretch.t[0] >= stretch.motion.t[0] + seen.margin and stretch.t[-1] <= stretch.motion.t[-1] - seen.margin
+    assert (
+        stretch.t[0] >= stretch.motion.t[0] + seen.margin
+        and stretch.t[-1] <= stretch.motion.t[-1] - seen.margin
+    )
     np.testing.assert_allclose(np.diff(stretch.t), 1.0 / band.kept_rate, rtol=1e-6)
     assert stretch.values.shape == (len(stretch.t), equations.rows)
 
@@ -86,7 +95,9 @@ def test_a_clean_arm_with_exact_sensors_leaves_a_thousandth_of_its_torques() -> 
     """What differentiation and the band leave of a motion without noise is small against the torques."""
     seen = observation()
     (stretch,) = residuals(MODEL, seen, *setting(seen))
-    assert np.sqrt(np.mean(stretch.values**2)) < 1e-3 * np.sqrt(np.mean(np.asarray(stretch.motion.tau_m) ** 2))
+    assert np.sqrt(np.mean(stretch.values**2)) < 1e-3 * np.sqrt(
+        np.mean(np.asarray(stretch.motion.tau_m) ** 2)
+    )
 
 
 def test_a_stretch_shorter_than_a_second_is_left_out() -> None:

@@ -45,9 +45,14 @@ def test_friction_that_changes_sign_while_the_joint_stands_is_removed() -> None:
     """Whenever it does so within the 0.1 s: a twentieth of it is left in a band of 5 Hz."""
     band, stretch, stands = setting()
     t = stretch.quiet.t
-    changes = np.floor(t) + np.random.default_rng(1).uniform(0.0, 0.1, size=int(t[-1]) + 2)[np.floor(t).astype(int)]
+    changes = (
+        np.floor(t)
+        + np.random.default_rng(1).uniform(0.0, 0.1, size=int(t[-1]) + 2)[np.floor(t).astype(int)]
+    )
     torque = in_band(np.sign(t - changes) * stands)
-    left = FreeTorques.of(stretch, band, LAYOUT, NO_STEPS, friction=True, standing=STANDING).remove(torque)
+    left = FreeTorques.of(stretch, band, LAYOUT, NO_STEPS, friction=True, standing=STANDING).remove(
+        torque
+    )
     assert np.linalg.norm(left) < 0.05 * np.linalg.norm(torque)
 
 
@@ -94,7 +99,10 @@ def test_the_share_of_noise_that_is_left_is_known() -> None:
     band, stretch, _ = setting()
     sticking = FreeTorques.of(stretch, band, LAYOUT, NO_STEPS, friction=True, standing=STANDING)
     noise = np.stack(
-        [in_band(np.random.default_rng(k).normal(size=len(stretch.quiet.t)))[:, STICKS] for k in range(40)]
+        [
+            in_band(np.random.default_rng(k).normal(size=len(stretch.quiet.t)))[:, STICKS]
+            for k in range(40)
+        ]
     )
     rows = np.zeros((noise.shape[1], LAYOUT.rows, len(noise)))
     rows[:, STICKS] = noise.T
@@ -118,8 +126,13 @@ def test_the_steps_of_encoders_are_those_that_stand_out_of_their_noise() -> None
     """A code of 1e-5 rad is found; an encoder without steps, and one whose steps are below its noise, have none."""
     rng = np.random.default_rng(4)
     angle = np.cumsum(rng.normal(0.0, 3e-6, 4000))
-    coarse, noisy = np.round(angle / 1e-5) * 1e-5, np.round((angle + rng.normal(0.0, 1e-4, 4000)) / 1e-6) * 1e-6
-    steps = encoder_steps(np.stack([coarse, angle, noisy], axis=1), np.array([1e-5 / np.sqrt(12.0), 1e-5, 1e-4]))
+    coarse, noisy = (
+        np.round(angle / 1e-5) * 1e-5,
+        np.round((angle + rng.normal(0.0, 1e-4, 4000)) / 1e-6) * 1e-6,
+    )
+    steps = encoder_steps(
+        np.stack([coarse, angle, noisy], axis=1), np.array([1e-5 / np.sqrt(12.0), 1e-5, 1e-4])
+    )
     np.testing.assert_allclose(steps, [1e-5, 0.0, 0.0])
 
 
@@ -134,7 +147,9 @@ def test_what_an_encoder_makes_of_a_code_that_it_holds_is_removed() -> None:
     torque = band.apply(rows)[stretch.kept]
     for step, left in ((1e-5, 0.05), (0.0, 1.0)):
         steps = {"link": np.full(MODEL.n, step), "motor": np.zeros(1)}
-        removed = FreeTorques.of(stretch, band, layout, steps, friction=False, standing=STANDING).remove(torque)
+        removed = FreeTorques.of(
+            stretch, band, layout, steps, friction=False, standing=STANDING
+        ).remove(torque)
         assert np.linalg.norm(removed) <= left * np.linalg.norm(torque)
         assert removed.any() or step
     np.testing.assert_array_equal(removed, torque)

@@ -14,13 +14,21 @@ def swinging(begin: float, seconds: float, size: float, joints: int) -> Recordin
     t = begin + np.arange(round(seconds * RATE)) / RATE
     w = np.array([1.0, 1.7, 2.3])
     position = size * np.sin(np.outer(t, w)) * (np.arange(3) < joints)
-    return Recording(ROBOT.joint_names, motor=Side(np.rint(t * 1e9).astype(np.int64), position=position), source="run")
+    return Recording(
+        ROBOT.joint_names,
+        motor=Side(np.rint(t * 1e9).astype(np.int64), position=position),
+        source="run",
+    )
 
 
 def test_lively_motion_is_taken_and_what_hardly_tells_is_not() -> None:
     """Of 60 s in which one joint trembles, 20 s of motion of all joints, and 60 s more, the 20 s are taken."""
     telling = MostTelling(ROBOT, 2.0 * SEGMENT)
-    for part in (swinging(0.0, 60.0, 0.01, 1), swinging(60.0, 20.0, 0.5, 3), swinging(80.0, 60.0, 0.01, 1)):
+    for part in (
+        swinging(0.0, 60.0, 0.01, 1),
+        swinging(60.0, 20.0, 0.5, 3),
+        swinging(80.0, 60.0, 0.01, 1),
+    ):
         telling.add(part)
     found = telling.recording()
     assert found.motor is not None
@@ -70,4 +78,6 @@ def test_a_hole_is_no_standstill_however_long_it_is() -> None:
     found = telling.recording()
     assert found.motor is not None and len(found.motor) > 3000
     assert [note for note in found.notes if "stands still" in note] == []
-    assert any("nothing was recorded in 1699999988 of 1700000012 s" in note for note in found.notes), found.notes
+    assert any(
+        "nothing was recorded in 1699999988 of 1700000012 s" in note for note in found.notes
+    ), found.notes

@@ -15,15 +15,24 @@ LINES = ((0.6, 0.2, 0.0), (0.3, 0.5, 1.0), (0.1, 1.1, 2.0), (2e-4, 7.0, 0.3))
 
 def motion(t: np.ndarray, order: int) -> np.ndarray:
     """Derivative of a sum of sinusoids, two joints (N, 2)."""
-    one = sum(a * (2 * np.pi * f) ** order * np.sin(2 * np.pi * f * t + p + order * np.pi / 2) for a, f, p in LINES)
+    one = sum(
+        a * (2 * np.pi * f) ** order * np.sin(2 * np.pi * f * t + p + order * np.pi / 2)
+        for a, f, p in LINES
+    )
     return np.stack([one, 0.7 * one], axis=1)
 
 
-def noisy(position_std: float, velocity_std: float | None, seconds: float = 20.0, seed: int = 0) -> Grid:
+def noisy(
+    position_std: float, velocity_std: float | None, seconds: float = 20.0, seed: int = 0
+) -> Grid:
     rng = np.random.default_rng(seed)
     t = np.arange(round(seconds * RATE)) / RATE
     q = motion(t, 0) + position_std * rng.standard_normal((len(t), 2))
-    dq = None if velocity_std is None else motion(t, 1) + velocity_std * rng.standard_normal((len(t), 2))
+    dq = (
+        None
+        if velocity_std is None
+        else motion(t, 1) + velocity_std * rng.standard_normal((len(t), 2))
+    )
     return Grid(t, RATE, q=q, dq=dq)
 
 
@@ -63,12 +72,19 @@ def test_consistent_channels_and_torques_see_one_response(crossover: float) -> N
     lag = (len(t) - len(got)) // 2
     response = 1.0 / (1.0 + (f / cutoff) ** 8)
     assert np.abs(got.q - response * q[lag:-lag]).max() < 1e-7
-    assert np.abs(got.ddq + response * (2 * np.pi * f) ** 2 * q[lag:-lag]).max() < 1e-7 * (2 * np.pi * f) ** 2
+    assert (
+        np.abs(got.ddq + response * (2 * np.pi * f) ** 2 * q[lag:-lag]).max()
+        < 1e-7 * (2 * np.pi * f) ** 2
+    )
     assert np.abs(got.tau_J - response * q[lag:-lag]).max() < 1e-6
 
 
-@pytest.mark.parametrize(("position_std", "velocity_std"), [(1e-6, 1e-4), (1e-5, 1e-2), (1e-4, 1e-3)])
-def test_noise_of_both_channels_is_estimated_from_the_recording(position_std: float, velocity_std: float) -> None:
+@pytest.mark.parametrize(
+    ("position_std", "velocity_std"), [(1e-6, 1e-4), (1e-5, 1e-2), (1e-4, 1e-3)]
+)
+def test_noise_of_both_channels_is_estimated_from_the_recording(
+    position_std: float, velocity_std: float
+) -> None:
     """The standard deviations of position and velocity noise are found to 10 %."""
     grid = noisy(position_std, velocity_std)
     found = estimate_noise(grid.q, grid.dq, RATE)

@@ -31,7 +31,9 @@ def observation() -> Observation:
 
 def setting() -> tuple[EquationSet, Band]:
     seen = observation()
-    return EquationSet.direct(seen.pieces[0].recorded, MODEL.n), Band(widest_band(seen.rate), seen.rate)
+    return EquationSet.direct(seen.pieces[0].recorded, MODEL.n), Band(
+        widest_band(seen.rate), seen.rate
+    )
 
 
 def mean_square(data: WhitenedData) -> float:
@@ -49,7 +51,10 @@ def test_whitened_residuals_of_a_clean_arm_are_white_noise_of_variance_one() -> 
 def test_holes_are_bridged_and_nothing_is_taken_from_them() -> None:
     """Of every 1.5 s the last 0.3 s are lost: one motion, with no more than noise in what is left of the rows."""
     whole = record(motions()[0], seed=0, sensors=Sensors.real())
-    lost = {name: s.at(np.mod(s.stamp_ns, 1_500_000_000) < 1_200_000_000) for name, s in whole.measured().items()}
+    lost = {
+        name: s.at(np.mod(s.stamp_ns, 1_500_000_000) < 1_200_000_000)
+        for name, s in whole.measured().items()
+    }
     seen = observe(replace(whole, **lost))
     assert len(seen.pieces) == 1
     assert any("ms are bridged" in note for note in seen.notes), seen.notes
@@ -60,7 +65,9 @@ def test_a_torque_sensor_noisier_than_stated_spoils_its_own_row_alone() -> None:
     """Three times the noise of tau_J makes that of the drives' whitened rows nine times as strong in the mean square.
     The links' stay as they are, and the motors' nearly so at low frequency."""
     (noise,) = noise_models(MODEL, observation(), *setting(), (0.0,))
-    louder = replace(observation(), noise=replace(observation().noise, tau_J=3.0 * observation().noise.tau_J))
+    louder = replace(
+        observation(), noise=replace(observation().noise, tau_J=3.0 * observation().noise.tau_J)
+    )
     (true,) = noise_models(MODEL, louder, *setting(), (0.0,))
     f = np.array([1.0, 5.0, 20.0])
     W = noise.whitener(f)
@@ -76,12 +83,18 @@ def test_a_torque_sensor_noisier_than_stated_spoils_its_own_row_alone() -> None:
 def test_an_encoder_counts_in_all_accelerations_that_are_made_of_it(side: str) -> None:
     """Be it the link's or the motor's of a rigid arm: what a clean one leaves is as large as the noise model states."""
     robot, encoder = random_arm(3, np.random.default_rng(2), elastic=False), Encoder(noise=5e-5)
-    sensors = Sensors(link_encoder=encoder, motor_encoder=encoder, motor_torque=TorqueSensor(noise=0.02))
+    sensors = Sensors(
+        link_encoder=encoder, motor_encoder=encoder, motor_torque=TorqueSensor(noise=0.02)
+    )
     settings, rng = SimulationSettings(sensors=sensors), np.random.default_rng(1)
     recorded = simulate(robot, trajectory(seed=3), settings, duration=15.0, rng=rng)
     link, motor = recorded.link, recorded.motor
     assert link is not None and motor is not None
-    alone = replace(motor, velocity=None) if side == "motor" else replace(link, velocity=None, effort=motor.effort)
+    alone = (
+        replace(motor, velocity=None)
+        if side == "motor"
+        else replace(link, velocity=None, effort=motor.effort)
+    )
     sides = {"link": None, "motor": None, side: alone}
     seen = observe(replace(recorded, **sides))
     equations = EquationSet.direct(seen.pieces[0].recorded, robot.n, elastic=False)
@@ -94,7 +107,9 @@ def test_the_whitener_inverts_the_covariance() -> None:
     (noise,) = noise_models(MODEL, observation(), *setting(), (FLOOR,))
     whitener = noise.whitener(noise.f)
     product = whitener @ noise.covariance @ whitener.conj().transpose(0, 2, 1)
-    np.testing.assert_allclose(product, np.broadcast_to(np.eye(product.shape[1]), product.shape), atol=1e-8)
+    np.testing.assert_allclose(
+        product, np.broadcast_to(np.eye(product.shape[1]), product.shape), atol=1e-8
+    )
 
 
 def test_the_floor_of_a_joint_is_a_part_of_its_own_sensors_noise() -> None:
@@ -103,8 +118,13 @@ def test_the_floor_of_a_joint_is_a_part_of_its_own_sensors_noise() -> None:
 
     def floors(stds: list[float]) -> np.ndarray:
         noise = replace(seen.noise, tau_J=np.array(stds), tau_m=np.array(stds))
-        with_floor, without = noise_models(MODEL, replace(seen, noise=noise), equations, band, (0.1, 0.0))
-        found, own = (np.real(np.einsum("frr->fr", one.covariance)[0])[: MODEL.n] for one in (with_floor, without))
+        with_floor, without = noise_models(
+            MODEL, replace(seen, noise=noise), equations, band, (0.1, 0.0)
+        )
+        found, own = (
+            np.real(np.einsum("frr->fr", one.covariance)[0])[: MODEL.n]
+            for one in (with_floor, without)
+        )
         # Beside a hundredth of all noise of the equation.
         return np.asarray(found - 1.01 * own)
 
@@ -115,7 +135,12 @@ def test_rows_of_a_motor_that_sticks_are_freed_of_its_friction() -> None:
     """Where a joint stands for 0.2 s, its motor's rows are next to null, those of link and drive as they were."""
     recording = record(motions()[0], seed=0, sensors=Sensors.real())
     motor, link = recording.motor, recording.link
-    assert motor is not None and link is not None and motor.position is not None and link.position is not None
+    assert (
+        motor is not None
+        and link is not None
+        and motor.position is not None
+        and link.position is not None
+    )
     stands = slice(2000, 2200)
 
     def held(side: Side) -> Side:
@@ -126,7 +151,10 @@ def test_rows_of_a_motor_that_sticks_are_freed_of_its_friction() -> None:
         return replace(side, position=position, velocity=None)
 
     seen = observe(replace(recording, motor=held(motor), link=held(link)))
-    whole, moving = (WhitenedData(MODEL, [seen], *setting(), sticking_removed=removed) for removed in (False, True))
+    whole, moving = (
+        WhitenedData(MODEL, [seen], *setting(), sticking_removed=removed)
+        for removed in (False, True)
+    )
     motor_row = 2 * MODEL.n + 1
     t = moving.parts[0].stretch.t
     inside = (t > 2.05) & (t < 2.15)
@@ -140,8 +168,17 @@ def test_a_scale_common_to_arm_and_torques_is_told_by_nothing() -> None:
     """A recording is as dense, to 0.01 a row, of links, rotors and springs 1.25 times as large beside sensors that
     read 0.8: each torque alone makes it 0.22. Motors that links carry keep their masses."""
     ordinary = {"link_mass", "rotor_inertia", "spline_inertia_ratio", "stiffness", "damping"}
-    zero = {"link_com_x", "link_com_y", "link_com_z", *(f"link_inertia_{'xyz'[a]}{'xyz'[b]}" for a, b in TENSOR)}
-    numbers = [Number(what, j, "1", 1.0, 1.0) for j in ROBOT.joint_names for what in sorted(ordinary | zero)]
+    zero = {
+        "link_com_x",
+        "link_com_y",
+        "link_com_z",
+        *(f"link_inertia_{'xyz'[a]}{'xyz'[b]}" for a, b in TENSOR),
+    }
+    numbers = [
+        Number(what, j, "1", 1.0, 1.0)
+        for j in ROBOT.joint_names
+        for what in sorted(ordinary | zero)
+    ]
     values = np.array([0.25 if number.what in ordinary else 0.0 for number in numbers])
     larger = build_model(calibrated_robot(ROBOT, numbers, values), "mod3")
     gains = {"tau_J": np.full(MODEL.n, 0.8), "tau_m": np.full(MODEL.n, 0.8)}

@@ -29,7 +29,13 @@ def bands(places: int = 2) -> Bands:
 def term(name: str, X: Array, std: float | Array = 1.0, **more: Any) -> Term:
     """Return a term of these columns (rows,) or (rows, k)."""
     columns = X if X.ndim == 2 else X[:, None]
-    return Term((name, None, ()), "effect", columns, np.broadcast_to(std, columns.shape[1]).astype(float), **more)
+    return Term(
+        (name, None, ()),
+        "effect",
+        columns,
+        np.broadcast_to(std, columns.shape[1]).astype(float),
+        **more,
+    )
 
 
 def model(y: Array, N: Array | None = None, **more: Any) -> LinearModel:
@@ -37,7 +43,13 @@ def model(y: Array, N: Array | None = None, **more: Any) -> LinearModel:
     N = np.zeros((len(y), 0)) if N is None else N
     count = N.shape[1]
     own = np.ones(count, dtype=bool)
-    more = {"mean": np.zeros(count), "kinds": np.zeros(count, dtype=int), "moving": own, "name": "as built", **more}
+    more = {
+        "mean": np.zeros(count),
+        "kinds": np.zeros(count, dtype=int),
+        "moving": own,
+        "name": "as built",
+        **more,
+    }
     return LinearModel(y, N, bands(len(y) // (2 * HARMONICS)), **more)
 
 

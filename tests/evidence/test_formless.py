@@ -14,7 +14,9 @@ def test_smooth_laws_are_likelier_than_rough_ones() -> None:
     sets: Any = [SimpleNamespace(parts=[SimpleNamespace(signals=signals)])]
     X = _splines(sets, lambda s: s.values["x"][:, 0], 32)(signals)
     bends = X[:, :-1]
-    np.testing.assert_allclose(np.mean(np.sum(bends**2, axis=1)), 1.0, rtol=0.2)  # bends of 1 Nm make laws of 1 Nm
+    np.testing.assert_allclose(
+        np.mean(np.sum(bends**2, axis=1)), 1.0, rtol=0.2
+    )  # bends of 1 Nm make laws of 1 Nm
 
     def evidence(y: np.ndarray) -> float:
         """ln p(y) of a law with 0.1 Nm of noise, its size at its most probable."""

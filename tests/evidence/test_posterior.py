@@ -33,7 +33,9 @@ def test_posterior_and_evidence_are_those_of_dense_formulas() -> None:
     one, two = term("one", X[:, :1], 2.0, mean=np.array([0.3])), term("two", X, 0.7)
     fit = model(Y, N, mean=mean, name="rough").fit([one, two])
     std = np.array([ROUGH, ROUGH, ROUGH, 2.0, 0.7, 0.7])
-    x, S, evidence = dense(np.hstack([N, X[:, :1], X]), std, np.concatenate([mean, [0.3, 0.0, 0.0]]), np.ones(len(Y)))
+    x, S, evidence = dense(
+        np.hstack([N, X[:, :1], X]), std, np.concatenate([mean, [0.3, 0.0, 0.0]]), np.ones(len(Y))
+    )
     np.testing.assert_allclose(fit.numbers, x[:3], rtol=1e-8)
     np.testing.assert_allclose(fit.number_covariance, S[:3, :3], rtol=1e-7, atol=1e-12)
     np.testing.assert_allclose(np.concatenate([fit.beta(one), fit.beta(two)]), x[3:], rtol=1e-8)
@@ -78,7 +80,9 @@ def test_evidence_of_a_bounded_coefficient_is_its_integral(bounds: tuple[float, 
     assert model(Y).fit([one]).found.evidence == pytest.approx(np.log(whole) + first, abs=1e-5)
 
 
-@pytest.mark.parametrize(("mean", "low", "high"), [(0.0, -1.0, 2.0), (3.0, -np.inf, 0.0), (-8.0, 0.0, np.inf)])
+@pytest.mark.parametrize(
+    ("mean", "low", "high"), [(0.0, -1.0, 2.0), (3.0, -np.inf, 0.0), (-8.0, 0.0, np.inf)]
+)
 def test_mass_within_bounds_is_scipys(mean: float, low: float, high: float) -> None:
     """ln of a Gaussian's mass between bounds, also where nearly all of it is outside."""
     expected = np.log(norm.cdf(high, mean, 1.5) - norm.cdf(low, mean, 1.5))
@@ -96,7 +100,9 @@ def test_noise_that_nobody_explains_is_found_and_bends_nothing() -> None:
     k = int(np.argmax(layout.n))
     assert fit.found.v[k] == pytest.approx(9.0, rel=4.0 * np.sqrt(2.0 / layout.n[k]))
     others = np.delete(fit.found.v, k)
-    assert (others < 1.0 + 5.0 * np.sqrt(2.0 / np.delete(layout.n, k))).all() and (fit.found.v >= 1.0).all()
+    assert (others < 1.0 + 5.0 * np.sqrt(2.0 / np.delete(layout.n, k))).all() and (
+        fit.found.v >= 1.0
+    ).all()
     alone = model(y).fit([term("one", x)])
     v = alone.found.v[np.searchsorted(layout.used, layout.of_rows)]
     assert alone.found.S[0, 0] == pytest.approx(1.0 / (np.sum(x**2 / v) + 1.0), rel=1e-2)

@@ -25,7 +25,9 @@ def written(folder: Path, text: str) -> Path:
 
 def test_a_file_changes_what_it_names_and_nothing_else(tmp_path: Path) -> None:
     """Numbers of the arm and of a sensor are read; those left out keep their defaults."""
-    found = read_priors(written(tmp_path, "stiffness: 0.3\nsensors: {motor_torque_gain: 0.15}\n"), IDS)
+    found = read_priors(
+        written(tmp_path, "stiffness: 0.3\nsensors: {motor_torque_gain: 0.15}\n"), IDS
+    )
     assert found == Priors(stiffness=0.3, sensors={"motor_torque_gain": 0.15})
 
 
@@ -37,7 +39,10 @@ def test_a_file_changes_what_it_names_and_nothing_else(tmp_path: Path) -> None:
         ("mass: -0.1", "mass: is -0.1, but must be above 0"),
         ("mass: heavy", "mass: is 'heavy', not a number"),
         ("mass: true", "mass: is yes or no, not a number"),
-        ("sensors: {motor_torque_gain: yes}", "sensors.motor_torque_gain: is yes or no, not a number"),
+        (
+            "sensors: {motor_torque_gain: yes}",
+            "sensors.motor_torque_gain: is yes or no, not a number",
+        ),
         ("mass: .inf", "mass: inf is not a finite number"),
         ("[1, 2]", "holds no fields"),
     ],
@@ -47,7 +52,11 @@ def test_what_is_no_prior_is_refused_in_one_line(tmp_path: Path, text: str, prob
     path = written(tmp_path, text)
     with pytest.raises(DiagnosisError) as caught:
         read_priors(path, IDS)
-    assert problem in str(caught.value) and str(path) in str(caught.value) and "\n" not in str(caught.value)
+    assert (
+        problem in str(caught.value)
+        and str(path) in str(caught.value)
+        and "\n" not in str(caught.value)
+    )
 
 
 def test_numbers_have_the_stated_deviations() -> None:
@@ -55,14 +64,18 @@ def test_numbers_have_the_stated_deviations() -> None:
     robot = load_robot()
     shown = features(ArmEquations(robot, "mod3"), SENSORS)
     priors = Priors(mass=0.2, stiffness=0.3, sensors={"joint_torque_gain": 0.05})
-    made = numbers_of(robot, shown, 1000.0, priors, (), np.full(robot.n, 100.0), None, ("link", "drive", "motor"))
+    made = numbers_of(
+        robot, shown, 1000.0, priors, (), np.full(robot.n, 100.0), None, ("link", "drive", "motor")
+    )
     found = {(p.what, p.joint): p for p in made}
     assert found["link_mass", "joint_2"].prior_std == 0.2
     assert found["joint_torque_gain", "joint_2"].prior_std == 0.05
     assert found["motor_torque_gain", "joint_2"].prior_std == 0.015
     stiffness = found["stiffness", "joint_1"]
     assert stiffness.limit == pytest.approx(LARGEST_SCALE / 0.3)
-    assert stiffness.value(-2.0) * stiffness.value(2.0) == pytest.approx(1.0)  # half is as far off as twice
+    assert stiffness.value(-2.0) * stiffness.value(2.0) == pytest.approx(
+        1.0
+    )  # half is as far off as twice
     assert stiffness.slope(1.0) == pytest.approx(0.3 * stiffness.value(1.0))
 
 
@@ -86,7 +99,9 @@ def test_gains_of_currents_are_as_uncertain_as_torque_constants(tmp_path: Path) 
     """Where a file states the gain, that counts; other sensors keep their priors."""
     default = Priors().of_currents(["motor_torque"])
     assert dict(default.sensors) == {"motor_torque_gain": 0.15}
-    stated = read_priors(written(tmp_path, "sensors: {motor_torque_gain: 0.05}"), ["motor_torque_gain"])
+    stated = read_priors(
+        written(tmp_path, "sensors: {motor_torque_gain: 0.05}"), ["motor_torque_gain"]
+    )
     assert dict(stated.of_currents(["motor_torque"]).sensors) == {"motor_torque_gain": 0.05}
     wider = read_priors(written(tmp_path, "torque_constant: 0.3"), [])
     assert dict(wider.of_currents(["motor_torque"]).sensors) == {"motor_torque_gain": 0.3}

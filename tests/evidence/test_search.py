@@ -27,7 +27,9 @@ ODDS = 6.0
 
 def search(data: LinearModel, terms: Sequence[Term]) -> Search:
     """Return a search among terms that have no nonlinear numbers."""
-    linear: Any = SimpleNamespace(problem=SimpleNamespace(observed=((None,), ())), which=0)  # of one recording
+    linear: Any = SimpleNamespace(
+        problem=SimpleNamespace(observed=((None,), ())), which=0
+    )  # of one recording
     return Search(linear, data, [Screen(data.grams, terms)])
 
 
@@ -69,7 +71,11 @@ def test_what_explains_itself_by_what_is_there_gains_nothing() -> None:
 def test_terms_that_could_stand_for_one_another_are_related() -> None:
     """Of three terms only the one that resembles the one in the fit is related to it."""
     beside = term("beside", COLUMNS[:, 0])
-    terms = [term("alike", COLUMNS[:, 0] + COLUMNS[:, 1]), term("other", COLUMNS[:, 2]), term("third", COLUMNS[:, 3])]
+    terms = [
+        term("alike", COLUMNS[:, 0] + COLUMNS[:, 1]),
+        term("other", COLUMNS[:, 2]),
+        term("third", COLUMNS[:, 3]),
+    ]
     data = model(RNG.standard_normal(ROWS) + COLUMNS[:, 0], N)
     assert Screen(data.grams, terms).related(data.fit([beside]), beside) == {0}
 
@@ -82,14 +88,18 @@ def test_a_size_on_another_scale_gains_what_is_foreseen() -> None:
         fits[scale] = data.fit([t])
     (t,) = fits[1.0].optional
     for scale in (0.1, 0.01):
-        assert fits[1.0].gain_of_scale(t, scale) == pytest.approx(fits[scale].score - fits[1.0].score, abs=1e-6)
+        assert fits[1.0].gain_of_scale(t, scale) == pytest.approx(
+            fits[scale].score - fits[1.0].score, abs=1e-6
+        )
 
 
 def test_a_set_without_an_effect_has_no_share_of_it_in_the_numbers() -> None:
     """Without the effect that acts in a gain's column, a set scores as if the column had been made without it; a gain
     that is far off has no more of it than an ordinary one."""
     effect = term("friction", COLUMNS[:, 0], 3.0)
-    share = replace(effect, kind="share", columns=COLUMNS[:, [1]], std=np.zeros(1), what=[1], ident=("share",))
+    share = replace(
+        effect, kind="share", columns=COLUMNS[:, [1]], std=np.zeros(1), what=[1], ident=("share",)
+    )
     y, other = quiet(RNG) + 0.5 * N[:, 1], term("other", COLUMNS[:, 2])
     moves = np.array([[0.0], [1.0]])
 
@@ -99,11 +109,14 @@ def test_a_set_without_an_effect_has_no_share_of_it_in_the_numbers() -> None:
     with_share = N + COLUMNS[:, [1]] * [0.0, 1.0]
     acting, without = model(y, with_share, shares=(share,)), model(y, N)
     assert acting.fit([other]).score == pytest.approx(without.fit([other]).score, abs=1e-6)
-    assert acting.fit([gain(with_share)]).score == pytest.approx(without.fit([gain(N)]).score, abs=1e-6)
+    assert acting.fit([gain(with_share)]).score == pytest.approx(
+        without.fit([gain(N)]).score, abs=1e-6
+    )
     assert acting.fit([effect]).score != pytest.approx(without.fit([effect]).score, abs=1e-3)
     for far in (other, other), (gain(with_share), gain(N)):
         gains = [
-            Screen(data.grams, [one]).gains(data.fit([]))[0] for data, one in zip((acting, without), far, strict=True)
+            Screen(data.grams, [one]).gains(data.fit([]))[0]
+            for data, one in zip((acting, without), far, strict=True)
         ]
         assert gains[0] == pytest.approx(gains[1], abs=1e-6)
 
@@ -136,7 +149,10 @@ def test_the_terms_that_act_are_found_and_in_noise_none() -> None:
 def test_two_terms_take_the_place_of_one_that_resembles_their_sum() -> None:
     """A column near the sum of two comes first, and does not stay."""
     twin = COLUMNS[:, 0] + COLUMNS[:, 1] + 0.5 * COLUMNS[:, 5]
-    terms = [*(term(f"t{k}", COLUMNS[:, k], odds=ODDS) for k in range(4)), term("sum", twin, odds=ODDS)]
+    terms = [
+        *(term(f"t{k}", COLUMNS[:, k], odds=ODDS) for k in range(4)),
+        term("sum", twin, odds=ODDS),
+    ]
     best = search(model(RNG.standard_normal(ROWS) + COLUMNS[:, 0] + COLUMNS[:, 1]), terms).run()
     assert {key[0] for key in best.keys} == {"t0", "t1"}
 
@@ -147,7 +163,9 @@ def test_equal_columns_share_their_probability() -> None:
     found = search(model(RNG.standard_normal(ROWS) + COLUMNS[:, 2]), terms)
     found.run()
     likely = {next(iter(keys))[0]: p for keys, p in found.probabilities().items() if len(keys) == 1}
-    assert likely["a"] == pytest.approx(0.5, abs=0.01) and likely["b"] == pytest.approx(0.5, abs=0.01)
+    assert likely["a"] == pytest.approx(0.5, abs=0.01) and likely["b"] == pytest.approx(
+        0.5, abs=0.01
+    )
 
 
 class Bump:
@@ -168,11 +186,20 @@ def bumps(true: float, seed: int, start: float) -> tuple[Any, LinearModel, Term]
     problem = SimpleNamespace(largest_at=lambda joint: 10.0, observed=((None,), ()))
     allowed = lambda feature: list(feature.searched)  # noqa: E731
     linear: Any = SimpleNamespace(columns=columns, problem=problem, allowed=allowed, which=0)
-    data = model(3.0 * columns(bump, [true])[:, 0] + np.random.default_rng(seed).standard_normal(ROWS), N)
+    data = model(
+        3.0 * columns(bump, [true])[:, 0] + np.random.default_rng(seed).standard_normal(ROWS), N
+    )
     return (
         linear,
         data,
-        Term(bump.key, "effect", columns(bump, [start]), np.array([10.0]), feature=bump, theta=(start,)),
+        Term(
+            bump.key,
+            "effect",
+            columns(bump, [start]),
+            np.array([10.0]),
+            feature=bump,
+            theta=(start,),
+        ),
     )
 
 

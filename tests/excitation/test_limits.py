@@ -18,10 +18,17 @@ def test_a_fitted_motion_keeps_the_kinematic_limits(seed: int, size: float) -> N
     """Whatever its amplitudes, a fitted motion keeps position, velocity and acceleration limits at dense times."""
     n = 3
     limits = MotionLimits(
-        ("a", "b", "c"), np.full(n, -2.0), np.array([1.0, 2.0, 3.0]), np.full(n, 1.2), np.full(n, 4.0), np.full(n, 1.0)
+        ("a", "b", "c"),
+        np.full(n, -2.0),
+        np.array([1.0, 2.0, 3.0]),
+        np.full(n, 1.2),
+        np.full(n, 4.0),
+        np.full(n, 1.0),
     )
     drawn = trajectory(seed)
-    motion = limits.fitted(FourierTrajectory(**{**vars(drawn), "q0": np.clip(drawn.q0, -1.8, 0.9)}).scaled(size), 0.98)
+    motion = limits.fitted(
+        FourierTrajectory(**{**vars(drawn), "q0": np.clip(drawn.q0, -1.8, 0.9)}).scaled(size), 0.98
+    )
     q, dq, ddq = motion.evaluate(np.linspace(0, motion.duration, 20_000))
     assert (q >= limits.position_min).all()
     assert (q <= limits.position_max).all()
@@ -44,7 +51,9 @@ def test_stated_limits_hold_and_missing_ones_are_said() -> None:
 def test_use_of_torque_is_that_of_the_rigid_arm() -> None:
     """A pendulum held level uses m g l of torque."""
     robot = planar_arm(1, torque=10.0)
-    still = FourierTrajectory.of_periods(4.0, np.zeros((1, 1)), np.zeros((1, 1)), np.array([np.pi / 2]), ramp=1.0)
+    still = FourierTrajectory.of_periods(
+        4.0, np.zeros((1, 1)), np.zeros((1, 1)), np.array([np.pi / 2]), ramp=1.0
+    )
     use = MotionLimits.of(robot).use(still, build_model(robot, engine="numpy"))
     assert use.peak_torque[0] == pytest.approx(9.81 * 0.25)
     assert use.torque[0] == pytest.approx(0.2453, rel=1e-3)
@@ -82,7 +91,10 @@ def test_links_keep_a_margin_to_the_floor() -> None:
     default = MotionLimits.of(robot, workspace=low)
     assert default.margin == MARGIN == 0.02
     use = default.use(_hold(np.pi), model)
-    assert not use.kept and "a link comes within 10.0 mm of the floor, the margin is 20 mm" in use.worst()
+    assert (
+        not use.kept
+        and "a link comes within 10.0 mm of the floor, the margin is 20 mm" in use.worst()
+    )
     close = MotionLimits.of(robot, workspace=low, margin=0.005)
     assert close.use(_hold(np.pi), model).floor == pytest.approx(0.01)
 
@@ -93,7 +105,11 @@ def test_links_keep_a_margin_to_each_other() -> None:
     model = build_model(robot, engine="numpy")
     third = 2.0 * np.pi / 3.0
     opened = _hold(0.0, third, third - 0.24)
-    gap = MotionLimits.of(robot, workspace=Workspace.of(robot, radius=1e-6, floor=None)).use(opened, model).links
+    gap = (
+        MotionLimits.of(robot, workspace=Workspace.of(robot, radius=1e-6, floor=None))
+        .use(opened, model)
+        .links
+    )
     near = Workspace.of(robot, radius=0.5 * (gap - 0.01), floor=None)
     assert not MotionLimits.of(robot, workspace=near).use(opened, model).kept
     use = MotionLimits.of(robot, workspace=near, margin=0.005).use(opened, model)
@@ -116,7 +132,9 @@ def test_links_that_always_touch_do_not_count() -> None:
 
 @settings(max_examples=60, deadline=None)
 @given(seed=st.integers(0, 100_000), flat=st.booleans(), point=st.booleans())
-def test_segment_distance_is_the_least_over_both_segments(seed: int, flat: bool, point: bool) -> None:
+def test_segment_distance_is_the_least_over_both_segments(
+    seed: int, flat: bool, point: bool
+) -> None:
     """The distance is not above, and nearly, the least of a fine grid; parallel segments and points included."""
     rng = np.random.default_rng(seed)
     p = rng.normal(size=(4, 3))

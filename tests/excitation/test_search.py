@@ -55,7 +55,9 @@ def test_criteria_of_orthonormal_columns() -> None:
     """Orthonormal columns in their own scale: condition 1, and zero decades of uncertainty."""
     W = np.linalg.qr(np.random.default_rng(0).normal(size=(50, 6)))[0]
     values = {name: criterion(W, np.ones(6)) for name, criterion in CRITERIA.items()}
-    assert values == pytest.approx({"condition": 1.0, "d_optimal": 0.0, "a_optimal": 0.0}, abs=1e-12)
+    assert values == pytest.approx(
+        {"condition": 1.0, "d_optimal": 0.0, "a_optimal": 0.0}, abs=1e-12
+    )
 
 
 def test_criteria_are_what_their_formulas_say() -> None:
@@ -65,7 +67,9 @@ def test_criteria_are_what_their_formulas_say() -> None:
     N = (W / scale).T @ (W / scale)
     assert CRITERIA["condition"](W, scale) == pytest.approx(np.sqrt(np.linalg.cond(N)))
     assert CRITERIA["d_optimal"](W, scale) == pytest.approx(-np.log10(np.linalg.det(N)) / 8)
-    assert CRITERIA["a_optimal"](W, scale) == pytest.approx(0.5 * np.log10(np.trace(np.linalg.inv(N)) / 4))
+    assert CRITERIA["a_optimal"](W, scale) == pytest.approx(
+        0.5 * np.log10(np.trace(np.linalg.inv(N)) / 4)
+    )
 
 
 def test_dependent_columns_are_the_worst_finite_number() -> None:
@@ -79,7 +83,10 @@ def test_noise_divides_the_rows_of_its_equation(mod3: Model, columns: np.ndarray
     """Twice the noise in all equations halves the base regressor; in one, its rows alone."""
     motion, noise = trajectory(periods=1), np.ones(6)
     noise[4] = 2.0
-    plain, weighted = BaseRegressor(mod3, columns)(motion), BaseRegressor(mod3, columns, noise)(motion)
+    plain, weighted = (
+        BaseRegressor(mod3, columns)(motion),
+        BaseRegressor(mod3, columns, noise)(motion),
+    )
     ratio = np.ones((150, 6))
     ratio[:, 4] = 0.5
     np.testing.assert_allclose(weighted, plain * ratio.ravel()[:, None])
@@ -96,7 +103,9 @@ def test_the_motors_lead_so_that_the_link_side_is_in_balance(mod3: Model, arm: R
     assert np.abs(residual + damping).max() < 1e-3 * np.abs(carried).max()
 
 
-def test_what_only_a_soft_arm_could_tell_apart_is_left_out(mod3: Model, arm: Robot, columns: np.ndarray) -> None:
+def test_what_only_a_soft_arm_could_tell_apart_is_left_out(
+    mod3: Model, arm: Robot, columns: np.ndarray
+) -> None:
     """In mod3, S_11 asks for q'' and theta'' to differ, so one of its columns is left out; in mod1 there is none."""
     motions = [trajectory(seed, periods=1).scaled(0.3) for seed in range(5)]
     W = np.concatenate([BaseRegressor(mod3, columns)(motion) for motion in motions])
@@ -144,10 +153,14 @@ def test_the_motion_found_keeps_every_limit_between_the_samples_too(
     assert min(use.floor, use.links) > limits.margin - 2e-3
 
 
-def test_the_same_generator_gives_the_same_motion(mod3: Model, limits: MotionLimits, columns: np.ndarray) -> None:
+def test_the_same_generator_gives_the_same_motion(
+    mod3: Model, limits: MotionLimits, columns: np.ndarray
+) -> None:
     """The search is a function of its seed, also when searches follow one another in a process."""
     runs = [
-        optimise(mod3, limits, columns, rng=np.random.default_rng(seed), evaluations=60, random=3).trajectory
+        optimise(
+            mod3, limits, columns, rng=np.random.default_rng(seed), evaluations=60, random=3
+        ).trajectory
         for seed in (1, 2, 1)
     ]
     np.testing.assert_array_equal(runs[0].a, runs[2].a)
@@ -155,7 +168,9 @@ def test_the_same_generator_gives_the_same_motion(mod3: Model, limits: MotionLim
 
 
 @pytest.mark.parametrize("criterion", ["d_optimal", "a_optimal"])
-def test_the_other_criteria_improve_too(mod3: Model, limits: MotionLimits, columns: np.ndarray, criterion: str) -> None:
+def test_the_other_criteria_improve_too(
+    mod3: Model, limits: MotionLimits, columns: np.ndarray, criterion: str
+) -> None:
     """Whatever the criterion, its value falls, and every evaluation is told."""
     told: list[int] = []
     result = optimise(
@@ -173,7 +188,13 @@ def test_an_arm_of_five_rigid_joints_is_excited() -> None:
     base = BaseRegression(model, ("q", "tau_m"), joints=robot.joint_names).base
     limits = MotionLimits.of(robot, workspace=Workspace.of(robot, floor=None, radius=0.01))
     result = optimise(
-        model, limits, base.columns, rng=np.random.default_rng(0), evaluations=60, random=5, shape=Shape(harmonics=3)
+        model,
+        limits,
+        base.columns,
+        rng=np.random.default_rng(0),
+        evaluations=60,
+        random=5,
+        shape=Shape(harmonics=3),
     )
     assert result.condition_after < result.condition_before
     assert result.trajectory.joints == robot.joint_names
@@ -186,7 +207,9 @@ def test_random_motions_keep_the_limits(mod3: Model, limits: MotionLimits) -> No
     assert max(limits.use(motion, mod3).excess.max() for motion in motions) <= 0.0
 
 
-def test_random_motions_are_found_where_few_places_are_free(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_random_motions_are_found_where_few_places_are_free(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """Where the links are thick, most random places are in the floor or in another link; others are sought then."""
     robot = random_arm(6, np.random.default_rng(6))
     model, limits = build_model(robot), MotionLimits.of(robot)
@@ -199,11 +222,20 @@ def test_random_motions_are_found_where_few_places_are_free(monkeypatch: pytest.
 
 
 @pytest.mark.slow(4)
-def test_limits_that_no_motion_meets_are_named(mod3: Model, arm: Robot, columns: np.ndarray) -> None:
+def test_limits_that_no_motion_meets_are_named(
+    mod3: Model, arm: Robot, columns: np.ndarray
+) -> None:
     """With 5 Nm no pose of this arm can be held: the error says which joint asks for how much."""
-    with pytest.raises(ExcitationError, match=r"at best the torque of joint_2 reaches \d+ % of its limit"):
+    with pytest.raises(
+        ExcitationError, match=r"at best the torque of joint_2 reaches \d+ % of its limit"
+    ):
         optimise(
-            mod3, MotionLimits.of(arm, torque=5.0), columns, rng=np.random.default_rng(0), evaluations=20, random=2
+            mod3,
+            MotionLimits.of(arm, torque=5.0),
+            columns,
+            rng=np.random.default_rng(0),
+            evaluations=20,
+            random=2,
         )
     with pytest.raises(ExcitationError, match=r"mm (of|into) the floor"):
         high = MotionLimits.of(arm, workspace=Workspace.of(arm, floor=3.0))
@@ -228,14 +260,18 @@ def test_wrong_options_are_refused(
         optimise(mod3, limits, **given_)
 
 
-@pytest.mark.parametrize("wrong", [{"harmonics": 0}, {"period": 0.0}, {"ramp": -1.0}, {"periods": 0}])
+@pytest.mark.parametrize(
+    "wrong", [{"harmonics": 0}, {"period": 0.0}, {"ramp": -1.0}, {"periods": 0}]
+)
 def test_wrong_shapes_are_refused(wrong: dict) -> None:
     """No harmonics, no time or no periods make no motion."""
     with pytest.raises(ExcitationError):
         Shape(**wrong)
 
 
-def test_an_error_inside_the_search_comes_out(mod3: Model, limits: MotionLimits, columns: np.ndarray) -> None:
+def test_an_error_inside_the_search_comes_out(
+    mod3: Model, limits: MotionLimits, columns: np.ndarray
+) -> None:
     """What the progress callback raises (Ctrl-C, say) ends the search and reaches the caller."""
 
     def stop(count: int, best: float) -> None:
@@ -243,13 +279,23 @@ def test_an_error_inside_the_search_comes_out(mod3: Model, limits: MotionLimits,
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        optimise(mod3, limits, columns, rng=np.random.default_rng(0), evaluations=1000, random=2, progress=stop)
+        optimise(
+            mod3,
+            limits,
+            columns,
+            rng=np.random.default_rng(0),
+            evaluations=1000,
+            random=2,
+            progress=stop,
+        )
 
 
 NEVER = 2000
 
 
-def signalled(columns: np.ndarray, limits: MotionLimits, mod3: Model, *, elsewhere: bool) -> ExcitationResult:
+def signalled(
+    columns: np.ndarray, limits: MotionLimits, mod3: Model, *, elsewhere: bool
+) -> ExcitationResult:
     """Search, and get a SIGINT while NOMAD is about to call for the sixth time, in this thread or in another one."""
     sent = threading.Event()
 

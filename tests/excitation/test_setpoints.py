@@ -42,7 +42,9 @@ def test_a_parquet_file_is_an_episode_of_commands(tmp_path: Path) -> None:
     """Its `action` is the motion at its `timestamp`, to single precision, as datasets of LeRobot are read."""
     pq = pytest.importorskip("pyarrow.parquet")
     write_csv(tmp_path / "motion.parquet", motion(), JOINTS, 50.0)
-    assert str(pq.read_schema(tmp_path / "motion.parquet").field("action").type.value_type) == "float"
+    assert (
+        str(pq.read_schema(tmp_path / "motion.parquet").field("action").type.value_type) == "float"
+    )
     found = load_arrays(tmp_path / "motion.parquet")
     np.testing.assert_allclose(found["action"], motion().evaluate(found["timestamp"])[0], atol=1e-5)
     assert found["frame_index"][-1] == 750 and not found["episode_index"].any()
@@ -56,9 +58,13 @@ def test_a_goal_is_a_message_whose_quintics_are_the_motion(tmp_path: Path) -> No
     types = typestore().types
     assert set(trajectory) <= set(types["trajectory_msgs/msg/JointTrajectory"].__dataclass_fields__)
     points = trajectory["points"]
-    assert set(points[0]) <= set(types["trajectory_msgs/msg/JointTrajectoryPoint"].__dataclass_fields__)
+    assert set(points[0]) <= set(
+        types["trajectory_msgs/msg/JointTrajectoryPoint"].__dataclass_fields__
+    )
     t = [p["time_from_start"]["sec"] + 1e-9 * p["time_from_start"]["nanosec"] for p in points]
-    quintic = BPoly.from_derivatives(t, [[p[k] for k in ("positions", "velocities", "accelerations")] for p in points])
+    quintic = BPoly.from_derivatives(
+        t, [[p[k] for k in ("positions", "velocities", "accelerations")] for p in points]
+    )
     between = np.linspace(0.0, 15.0, 4001)
     np.testing.assert_allclose(quintic(between), motion().evaluate(between)[0], atol=1e-5)
 
@@ -81,6 +87,8 @@ def test_identify_judges_a_recording_as_its_motion_was_judged(tmp_path: Path) ->
     for count, poor in ((periods, False), (1, True)):
         assert judged(build_model(robot, "mod3"), planned, count)[1].poor is poor
         rng = np.random.default_rng(0)
-        recording = simulate(robot, planned.repeated(count), SimulationSettings(rate=200.0), rng=rng)
+        recording = simulate(
+            robot, planned.repeated(count), SimulationSettings(rate=200.0), rng=rng
+        )
         result = identify(recording, robot, IdentificationSettings(consistent=False))
         assert result.excitation["poor"] is poor, result.excitation

@@ -76,7 +76,9 @@ def test_a_saved_trajectory_loads_to_the_same_motion(tmp_path: Path) -> None:
         ("schema", "other", "is no trajectory file"),
     ],
 )
-def test_a_wrong_trajectory_file_is_refused_by_field(tmp_path: Path, field: str, value: object, problem: str) -> None:
+def test_a_wrong_trajectory_file_is_refused_by_field(
+    tmp_path: Path, field: str, value: object, problem: str
+) -> None:
     """A file that holds no motion raises an error with its path and the field."""
     path = tmp_path / "t.yaml"
     trajectory().save(path)

@@ -24,11 +24,20 @@ MEMORY = 6_000_000_000  # bytes of addresses that the process may have
 
 def main() -> int:
     """Run a campaign; return 1 if a mutant had no proper answer."""
-    parser = argparse.ArgumentParser(prog="tests.fuzz", description="Feed mutants to all readers of files.")
+    parser = argparse.ArgumentParser(
+        prog="tests.fuzz", description="Feed mutants to all readers of files."
+    )
     parser.add_argument("--minutes", type=float, default=60.0, help="how long (60)")
-    parser.add_argument("--mutants", type=float, default=math.inf, help="end after so many of bags and of files each")
+    parser.add_argument(
+        "--mutants",
+        type=float,
+        default=math.inf,
+        help="end after so many of bags and of files each",
+    )
     parser.add_argument("--seed", type=int, default=0, help="of the mutants (0)")
-    parser.add_argument("--out", type=Path, default=Path("runs/fuzz"), help="folder of the mutants that failed")
+    parser.add_argument(
+        "--out", type=Path, default=Path("runs/fuzz"), help="folder of the mutants that failed"
+    )
     options = parser.parse_args()
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     faulthandler.enable()

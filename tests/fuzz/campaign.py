@@ -18,7 +18,10 @@ from tests.fuzz.targets import Target, targets
 
 SECONDS = 5.0  # of the processor that a mutant may take
 _WAITING = 20.0  # seconds for which it may wait
-_TIMERS = ((signal.SIGPROF, signal.ITIMER_PROF, SECONDS), (signal.SIGALRM, signal.ITIMER_REAL, _WAITING))
+_TIMERS = (
+    (signal.SIGPROF, signal.ITIMER_PROF, SECONDS),
+    (signal.SIGALRM, signal.ITIMER_REAL, _WAITING),
+)
 _LONGEST = 2500  # characters of an error
 
 
@@ -47,7 +50,11 @@ def try_one(target: Target, path: Path, content: bytes) -> tuple[str, str]:
     except ElasticArmError as error:
         words = str(error)
         ok = len(words) < _LONGEST and words.isprintable()
-        return ("refused", "") if ok else ("traceback", f"an error of {len(words)} characters: {words[:200]!r}")
+        return (
+            ("refused", "")
+            if ok
+            else ("traceback", f"an error of {len(words)} characters: {words[:200]!r}")
+        )
     except Hang:
         return "hang", traceback.format_exc()
     except Exception:  # noqa: BLE001  anything else is what is looked for
@@ -59,17 +66,26 @@ def try_one(target: Target, path: Path, content: bytes) -> tuple[str, str]:
 
 
 def run(
-    folder: Path, seconds: float, rng: np.random.Generator, group: str = "", mutants: float = math.inf
+    folder: Path,
+    seconds: float,
+    rng: np.random.Generator,
+    group: str = "",
+    mutants: float = math.inf,
 ) -> dict[str, Outcome]:
     """Feed mutants to the targets of a group (all by default) in turn, for some seconds, or so many; return outcomes.
 
     The folder gets seeds and mutants, and keeps those that failed.
     """
-    chosen = {name: each for name, each in targets(folder / "seeds").items() if group in ("", each.group)}
+    chosen = {
+        name: each for name, each in targets(folder / "seeds").items() if group in ("", each.group)
+    }
     found = {name: Outcome() for name in chosen}
     (folder / "failed").mkdir(parents=True, exist_ok=True)
     end = time.monotonic() + seconds
-    while time.monotonic() < end and sum(outcome.counts.total() for outcome in found.values()) < mutants:
+    while (
+        time.monotonic() < end
+        and sum(outcome.counts.total() for outcome in found.values()) < mutants
+    ):
         for name, target in chosen.items():
             content = mutant(target.seeds, rng)
             kind, words = try_one(target, folder / f"mutant{target.suffix}", content)

@@ -6,12 +6,54 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-_NUMBERS = (0, 1, 2, 7, 0x7F, 0x80, 0xFF, 2**15, 2**16 - 1, 2**31 - 1, 2**31, 2**32 - 1, 2**40, 2**60, 2**63 - 1, 2**63)
+_NUMBERS = (
+    0,
+    1,
+    2,
+    7,
+    0x7F,
+    0x80,
+    0xFF,
+    2**15,
+    2**16 - 1,
+    2**31 - 1,
+    2**31,
+    2**32 - 1,
+    2**40,
+    2**60,
+    2**63 - 1,
+    2**63,
+)
 _NUMBERS += (2**64 - 1,)
 _FLOATS = (float("nan"), float("inf"), -1.0, 1e200, 1.7e308, -1e-320)
 _WORDS = re.compile(rb"[A-Za-z0-9_.+-]+")
-_TEXTS = (b"0x_", b"2001-99-99", b"9" * 5000, b"nan", b".inf", b"-1", b"1e400", b"null", b"[", b"{a: 1}", b"*a", b"&a")
-_TEXTS += (b"<<", b"!!python/name:os.system", b"\0", b"\xff\xfe", b"[/red]", b"yes", b"'", b'"', b"", b"1:59:59", b"..")
+_TEXTS = (
+    b"0x_",
+    b"2001-99-99",
+    b"9" * 5000,
+    b"nan",
+    b".inf",
+    b"-1",
+    b"1e400",
+    b"null",
+    b"[",
+    b"{a: 1}",
+    b"*a",
+    b"&a",
+)
+_TEXTS += (
+    b"<<",
+    b"!!python/name:os.system",
+    b"\0",
+    b"\xff\xfe",
+    b"[/red]",
+    b"yes",
+    b"'",
+    b'"',
+    b"",
+    b"1:59:59",
+    b"..",
+)
 
 Mutation = Callable[[bytearray, np.random.Generator, Sequence[bytes]], None]
 
@@ -99,5 +141,15 @@ def _line(content: bytearray, rng: np.random.Generator, _: Sequence[bytes]) -> N
     content[:] = b"\n".join(lines)
 
 
-_OF_BYTES: tuple[Mutation, ...] = (_flip, _number, _number, _float, _cut, _delete, _repeat, _splice, _noise)
+_OF_BYTES: tuple[Mutation, ...] = (
+    _flip,
+    _number,
+    _number,
+    _float,
+    _cut,
+    _delete,
+    _repeat,
+    _splice,
+    _noise,
+)
 _OF_TEXT: tuple[Mutation, ...] = (_word, _word, _swap, _line, _line, _delete, _repeat, _splice)

@@ -63,11 +63,18 @@ def targets(folder: Path) -> dict[str, Target]:
         "db3": Target("bags", ".db3", [sqlite], _read_bag),
         "db3.zstd": Target("bags", ".db3.zstd", [packed], _read_bag),
         "metadata": Target("bags", ".yaml", [metadata], _in_bag(folder / "none")),
-        "arm": Target("files", ".yaml", [NOMINAL_ARM.read_bytes(), URDF_OVERLAY.encode()], _in(folder, load_robot)),
+        "arm": Target(
+            "files",
+            ".yaml",
+            [NOMINAL_ARM.read_bytes(), URDF_OVERLAY.encode()],
+            _in(folder, load_robot),
+        ),
         "urdf": Target("files", ".urdf", [(folder / "arm.urdf").read_bytes()], _read_urdf),
         "channels": Target("files", ".yaml", [CHANNELS.encode()], load_channels),
         "mapping": Target("files", ".yaml", [MAP.encode()], _mapping(folder)),
-        "trajectory": Target("files", ".yaml", [(folder / "trajectory.yaml").read_bytes()], load_trajectory),
+        "trajectory": Target(
+            "files", ".yaml", [(folder / "trajectory.yaml").read_bytes()], load_trajectory
+        ),
         **_array_targets(folder, rng),
     }
 
@@ -79,7 +86,9 @@ def _bags(folder: Path, rng: np.random.Generator) -> tuple[list[bytes], bytes, b
         shutil.rmtree(folder / kind, ignore_errors=True)
         write_recording(folder / kind, recording, kind)  # type: ignore[arg-type]
         whole.append((folder / kind / f"{kind}_0.mcap").read_bytes())
-    database = next(write_sqlite(folder / "sqlite", states("/joint_states", stamps(60))).glob("*.db3")).read_bytes()
+    database = next(
+        write_sqlite(folder / "sqlite", states("/joint_states", stamps(60))).glob("*.db3")
+    ).read_bytes()
     return whole, database, zstandard.ZstdCompressor().compress(database)
 
 

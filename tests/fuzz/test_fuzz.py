@@ -22,9 +22,13 @@ from tests.fuzz.targets import CHANNELS, MAP, targets
 SECONDS = 3.0  # a group; `make fuzz` takes hours
 BRIEF = settings(max_examples=80, deadline=None, database=None, derandomize=True,
                  suppress_health_check=list(HealthCheck))  # fmt: skip
-SCALARS = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=20) | st.dates()
+SCALARS = (
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=20) | st.dates()
+)
 VALUES = st.recursive(
-    SCALARS, lambda inner: st.lists(inner, max_size=4) | st.dictionaries(SCALARS, inner, max_size=4), max_leaves=8
+    SCALARS,
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(SCALARS, inner, max_size=4),
+    max_leaves=8,
 )
 LOADERS = {
     "arm": (load_robot, yaml.safe_load(NOMINAL_ARM.read_text())),
@@ -32,12 +36,53 @@ LOADERS = {
     "mapping": (load_array_map, yaml.safe_load(MAP)),
     "trajectory": (
         load_trajectory,
-        {"schema": "elastic_arm/trajectory/1", "omega": 1.0, "a": [[1.0]], "b": [[1.0]], "q0": [0.0], "duration": 9.0}
+        {
+            "schema": "elastic_arm/trajectory/1",
+            "omega": 1.0,
+            "a": [[1.0]],
+            "b": [[1.0]],
+            "q0": [0.0],
+            "duration": 9.0,
+        }
         | {"ramp": 1.0, "joints": ["a"]},
     ),
 }
-MARKS = ["{", "}", "<", ">", "[", "]", ";", ",", "::", "=", "@", "(", ")", "//", "/*", "*/", "\n", " ", '"', "#"]
-NAMES = ["module", "struct", "typedef", "const", "long", "double", "sequence", "string", "T", "a", "3", "float64"]
+MARKS = [
+    "{",
+    "}",
+    "<",
+    ">",
+    "[",
+    "]",
+    ";",
+    ",",
+    "::",
+    "=",
+    "@",
+    "(",
+    ")",
+    "//",
+    "/*",
+    "*/",
+    "\n",
+    " ",
+    '"',
+    "#",
+]
+NAMES = [
+    "module",
+    "struct",
+    "typedef",
+    "const",
+    "long",
+    "double",
+    "sequence",
+    "string",
+    "T",
+    "a",
+    "3",
+    "float64",
+]
 LINES = ["string<=5", "MSG: a/T\n", "=" * 80 + "\n", "T x\n", "float64[3] x\n", "1 << 60000"]
 WORDS = st.sampled_from([*MARKS, *NAMES, *LINES])
 
@@ -56,7 +101,9 @@ def test_every_whole_file_is_read(tmp_path: Path) -> None:
     """What the mutants are made of reaches the end of what reads it: otherwise they would try the first step alone."""
     for name, target in targets(tmp_path / "seeds").items():
         for content in target.seeds:
-            assert try_one(target, tmp_path / f"whole{target.suffix}", content) == ("read", ""), name
+            assert try_one(target, tmp_path / f"whole{target.suffix}", content) == ("read", ""), (
+                name
+            )
 
 
 @pytest.mark.parametrize("name", LOADERS)

@@ -49,7 +49,9 @@ def joint_state(
     stamp = types["builtin_interfaces/msg/Time"](sec=stamp_ns // 10**9, nanosec=stamp_ns % 10**9)
     header = types["std_msgs/msg/Header"](stamp=stamp, frame_id=frame)
     numbers = [np.array(list(values), dtype=np.float64) for values in (position, velocity, effort)]
-    return bytes(store.serialize_cdr(types[JOINT_STATE](header, list(names), *numbers), JOINT_STATE))
+    return bytes(
+        store.serialize_cdr(types[JOINT_STATE](header, list(names), *numbers), JOINT_STATE)
+    )
 
 
 def write_foreign(
@@ -67,24 +69,32 @@ def write_foreign(
     with writer:
         for topic, type_name, log_ns, data in messages:
             if topic not in connections:
-                connections[topic] = writer.add_connection(topic, type_name, typestore=message_types.typestore())
+                connections[topic] = writer.add_connection(
+                    topic, type_name, typestore=message_types.typestore()
+                )
             writer.write(connections[topic], log_ns, data)
     return folder
 
 
 def write_sqlite(
-    folder: Path, messages: Iterable[tuple[str, str, int, bytes]], configure: Callable[[Writer], None] | None = None
+    folder: Path,
+    messages: Iterable[tuple[str, str, int, bytes]],
+    configure: Callable[[Writer], None] | None = None,
 ) -> Path:
     """The same, stored with SQLite."""
     return write_foreign(folder, messages, configure, StoragePlugin.SQLITE3)
 
 
-def states(topic: str, stamp_ns: Iterable[int], names: Sequence[str] = JOINTS) -> list[tuple[str, str, int, bytes]]:
+def states(
+    topic: str, stamp_ns: Iterable[int], names: Sequence[str] = JOINTS
+) -> list[tuple[str, str, int, bytes]]:
     """JointState messages whose numbers tell joint and row: position row + joint/10, velocity and effort beyond."""
     rows = []
     for row, stamp in enumerate(stamp_ns):
         base = [row + (JOINTS.index(name) if name in JOINTS else 5) / 10 for name in names]
-        data = joint_state(int(stamp), names, base, [b + 0.01 for b in base], [b + 0.02 for b in base])
+        data = joint_state(
+            int(stamp), names, base, [b + 0.01 for b in base], [b + 0.02 for b in base]
+        )
         rows.append((topic, JOINT_STATE, int(stamp), data))
     return rows
 
@@ -116,7 +126,11 @@ def both(stamp_ns: Iterable[int]) -> list[tuple[str, str, int, bytes]]:
 
 def codes(path: Path, **options: Any) -> set[str]:
     """Codes of all that the check finds but notes."""
-    return {finding.code for finding in check_bag(path, **options).findings if finding.severity != "note"}
+    return {
+        finding.code
+        for finding in check_bag(path, **options).findings
+        if finding.severity != "note"
+    }
 
 
 def write_yaml(path: Path, content: object) -> Path:
@@ -127,9 +141,12 @@ def write_yaml(path: Path, content: object) -> Path:
 
 def imported(path: Path, joints: Sequence[str], times: object, **mapping: object) -> Recording:
     """Import arrays by a mapping of these joints; `times` is a rate in Hz, the name of an array, or a block."""
-    block = times if isinstance(times, dict) else {"rate" if isinstance(times, float) else "key": times}
+    block = (
+        times if isinstance(times, dict) else {"rate" if isinstance(times, float) else "key": times}
+    )
     return import_arrays(
-        path, write_yaml(path.parent / "map.yaml", {"times": block, "joints": list(joints), **mapping})
+        path,
+        write_yaml(path.parent / "map.yaml", {"times": block, "joints": list(joints), **mapping}),
     )
 
 

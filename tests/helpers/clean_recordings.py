@@ -49,11 +49,17 @@ def clean_arm(seed: int) -> CleanArm:
     limits = Limits(position_min=-3.1, position_max=3.1, velocity=3.5, torque=600.0)
     first = robot.joints[0]
     turned = np.eye(4)
-    robot = robot.with_(base_placement=np.eye(4)).with_joint(first.name, before=turned, after=turned)
+    robot = robot.with_(base_placement=np.eye(4)).with_joint(
+        first.name, before=turned, after=turned
+    )
     for joint in robot.joints:
         robot = robot.with_joint(joint.name, limits=limits)
     size = np.array([1.0, 1.0, 0.6, 0.2, 0.15, 0.07])
-    dry, viscous, armature = size * rng.uniform(8.0, 20.0, 6), size * rng.uniform(8.0, 25.0, 6), size * 3.0
+    dry, viscous, armature = (
+        size * rng.uniform(8.0, 20.0, 6),
+        size * rng.uniform(8.0, 25.0, 6),
+        size * 3.0,
+    )
     return CleanArm(robot, build_model(robot, "mod3"), dry, viscous, armature)
 
 
@@ -84,11 +90,18 @@ def one_by_one(rng: np.random.Generator, t: Array) -> Motion:
         wave, slope = 1.0 - np.cos(2 * np.pi * u), rate * np.sin(2 * np.pi * u)
         q[:, j] = pose[j] + 0.5 * size * wave**2
         dq[:, j] = size * wave * slope
-        ddq[:, j] = size * (slope**2 + wave * rate**2 * np.cos(2 * np.pi * u)) * ((u > 0.0) & (u < 1.0))
+        ddq[:, j] = (
+            size * (slope**2 + wave * rate**2 * np.cos(2 * np.pi * u)) * ((u > 0.0) & (u < 1.0))
+        )
     return q, dq, ddq
 
 
-MOTIONS: tuple[Callable[[np.random.Generator, Array], Motion], ...] = (sines, points, creeping, one_by_one)
+MOTIONS: tuple[Callable[[np.random.Generator, Array], Motion], ...] = (
+    sines,
+    points,
+    creeping,
+    one_by_one,
+)
 
 
 def driven(rng: np.random.Generator, name: str) -> tuple[Robot, Recording]:
@@ -112,7 +125,9 @@ def driven(rng: np.random.Generator, name: str) -> tuple[Robot, Recording]:
     stamps = np.round(1e9 * t).astype(np.int64) + 1_700_000_000_000_000_000
     speeds = velocity if rng.random() < 0.8 else None
     link, motor = Side(stamps, position, speeds), Side(stamps, effort=effort)
-    return arm.robot, Recording(arm.robot.joint_names, link, motor, source=f"{motion.__name__} {name}")
+    return arm.robot, Recording(
+        arm.robot.joint_names, link, motor, source=f"{motion.__name__} {name}"
+    )
 
 
 def told(rng: np.random.Generator, t: Array) -> Array:
@@ -123,7 +138,11 @@ def told(rng: np.random.Generator, t: Array) -> Array:
         return np.asarray(whole.evaluate(t)[0])
     ways = random_points(rng, 4, SECONDS)
     if kind == 1:
-        return np.asarray(ways.points[np.clip(np.searchsorted(ways.begins, t, side="right"), 0, len(ways.points) - 1)])
+        return np.asarray(
+            ways.points[
+                np.clip(np.searchsorted(ways.begins, t, side="right"), 0, len(ways.points) - 1)
+            ]
+        )
     return np.asarray(ways.evaluate(t)[0])
 
 
@@ -151,7 +170,9 @@ def servo(rng: np.random.Generator, name: str) -> tuple[None, Recording]:
         position, given = (np.mod(one + turned, 2 * np.pi) for one in (position, given))
     stamps = np.round(1e9 * fine[::every]).astype(np.int64)
     names = tuple(f"servo_{j + 1}" for j in range(4))
-    return None, Recording(names, Side(stamps, position), reference=Side(stamps, given), source=f"servo {name}")
+    return None, Recording(
+        names, Side(stamps, position), reference=Side(stamps, given), source=f"servo {name}"
+    )
 
 
 def clean_recordings(count: int, seed: int = 0) -> Iterator[tuple[Robot | None, Recording]]:

@@ -34,8 +34,14 @@ INSTANCES = {
     "encoder_eccentricity": ("encoder_eccentricity:joint_3:amplitude=3e-4,phase=1.1", "mod3"),
     "time_delay": ("time_delay:joint_2:delay=0.002,channels=joint_torque+motor_torque", "mod3"),
     "torque_drift": ("torque_drift:joint_2:rate=0.2", "mod3"),
-    "torque_lowpass": ("torque_lowpass:joint_2:cutoff=5,channels=joint_torque+motor_torque", "mod3"),
-    "link_inertia_mismatch": ("link_inertia_mismatch:joint_2:mass=1.1,com=0.01/0/-0.02,inertia=1.05", "mod3"),
+    "torque_lowpass": (
+        "torque_lowpass:joint_2:cutoff=5,channels=joint_torque+motor_torque",
+        "mod3",
+    ),
+    "link_inertia_mismatch": (
+        "link_inertia_mismatch:joint_2:mass=1.1,com=0.01/0/-0.02,inertia=1.05",
+        "mod3",
+    ),
     "rotor_inertia_mismatch": ("rotor_inertia_mismatch:joint_3:inertia=1.2", "mod3"),
     "stiffness_mismatch": ("stiffness_mismatch:joint_2:stiffness=0.85", "mod3"),
     "damping_mismatch": ("damping_mismatch:joint_2:damping=1.5", "mod3"),
@@ -47,19 +53,27 @@ INSTANCES = {
     "wrist_coupling": ("wrist_coupling:joint_3:dry=4,viscous=3,inertia=0.2", "mod3"),
     "joint_zero": ("joint_zero:joint_2:offset=0.05", "mod3"),
     "asymmetric_friction": ("asymmetric_friction:joint_2:asymmetry=0.3", "mod3"),
-    "gravity_compensation": ("gravity_compensation:share=0.4,channels=joint_torque+motor_torque", "mod3"),
+    "gravity_compensation": (
+        "gravity_compensation:share=0.4,channels=joint_torque+motor_torque",
+        "mod3",
+    ),
     "carried_weight": ("carried_weight:joint_2:mass=3,position=0.05/-0.02/0.1", "mod3"),
     "load": ("load:joint_2:mass=6,position=0.05/-0.02/0.1", "mod3"),
     "thermal_friction": ("thermal_friction:joint_2:change=-0.3", "mod3"),
 }
 
 
-def random_motion(robot: Robot, rng: np.random.Generator, dof: int | None = None) -> dict[str, np.ndarray]:
+def random_motion(
+    robot: Robot, rng: np.random.Generator, dof: int | None = None
+) -> dict[str, np.ndarray]:
     """A motion as of an excitation: deflections of a milliradian, velocities of half a radian a second."""
     n = robot.n
     q, dq, ddq = rng.uniform(-1, 1, n), rng.uniform(-0.8, 0.8, n), rng.uniform(-3, 3, n)
     small = rng.uniform(-1, 1, (3, n)) * [[1e-3], [0.02], [0.5]]
-    motion = {name: np.append(a, a + b) for name, a, b in zip(("x", "dx", "ddx"), (q, dq, ddq), small, strict=True)}
+    motion = {
+        name: np.append(a, a + b)
+        for name, a, b in zip(("x", "dx", "ddx"), (q, dq, ddq), small, strict=True)
+    }
     motion |= {name: rng.uniform(-200, 200, n) for name in CHANNELS[3:7]}
     return motion
 
@@ -93,4 +107,7 @@ def contribution(
     function = law_function(robot, instances, model)
     z = np.zeros(function.numel_in(len(CHANNELS))) if z is None else z
     values = function(*(motion.get(name, 0.0) for name in CHANNELS), z)
-    return {name: np.array(v).ravel() for name, v in zip(("link", "drive", "motor", "rates"), values, strict=True)}
+    return {
+        name: np.array(v).ravel()
+        for name, v in zip(("link", "drive", "motor", "rates"), values, strict=True)
+    }

@@ -21,25 +21,39 @@ class FullTree:
         for i, joint in enumerate(robot.joints):
             before_joint = (parent, placement * pin.SE3(joint.before))
             at = before_joint
-            for kind, coordinate in ((pin.JointModelRY(), 3 * n + i), (pin.JointModelRX(), 2 * n + i)):
+            for kind, coordinate in (
+                (pin.JointModelRY(), 3 * n + i),
+                (pin.JointModelRX(), 2 * n + i),
+            ):
                 if bearings:
-                    at = (self._turning(at, kind, f"{joint.name}_{coordinate}", coordinate, 1.0), pin.SE3.Identity())
+                    at = (
+                        self._turning(at, kind, f"{joint.name}_{coordinate}", coordinate, 1.0),
+                        pin.SE3.Identity(),
+                    )
             own = pin.JointModelPZ() if joint.prismatic else pin.JointModelRZ()
             turned = self._turning(at, own, joint.name, i, 1.0)
             after = pin.SE3(joint.after)
             link = joint.link
-            self.model.appendBodyToJoint(turned, pin.Inertia(link.mass, link.com, link.inertia), after)
+            self.model.appendBodyToJoint(
+                turned, pin.Inertia(link.mass, link.com, link.inertia), after
+            )
             if joint.transmission is not None:
                 for what, (component, ratio) in joint.transmission.components.items():
                     seat, seat_placement = (
-                        (turned, pin.SE3.Identity()) if component.carrier == joint.link_name else before_joint
+                        (turned, pin.SE3.Identity())
+                        if component.carrier == joint.link_name
+                        else before_joint
                     )
                     centre = pin.SE3(np.eye(3), component.position)
                     name = f"{joint.name}_{what}"
-                    spinning = self._turning((seat, seat_placement * centre), pin.JointModelRZ(), name, n + i, ratio)
+                    spinning = self._turning(
+                        (seat, seat_placement * centre), pin.JointModelRZ(), name, n + i, ratio
+                    )
                     tensor = np.diag([component.ixx, component.ixx, component.izz])
                     self.model.appendBodyToJoint(
-                        spinning, pin.Inertia(component.mass, np.zeros(3), tensor), pin.SE3.Identity()
+                        spinning,
+                        pin.Inertia(component.mass, np.zeros(3), tensor),
+                        pin.SE3.Identity(),
                     )
             parent, placement = turned, after
         self.data = self.model.createData()
@@ -47,7 +61,14 @@ class FullTree:
         for joint_id, coordinate, ratio in self._gears:
             self.G[self.model.joints[joint_id].idx_v, coordinate] = ratio
 
-    def _turning(self, at: tuple[int, pin.SE3], kind: pin.JointModel, name: str, coordinate: int, ratio: float) -> int:
+    def _turning(
+        self,
+        at: tuple[int, pin.SE3],
+        kind: pin.JointModel,
+        name: str,
+        coordinate: int,
+        ratio: float,
+    ) -> int:
         joint_id = self.model.addJoint(at[0], kind, at[1], name)
         self._gears.append((joint_id, coordinate, ratio))
         return joint_id
@@ -62,7 +83,10 @@ class FullTree:
         # By columns of inverse dynamics: crba wants every subtree's joints in a row, and a robot's are not.
         rest, unit = np.zeros(self.dof), np.eye(self.dof)
         weight = pin.rnea(self.model, self.data, self.G @ x, self.G @ rest, self.G @ rest)
-        columns = [pin.rnea(self.model, self.data, self.G @ x, self.G @ rest, self.G @ e) - weight for e in unit]
+        columns = [
+            pin.rnea(self.model, self.data, self.G @ x, self.G @ rest, self.G @ e) - weight
+            for e in unit
+        ]
         return self.G.T @ np.column_stack(columns)
 
     def energy(self, x: np.ndarray, dx: np.ndarray) -> tuple[float, float]:

@@ -27,14 +27,23 @@ def motions() -> tuple[FourierTrajectory, FourierTrajectory]:
 
 def gentle(seed: int) -> FourierTrajectory:
     """A motion so small that gravity loads each drive one way throughout."""
-    (lively,) = random_trajectories(MODEL, LIMITS, 1, rng=np.random.default_rng(seed), shape=Shape(3, 8.0, 1.0))
+    (lively,) = random_trajectories(
+        MODEL, LIMITS, 1, rng=np.random.default_rng(seed), shape=Shape(3, 8.0, 1.0)
+    )
     small, here = lively.scaled(0.05), np.array([0.3, 0.4, 0.5])
-    return FourierTrajectory(small.omega, small.a, small.b, here, small.duration, small.ramp, small.joints)
+    return FourierTrajectory(
+        small.omega, small.a, small.b, here, small.duration, small.ramp, small.joints
+    )
 
 
-def record(motion: FourierTrajectory, *effects: str, seed: int = 0, sensors: Sensors | None = None) -> Recording:
+def record(
+    motion: FourierTrajectory, *effects: str, seed: int = 0, sensors: Sensors | None = None
+) -> Recording:
     """Let the arm with effects follow a motion."""
     instances = [parse(text, ROBOT) for text in effects]
     return simulate(
-        ROBOT, motion, SimulationSettings(effects=instances, sensors=sensors), rng=np.random.default_rng(seed)
+        ROBOT,
+        motion,
+        SimulationSettings(effects=instances, sensors=sensors),
+        rng=np.random.default_rng(seed),
     )

@@ -23,7 +23,9 @@ def courses(*faults: tuple[object, ...]) -> tuple[TrueChannels, TrueChannels]:
     return first, second
 
 
-def fault(effect: str, joint: int | None, side: str, *numbers: object, channels: tuple[str, ...] = ()) -> Fault:
+def fault(
+    effect: str, joint: int | None, side: str, *numbers: object, channels: tuple[str, ...] = ()
+) -> Fault:
     """Return a fault from its flat form."""
     return Fault(effect, joint, dict(zip(numbers[::2], numbers[1::2], strict=True)), side, channels)  # type: ignore[arg-type]
 

@@ -27,10 +27,14 @@ def message(channel: int = 1, data: bytes = b"") -> bytes:
     return record(Opcode.MESSAGE, struct.pack("<HIQQ", channel, 0, 1, 1) + data)
 
 
-def chunk(packed: bytes, size: int, kind: str = "", start: int = 0, length: int | None = None) -> bytes:
+def chunk(
+    packed: bytes, size: int, kind: str = "", start: int = 0, length: int | None = None
+) -> bytes:
     """A chunk's record, with whatever it claims."""
     head = struct.pack("<QQQI", start, start, size, 0) + text(kind)
-    return record(Opcode.CHUNK, head + struct.pack("<Q", len(packed) if length is None else length) + packed)
+    return record(
+        Opcode.CHUNK, head + struct.pack("<Q", len(packed) if length is None else length) + packed
+    )
 
 
 def schema(type_name: str, definition: str, encoding: str = "ros2msg") -> bytes:
@@ -42,7 +46,13 @@ def schema(type_name: str, definition: str, encoding: str = "ros2msg") -> bytes:
 def channel(number: int, topic: str, **notes: str) -> bytes:
     """The description of a channel of the type."""
     said = b"".join(text(key) + text(value) for key, value in notes.items())
-    named = struct.pack("<HH", number, 1) + text(topic) + text("cdr") + struct.pack("<I", len(said)) + said
+    named = (
+        struct.pack("<HH", number, 1)
+        + text(topic)
+        + text("cdr")
+        + struct.pack("<I", len(said))
+        + said
+    )
     return record(Opcode.CHANNEL, named)
 
 

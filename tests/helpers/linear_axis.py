@@ -48,4 +48,9 @@ def log(rng: np.random.Generator, pace: float, seconds: float = 12.0) -> dict[st
             q += v / RATE / STEPS
     # The drive holds its command from each sample to the next: recorded is the mean of the two that a sample bounds.
     recorded = 0.5 * (voltages + np.concatenate([voltages[:1], voltages[:-1]]))
-    return {"t": t, "position": 1e3 * positions, "voltage": recorded + rng.normal(0.0, 0.01, len(t)), "gain": GAIN}
+    return {
+        "t": t,
+        "position": 1e3 * positions,
+        "voltage": recorded + rng.normal(0.0, 0.01, len(t)),
+        "gain": GAIN,
+    }

@@ -8,7 +8,9 @@ from elastic_arm.excitation import FourierTrajectory
 from elastic_arm.robot import Inertia, Joint, Limits, Robot
 
 
-def trajectory(seed: int = 0, n: int = 3, harmonics: int = 4, **changes: float) -> FourierTrajectory:
+def trajectory(
+    seed: int = 0, n: int = 3, harmonics: int = 4, **changes: float
+) -> FourierTrajectory:
     rng = np.random.default_rng(seed)
     a, b = rng.normal(size=(2, n, harmonics))
     settings_ = {"period": 7.0, "periods": 2, "ramp": 1.5, **changes}
@@ -34,7 +36,9 @@ def planar_arm(links: int, **limits: float) -> Robot:
     base = np.eye(4)
     base[2, 3] = 1.0
     joints = [
-        Joint(f"j{i}", f"l{i}", body, first if i == 0 else np.eye(4), after, limits=Limits(**limits))
+        Joint(
+            f"j{i}", f"l{i}", body, first if i == 0 else np.eye(4), after, limits=Limits(**limits)
+        )
         for i in range(links)
     ]
     return Robot("planar", tuple(joints), base_placement=base)

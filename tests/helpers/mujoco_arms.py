@@ -32,16 +32,21 @@ def stated_torque(robot: Robot, q: Array, dq: Array, ddq: Array) -> Array:
     effects, equations, n = EffectSet(robot_effects(robot), robot), ArmEquations(robot), robot.n
     x, dx, ddx = (ca.SX.sym(name, n) for name in ("x", "dx", "ddx"))
     none = ca.SX.zeros(n)
-    motion = SymbolicMotion(equations, x, dx, ddx, none, none, none, none, sign=lambda side, i: ca.sign(dx[i]))
+    motion = SymbolicMotion(
+        equations, x, dx, ddx, none, none, none, none, sign=lambda side, i: ca.sign(dx[i])
+    )
     added, _ = effects.contribution(motion)
     law = ca.Function("law", [x, dx, ddx, effects.p, equations.Psi], [added.link + added.motor])
     rows = [
-        np.array(law(*sample, effects.numbers(), equations.nominal)).ravel() for sample in zip(q, dq, ddq, strict=True)
+        np.array(law(*sample, effects.numbers(), equations.nominal)).ravel()
+        for sample in zip(q, dq, ddq, strict=True)
     ]
     return build_model(robot).inverse_dynamics(q, dq, ddq) + np.array(rows)
 
 
-def mujoco_torque(arm: MjcfArm, q: Array, dq: Array, ddq: Array, *, friction_loss: bool = False) -> Array:
+def mujoco_torque(
+    arm: MjcfArm, q: Array, dq: Array, ddq: Array, *, friction_loss: bool = False
+) -> Array:
     """Return the torque (N, n) of `mj_inverse`, without contacts and limits, and at will without friction loss."""
     mj, model = engine(), arm.model
     off = mj.mjtDisableBit
@@ -58,13 +63,18 @@ def mujoco_torque(arm: MjcfArm, q: Array, dq: Array, ddq: Array, *, friction_los
     return np.array(found)
 
 
-def played(robot: Robot, text: str, commands: Array, start: Array, *, substeps: int, attached: bool = False) -> Array:
+def played(
+    robot: Robot, text: str, commands: Array, start: Array, *, substeps: int, attached: bool = False
+) -> Array:
     """Return the angles q and theta (N, 2n) that an elastic arm's new MJCF has under motor torques (N, n)."""
     mj, n, angles = engine(), robot.n, []
     model = mj.MjModel.from_xml_string(text)
     model.opt.disableflags |= int(mj.mjtDisableBit.mjDSBL_LIMIT)
     data = mj.MjData(model)
-    theta, wound = ([model.joint(f"{name}{end}").qposadr[0] for name in robot.joint_names] for end in ("", DEFLECTION))
+    theta, wound = (
+        [model.joint(f"{name}{end}").qposadr[0] for name in robot.joint_names]
+        for end in ("", DEFLECTION)
+    )
     for values, state in ((data.qpos, start[: 2 * n]), (data.qvel, start[2 * n : 4 * n])):
         values[theta], values[wound] = state[n:], state[:n] - state[n:]
     handle = attach(model, robot) if attached else None

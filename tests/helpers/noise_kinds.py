@@ -65,14 +65,17 @@ def coarse_torque(step: float) -> Noise:
     def noisy(channels: Channels, t: Array, rng: np.random.Generator) -> Channels:
         found = white(channels, t, rng)
         rounded = {
-            k: np.round((channels[k] + 0.02 * rng.standard_normal(channels[k].shape)) / step) * step for k in TORQUES
+            k: np.round((channels[k] + 0.02 * rng.standard_normal(channels[k].shape)) / step) * step
+            for k in TORQUES
         }
         return found | rounded
 
     return noisy
 
 
-def encoder(std: float = 0.0, bits: tuple[float, float] | None = None, velocity: str = "measured") -> Noise:
+def encoder(
+    std: float = 0.0, bits: tuple[float, float] | None = None, velocity: str = "measured"
+) -> Noise:
     """Return angles with white noise (rad), rounded to bits of a turn, and velocities measured, differences or none."""
 
     def noisy(channels: Channels, t: Array, rng: np.random.Generator) -> Channels:
@@ -84,9 +87,9 @@ def encoder(std: float = 0.0, bits: tuple[float, float] | None = None, velocity:
             if velocity == "none":
                 del found[VELOCITIES[k]]
             elif velocity == "differences":
-                found[VELOCITIES[k]] = np.vstack([np.zeros((1, angle.shape[1])), np.diff(found[name], axis=0)]) / (
-                    t[1] - t[0]
-                )
+                found[VELOCITIES[k]] = np.vstack(
+                    [np.zeros((1, angle.shape[1])), np.diff(found[name], axis=0)]
+                ) / (t[1] - t[0])
         return found
 
     return noisy
@@ -109,7 +112,9 @@ def low_pass(cutoff: float) -> Noise:
     def noisy(channels: Channels, t: Array, rng: np.random.Generator) -> Channels:
         seconds = 1.0 / (2 * np.pi * cutoff)
         found, rate = white(channels, t, rng), 1.0 / float(t[1] - t[0])
-        return found | {k: channels[k] + first_order(seconds)(channels[k].shape, rate, rng) for k in TORQUES}
+        return found | {
+            k: channels[k] + first_order(seconds)(channels[k].shape, rate, rng) for k in TORQUES
+        }
 
     return noisy
 
@@ -145,7 +150,9 @@ KINDS: Mapping[str, Noise] = {
 }
 
 
-def recording(kind: str, t: Array, channels: Channels, rng: np.random.Generator, source: str = "run") -> Recording:
+def recording(
+    kind: str, t: Array, channels: Channels, rng: np.random.Generator, source: str = "run"
+) -> Recording:
     """Return the recording of true channels with a kind of noise."""
     read = KINDS[kind](dict(channels), t, rng)
     kept = rng.random(len(t)) > (0.003 if kind == "dropped" else 0.0)
@@ -153,6 +160,7 @@ def recording(kind: str, t: Array, channels: Channels, rng: np.random.Generator,
     part = {k: v[kept] for k, v in read.items()}
     joints = tuple(f"joint_{i + 1}" for i in range(channels["q"].shape[1]))
     sides = [
-        Side(stamps, part[p], part.get(v), part[tau]) for p, v, tau in zip(POSITIONS, VELOCITIES, TORQUES, strict=True)
+        Side(stamps, part[p], part.get(v), part[tau])
+        for p, v, tau in zip(POSITIONS, VELOCITIES, TORQUES, strict=True)
     ]
     return replace(Recording(joints, link=sides[0], motor=sides[1]), source=source)

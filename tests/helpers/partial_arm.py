@@ -23,7 +23,9 @@ def robot() -> Robot:
 
 
 @cache
-def recordings(*faults: tuple[object, ...], seconds: tuple[float, ...] = (10.0, 6.0)) -> tuple[Recording, ...]:
+def recordings(
+    *faults: tuple[object, ...], seconds: tuple[float, ...] = (10.0, 6.0)
+) -> tuple[Recording, ...]:
     """Return recordings of the arm with faults, as in :func:`tests.helpers.hidden_arms.recordings`."""
     arm, rng = HiddenArm(robot(), [fault(*one) for one in faults]), np.random.default_rng(5)
     found = []

@@ -27,7 +27,9 @@ def mean_over_sample(x: np.ndarray, rate: float) -> np.ndarray:
     return np.fft.irfft(np.fft.rfft(x, axis=0) * np.sinc(f / rate), len(x), axis=0)
 
 
-def link_motion(n: int, t: np.ndarray, period: float, harmonics: int, rng: np.random.Generator) -> np.ndarray:
+def link_motion(
+    n: int, t: np.ndarray, period: float, harmonics: int, rng: np.random.Generator
+) -> np.ndarray:
     """Random Fourier series (N, n), about 0.5 rad a joint."""
     w = 2 * np.pi / period * np.arange(1, harmonics + 1)
     a, b = rng.standard_normal((2, harmonics, n)) * 0.35 / np.sqrt(harmonics)
@@ -84,7 +86,9 @@ def springs(model: Model, Psi: np.ndarray | None = None) -> tuple[np.ndarray, np
     return np.array([named[f"{j}.K"] for j in joints]), np.array([named[f"{j}.D"] for j in joints])
 
 
-def motor_motion(model: Model, q: np.ndarray, rate: float, Psi: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+def motor_motion(
+    model: Model, q: np.ndarray, rate: float, Psi: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray]:
     """Motor angles and velocities (N, n) that the first row of (1) asks for."""
     n = model.n
     K, _ = springs(model, Psi)
@@ -104,8 +108,12 @@ def below(frequency: float, x: np.ndarray, rate: float) -> np.ndarray:
     return np.fft.irfft(spectrum, len(x), axis=0)
 
 
-def recording_of(samples: Samples, robot: Robot, source: str = "test", **changes: Side | None) -> Recording:
+def recording_of(
+    samples: Samples, robot: Robot, source: str = "test", **changes: Side | None
+) -> Recording:
     """Return samples as a recording of an arm, with some of its sides changed."""
     link = Side(samples.stamp_ns, samples.q, samples.dq, samples.tau_J)
     motor = Side(samples.stamp_ns, samples.theta, samples.dtheta, samples.tau_m)
-    return Recording(robot.joint_names, **{"link": link, "motor": motor, "source": source, **changes})
+    return Recording(
+        robot.joint_names, **{"link": link, "motor": motor, "source": source, **changes}
+    )

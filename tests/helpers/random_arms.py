@@ -8,7 +8,9 @@ from elastic_arm.robot.description import Joint, Robot
 from elastic_arm.robot.parts import Bearing, Component, Inertia, Transmission
 
 
-def random_arm(n: int, rng: np.random.Generator, *, elastic: bool = True, prismatic: Container[int] = ()) -> Robot:
+def random_arm(
+    n: int, rng: np.random.Generator, *, elastic: bool = True, prismatic: Container[int] = ()
+) -> Robot:
     """Draw an arm of n joints.
 
     Axes point anywhere, inertias are those of random point clouds, each component rides on either body at its joint.
@@ -17,7 +19,9 @@ def random_arm(n: int, rng: np.random.Generator, *, elastic: bool = True, prisma
     joints = []
     for i in range(n):
         size = 1.0 / (1 + i)
-        transmission = _random_transmission(rng, size, (names[i], names[i + 1])) if elastic else None
+        transmission = (
+            _random_transmission(rng, size, (names[i], names[i + 1])) if elastic else None
+        )
         joints.append(
             Joint(
                 name=f"joint_{i + 1}",
@@ -50,7 +54,9 @@ def _random_placement(rng: np.random.Generator, extent: float) -> np.ndarray:
     return placement
 
 
-def _random_transmission(rng: np.random.Generator, size: float, carriers: tuple[str, str]) -> Transmission:
+def _random_transmission(
+    rng: np.random.Generator, size: float, carriers: tuple[str, str]
+) -> Transmission:
     def solid(mass: float, radius: float) -> Component:
         izz = mass * radius**2
         ixx = izz * rng.uniform(0.6, 2.0)

@@ -36,22 +36,32 @@ def record(
     faults: Sequence[Fault],
     seconds: Sequence[float],
     rng: np.random.Generator,
-    noise: Callable[[tuple[int, ...], float, np.random.Generator], NDArray[np.float64]] | None = None,
+    noise: Callable[[tuple[int, ...], float, np.random.Generator], NDArray[np.float64]]
+    | None = None,
 ) -> list[Recording]:
     """Record an arm with encoders of 19 and 13 bits, no velocities, and stamps that jitter by 20 us.
 
     The noise of the torques is white, or made of their shape and the samples a second.
     """
     arm, found = HiddenArm(robot, faults), []
-    sensors = SensorModel(jitter=2e-5) if noise is None else SensorModel(jitter=2e-5, torque_noise=0.0)
+    sensors = (
+        SensorModel(jitter=2e-5) if noise is None else SensorModel(jitter=2e-5, torque_noise=0.0)
+    )
     ratios = np.array([joint.transmission.r_tot for joint in robot.joints if joint.transmission])
     for k, duration in enumerate(seconds):
         exact = arm.record(random_motion(rng, robot.n, duration), sensors, rng)
         sides = {}
-        for name, side, step in (("link", exact.link, LINK_STEP), ("motor", exact.motor, MOTOR_STEP / ratios)):
-            sides[name] = replace(side, position=np.round(side.position / step) * step, velocity=None)
+        for name, side, step in (
+            ("link", exact.link, LINK_STEP),
+            ("motor", exact.motor, MOTOR_STEP / ratios),
+        ):
+            sides[name] = replace(
+                side, position=np.round(side.position / step) * step, velocity=None
+            )
             if noise is not None and side.effort is not None:
                 rate = 1e9 / float(np.median(np.diff(side.stamp_ns)))
-                sides[name] = replace(sides[name], effort=side.effort + noise(side.effort.shape, rate, rng))
+                sides[name] = replace(
+                    sides[name], effort=side.effort + noise(side.effort.shape, rate, rng)
+                )
         found.append(replace(exact, **sides, source=f"run_{k}"))
     return found

@@ -27,15 +27,24 @@ class NodeProcess:
     """A node of the suite in a process of its own."""
 
     def __init__(
-        self, name: str, parameters: dict[str, Any], log: Path, env: dict[str, str], arguments: Sequence[str] = ()
+        self,
+        name: str,
+        parameters: dict[str, Any],
+        log: Path,
+        env: dict[str, str],
+        arguments: Sequence[str] = (),
     ) -> None:
         self.name, self.log = name, log
         # What comes later counts: parameters behind the files of parameters.
         options = [*arguments]
-        options += [part for key, value in parameters.items() for part in ("-p", f"{key}:={_text(value)}")]
+        options += [
+            part for key, value in parameters.items() for part in ("-p", f"{key}:={_text(value)}")
+        ]
         command = [sys.executable, "-m", f"elastic_arm.nodes.{name}", "--ros-args", *options]
         with log.open("wb") as output:
-            self.process = subprocess.Popen(command, stdout=output, stderr=subprocess.STDOUT, env=env)
+            self.process = subprocess.Popen(
+                command, stdout=output, stderr=subprocess.STDOUT, env=env
+            )
 
     @property
     def output(self) -> str:
@@ -57,7 +66,11 @@ class Graph:
 
     def __init__(self, folder: Path, domain: int) -> None:
         self.folder = folder
-        self.env = {**os.environ, "ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+        self.env = {
+            **os.environ,
+            "ROS_DOMAIN_ID": str(domain),
+            "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        }
         self.env |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONUNBUFFERED": "1"}
         self.nodes: list[NodeProcess] = []
         self._context = Context()
@@ -69,7 +82,9 @@ class Graph:
 
     def start(self, name: str, /, *arguments: str, **parameters: Any) -> NodeProcess:
         """Start a node with parameters, and further arguments of ROS such as `-r __ns:=/left`."""
-        node = NodeProcess(name, parameters, self.folder / f"{len(self.nodes)}_{name}.log", self.env, arguments)
+        node = NodeProcess(
+            name, parameters, self.folder / f"{len(self.nodes)}_{name}.log", self.env, arguments
+        )
         self.nodes.append(node)
         return node
 
@@ -85,7 +100,10 @@ class Graph:
 
         def note(message: DiagnosticArray) -> None:
             if node in message.status[0].name:
-                found.update({v.key: v.value for v in message.status[0].values}, said=message.status[0].message)
+                found.update(
+                    {v.key: v.value for v in message.status[0].values},
+                    said=message.status[0].message,
+                )
 
         self.peer.create_subscription(DiagnosticArray, "/diagnostics", note, 100)
         return found

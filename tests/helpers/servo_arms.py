@@ -34,7 +34,9 @@ def servo_arm(changes: Mapping[str, str] | None = None) -> MjcfArm:
         return open_mjcf(path)
 
 
-def recorded(arm: MjcfArm, rate: float, bits: int, *, seed: int = 0, seconds: float = 12.0, late: int = 0) -> Recording:
+def recorded(
+    arm: MjcfArm, rate: float, bits: int, *, seed: int = 0, seconds: float = 12.0, late: int = 0
+) -> Recording:
     """Return a recording of commands, of which the arm gets each some samples late, and positions."""
     told = _script()["commands"](seconds, seed, rate)
     given = np.vstack([told[:1].repeat(late, axis=0), told[: len(told) - late]])

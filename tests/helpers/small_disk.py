@@ -15,7 +15,9 @@ def mounted(folder: Path, kilobytes: int) -> Iterator[Path]:
     folder.mkdir(exist_ok=True)
     size = f"size={kilobytes}k"
     try:
-        done = subprocess.run(["mount", "-t", "tmpfs", "-o", size, "tmpfs", str(folder)], capture_output=True)
+        done = subprocess.run(
+            ["mount", "-t", "tmpfs", "-o", size, "tmpfs", str(folder)], capture_output=True
+        )
     except FileNotFoundError:
         pytest.skip("there is no mount command")
     if done.returncode:

@@ -31,13 +31,17 @@ def test_base_parameters_give_the_same_torques_as_all_parameters(model: Model) -
     phi = model.regressor(*states(model, rng))
     Psi = rng.standard_normal(len(model.Psi))
     whole = phi @ Psi
-    assert np.abs(phi[:, :, base.columns] @ (base.T @ Psi) - whole).max() < 1e-9 * np.abs(whole).max()
+    assert (
+        np.abs(phi[:, :, base.columns] @ (base.T @ Psi) - whole).max() < 1e-9 * np.abs(whole).max()
+    )
 
 
 def test_base_columns_are_independent(model: Model) -> None:
     """The base regressor at random states has full rank, clear of rounding."""
     base = BaseRegression(model, BOTH).base
-    phi = model.regressor(*states(model, np.random.default_rng(12)))[:, :, base.columns].reshape(-1, len(base))
+    phi = model.regressor(*states(model, np.random.default_rng(12)))[:, :, base.columns].reshape(
+        -1, len(base)
+    )
     values = np.linalg.svd(phi / np.linalg.norm(phi, axis=0), compute_uv=False)
     assert values[-1] > 1e-4 * values[0]
 
@@ -59,7 +63,10 @@ def test_one_encoder_side_sees_fewer_parameters(model: Model) -> None:
     whole = phi[:, :n] + phi[:, n:]
     Psi = rng.standard_normal(len(model.Psi))
     torque = whole @ Psi
-    assert np.abs(whole[:, :, base.columns] @ (base.T @ Psi) - torque).max() < 1e-9 * np.abs(torque).max()
+    assert (
+        np.abs(whole[:, :, base.columns] @ (base.T @ Psi) - torque).max()
+        < 1e-9 * np.abs(torque).max()
+    )
 
 
 def test_names_are_the_combinations(model: Model) -> None:
@@ -68,7 +75,11 @@ def test_names_are_the_combinations(model: Model) -> None:
     base = equations.base
     for name, row, column in zip(base.names, base.T, base.columns, strict=True):
         assert name.startswith(equations.names[column])
-        words = {word for word in name.replace("+", " ").replace("-", " ").split() if "." in word and word[0].isalpha()}
+        words = {
+            word
+            for word in name.replace("+", " ").replace("-", " ").split()
+            if "." in word and word[0].isalpha()
+        }
         assert words == {equations.names[k] for k in np.flatnonzero(row)}
 
 
@@ -76,7 +87,9 @@ def test_coefficients_are_readable_numbers() -> None:
     """The mass of link 3 enters the inertia of link 2 with the square of its length, written as such."""
     base = BaseRegression(build_model(load_robot(None), "mod3"), BOTH).base
     assert any("0.5625 link_3.m" in name for name in base.names)
-    assert any("131769 joint_2.rotor.Izz + 14641 joint_2.wave_generator.Izz" in name for name in base.names)
+    assert any(
+        "131769 joint_2.rotor.Izz + 14641 joint_2.wave_generator.Izz" in name for name in base.names
+    )
 
 
 def test_a_column_out_of_rounding_is_not_a_parameter() -> None:

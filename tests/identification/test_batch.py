@@ -66,7 +66,9 @@ def test_all_threads_identify_what_one_does(model: Model, monkeypatch: pytest.Mo
         found.append(identify(long, model.robot, settings))
     alone, shared = found
     assert shared.Psi_base == pytest.approx(alone.Psi_base, rel=1e-9)
-    assert [e.std for e in shared.estimates] == pytest.approx([e.std for e in alone.estimates], rel=1e-6)
+    assert [e.std for e in shared.estimates] == pytest.approx(
+        [e.std for e in alone.estimates], rel=1e-6
+    )
 
 
 def test_both_torques_identify_an_arm_described_as_rigid(samples: Samples) -> None:
@@ -74,7 +76,9 @@ def test_both_torques_identify_an_arm_described_as_rigid(samples: Samples) -> No
     rigid = parse_urdf(to_urdf(load_robot(None)))
     found = identify(recorded(samples), rigid, IdentificationSettings(consistent=False))
     assert set(found.noise) == {"joint", "whole"}
-    equations = BaseRegression(build_model(rigid), ("q", "theta", "tau_J", "tau_m"), joints=rigid.joint_names)
+    equations = BaseRegression(
+        build_model(rigid), ("q", "theta", "tau_J", "tau_m"), joints=rigid.joint_names
+    )
     q, dq, ddq, tau_J, tau_m = np.random.default_rng(3).standard_normal((5, 50, rigid.n))
     motion = Motion(np.arange(50.0), q, dq, ddq, tau_J=tau_J, tau_m=tau_m)
     rows = equations.rows(motion)
@@ -172,7 +176,9 @@ def test_a_law_beside_the_model_is_identified(model: Model, samples: Samples) ->
     rubbed[:, 1] += 12.0 * samples.dtheta[:, 1]
     laws = parse_laws(["viscous_friction"], model.robot)
     recording = recorded(replace(samples, tau_m=rubbed))
-    result = identify(recording, model.robot, IdentificationSettings(effects=laws, consistent=False))
+    result = identify(
+        recording, model.robot, IdentificationSettings(effects=laws, consistent=False)
+    )
     found = {e.name: e for e in result.estimates if e.name.startswith("viscous")}
     assert found["viscous_friction:joint_2.coefficient"].value == pytest.approx(12.0, abs=0.05)
     for joint in ("joint_1", "joint_3"):
@@ -180,7 +186,9 @@ def test_a_law_beside_the_model_is_identified(model: Model, samples: Samples) ->
         assert abs(e.value) < 4 * e.std
 
 
-def test_laws_too_long_for_the_recording_and_unreadable_ones_are_refused(model: Model, samples: Samples) -> None:
+def test_laws_too_long_for_the_recording_and_unreadable_ones_are_refused(
+    model: Model, samples: Samples
+) -> None:
     """A run that outlasts the smoother once, but not the laws' second pass, is refused; so is a law said twice."""
     identifier = identifier_of(model.robot, "mod3", parse_laws(["viscous_friction"], model.robot))
     grid = Clock.of(samples).place(samples)[0]
@@ -196,7 +204,9 @@ def test_a_poor_excitation_is_known_before_any_fit(model: Model) -> None:
     verdicts = []
     for harmonics in (2, 10):
         samples = record(model, np.random.default_rng(3), harmonics=harmonics, **REAL)
-        garbled = replace(samples, tau_m=samples.tau_m[::-1].copy(), tau_J=samples.tau_J[::-1].copy())
+        garbled = replace(
+            samples, tau_m=samples.tau_m[::-1].copy(), tau_J=samples.tau_J[::-1].copy()
+        )
         verdicts.append(fed(model, garbled, []).excitation())
     assert verdicts[0].poor
     assert verdicts[0].reasons
@@ -226,7 +236,9 @@ def test_a_file_that_is_no_identification_is_refused(tmp_path: Path) -> None:
     (tmp_path / "other.json").write_text("{}")
     with pytest.raises(IdentificationError, match="is no identification"):
         Identification.load(tmp_path / "other.json")
-    (tmp_path / "part.json").write_text('{"schema": "elastic_arm/identification/1", "estimates": []}')
+    (tmp_path / "part.json").write_text(
+        '{"schema": "elastic_arm/identification/1", "estimates": []}'
+    )
     with pytest.raises(IdentificationError, match="no whole identification"):
         Identification.load(tmp_path / "part.json")
 

@@ -24,13 +24,19 @@ def described(arm: Robot) -> Robot:
     """Return a description of the arm with links 30 % too heavy, springs 30 % too soft, dampings 50 % too large."""
     for joint in arm.joints:
         springs = replace(
-            joint.transmission, stiffness=0.7 * joint.transmission.stiffness, damping=1.5 * joint.transmission.damping
+            joint.transmission,
+            stiffness=0.7 * joint.transmission.stiffness,
+            damping=1.5 * joint.transmission.damping,
         )
-        arm = arm.with_joint(joint.name, link=replace(joint.link, mass=1.3 * joint.link.mass), transmission=springs)
+        arm = arm.with_joint(
+            joint.name, link=replace(joint.link, mass=1.3 * joint.link.mass), transmission=springs
+        )
     return arm
 
 
-def without_sensors(arm: Robot, samples: Samples, link_angles: np.ndarray, source: str = "test") -> Recording:
+def without_sensors(
+    arm: Robot, samples: Samples, link_angles: np.ndarray, source: str = "test"
+) -> Recording:
     link = Side(samples.stamp_ns, link_angles, samples.dq)
     motor = Side(samples.stamp_ns, samples.theta, samples.dtheta, samples.tau_m)
     return Recording(arm.joint_names, link=link, motor=motor, source=source)
@@ -38,7 +44,9 @@ def without_sensors(arm: Robot, samples: Samples, link_angles: np.ndarray, sourc
 
 def measured(arm: Robot, noise: float, seed: int = 0) -> Samples:
     model = build_model(arm, "mod3")
-    return record(model, np.random.default_rng(seed), encoder_noise=noise, velocity_noise=100 * noise)
+    return record(
+        model, np.random.default_rng(seed), encoder_noise=noise, velocity_noise=100 * noise
+    )
 
 
 def value_of(result: Identification, name: str) -> float:
@@ -50,10 +58,14 @@ def test_torque_sets_the_scale_whatever_the_encoders_noise(arm: Robot, noise: fl
     """From a description that is 30 % wrong, stiffnesses come out to 3 % and all parameters within their deviations."""
     samples = measured(arm, noise)
     result = identify(
-        without_sensors(arm, samples, samples.q), described(arm), IdentificationSettings(consistent=False)
+        without_sensors(arm, samples, samples.q),
+        described(arm),
+        IdentificationSettings(consistent=False),
     )
     for joint in arm.joints:
-        assert value_of(result, f"{joint.name}.K") == pytest.approx(joint.transmission.stiffness, rel=0.03)
+        assert value_of(result, f"{joint.name}.K") == pytest.approx(
+            joint.transmission.stiffness, rel=0.03
+        )
     z = np.array([c.z for c in compare(result, arm) if np.isfinite(c.z)])
     assert np.sqrt(np.mean(z**2)) < 1.6
 
@@ -62,7 +74,9 @@ def test_a_damping_that_the_recording_does_not_hold_stays_with_the_description(a
     """With 1e-4 rad of encoder noise no damping of joint 1 is known: it is the description's, "not", and listed."""
     samples = measured(arm, 1e-4)
     nominal = described(arm)
-    result = identify(without_sensors(arm, samples, samples.q), nominal, IdentificationSettings(consistent=False))
+    result = identify(
+        without_sensors(arm, samples, samples.q), nominal, IdentificationSettings(consistent=False)
+    )
     damping = next(e for e in result.estimates if e.name == "joint_1.D")
     assert (damping.value, damping.verdict) == (nominal.joints[0].transmission.damping, "not")
     assert any("joint_1.D" in note and "as in the description" in note for note in result.notes)
@@ -72,19 +86,30 @@ def test_lag_and_offset_of_a_link_encoder_are_not_read_as_compliance(arm: Robot)
     """A link encoder 2 ms late and 0.5 mrad off is said to be, and stiffnesses stay right to 3 %."""
     samples = measured(arm, 1e-6)
     late = samples.q - LAG * samples.dq + OFFSET
-    result = identify(without_sensors(arm, samples, late), arm, IdentificationSettings(consistent=False))
+    result = identify(
+        without_sensors(arm, samples, late), arm, IdentificationSettings(consistent=False)
+    )
     for joint in arm.joints:
         K = value_of(result, f"{joint.name}.K")
         assert pytest.approx(joint.transmission.stiffness, rel=0.03) == K
-        assert value_of(result, f"link_encoder:{joint.name}.K_delay") / K == pytest.approx(LAG, rel=0.05)
-        assert value_of(result, f"link_encoder:{joint.name}.K_offset") / K == pytest.approx(OFFSET, rel=0.05)
+        assert value_of(result, f"link_encoder:{joint.name}.K_delay") / K == pytest.approx(
+            LAG, rel=0.05
+        )
+        assert value_of(result, f"link_encoder:{joint.name}.K_offset") / K == pytest.approx(
+            OFFSET, rel=0.05
+        )
     assert sum("lags by" in note and "offset" in note for note in result.notes) == arm.n
 
 
 def test_zeros_that_differ_between_recordings_are_aligned_and_said(arm: Robot) -> None:
     """Two recordings whose link encoders count from 3 mrad apart give the stiffness that each alone gives."""
     first, second = measured(arm, 1e-6), measured(arm, 1e-6, seed=1)
-    both = [without_sensors(arm, first, first.q, "first"), without_sensors(arm, second, second.q + 3e-3, "second")]
+    both = [
+        without_sensors(arm, first, first.q, "first"),
+        without_sensors(arm, second, second.q + 3e-3, "second"),
+    ]
     result = identify(both, arm, IdentificationSettings(consistent=False))
-    assert value_of(result, "joint_1.K") == pytest.approx(arm.joints[0].transmission.stiffness, rel=0.01)
+    assert value_of(result, "joint_1.K") == pytest.approx(
+        arm.joints[0].transmission.stiffness, rel=0.01
+    )
     assert any(note.startswith("second: zeros of the link encoders") for note in result.notes)

@@ -24,7 +24,9 @@ def samples(angles: np.ndarray, rate: float = RATE, lost: slice | None = None) -
     t = np.flatnonzero(kept) / rate
     noise = 1e-6 * np.random.default_rng(1).standard_normal(angles.shape)
     lacking = dict.fromkeys(("q", "dq", "tau_J", "dtheta", "tau_m"))
-    return Samples(t=t, stamp_ns=np.rint(t * 1e9).astype(np.int64), theta=(angles + noise)[kept], **lacking)
+    return Samples(
+        t=t, stamp_ns=np.rint(t * 1e9).astype(np.int64), theta=(angles + noise)[kept], **lacking
+    )
 
 
 def swinging(seconds: float = SECONDS, rate: float = RATE, frequency: float = 0.5) -> np.ndarray:
@@ -79,19 +81,29 @@ def test_a_recording_that_is_too_short_is_named_with_what_it_needs() -> None:
     with pytest.raises(IdentificationError) as raised:
         short(SimpleNamespace(columns=["coulomb_friction"]))  # type: ignore[arg-type]
     assert f"runs/short is {seconds:.2f} s long" in raised.value.problem
-    assert f"needs more than {2.0 * need:.2f} s, as laws beyond the model pass it twice" in raised.value.problem
-    assert f"Record longer, or identify without laws (--with), for which {need:.2f} s" in raised.value.remedy
+    assert (
+        f"needs more than {2.0 * need:.2f} s, as laws beyond the model pass it twice"
+        in raised.value.problem
+    )
+    assert (
+        f"Record longer, or identify without laws (--with), for which {need:.2f} s"
+        in raised.value.remedy
+    )
     assert len(next(short().motions)) > 0
     end = round(0.5 * need * RATE)
     gaps = samples(swinging(2.0 * seconds), lost=slice(end, round(2.0 * seconds * RATE) - end))
-    with pytest.raises(IdentificationError, match="the recording has 2 pieces between gaps, the longest"):
+    with pytest.raises(
+        IdentificationError, match="the recording has 2 pieces between gaps, the longest"
+    ):
         DerivativeStage(gaps)()
 
 
 def test_a_motion_that_repeats_is_told_from_one_that_does_not() -> None:
     """Three harmonics under noise, and a chirp."""
     t = np.arange(5000) / 250.0
-    angle = sum(a * np.sin(2 * np.pi * k * t / 4.0 + 0.3 * k) for k, a in ((1, 0.5), (2, 0.2), (5, 0.05)))
+    angle = sum(
+        a * np.sin(2 * np.pi * k * t / 4.0 + 0.3 * k) for k, a in ((1, 0.5), (2, 0.2), (5, 0.05))
+    )
     noise = 1e-4 * np.random.default_rng(0).standard_normal((len(t), 1))
     assert repeats(np.asarray(angle)[:, None] + noise)
     assert not repeats(np.sin(0.3 * t**2)[:, None])

@@ -19,7 +19,9 @@ def student(freedom: float) -> float:
 def test_blocks_that_share_alike_all_count() -> None:
     """Twelve equal blocks leave eleven degrees of freedom to every parameter."""
     shares = np.eye(3) / 12.0
-    np.testing.assert_allclose(widening(12 * shares @ shares), student(11.0) * np.eye(3), atol=1e-12)
+    np.testing.assert_allclose(
+        widening(12 * shares @ shares), student(11.0) * np.eye(3), atol=1e-12
+    )
 
 
 def test_a_direction_that_two_blocks_determine_has_one_degree_of_freedom() -> None:
@@ -40,7 +42,10 @@ def test_parameters_known_by_their_ratio_stay_so_when_deviations_are_widened() -
             torque, ratio = rng.standard_normal((2, 40, 2)) * [1.0 if k < 3 else 0.1, 1.0]
             ratio = ratio[:, :1] * [1.0, 2.0]  # the second is minus half the first
             rows = [(torque, 1.0), (ratio, 1e-6)]
-            parts = [gram(np.column_stack([phi, phi @ [2.0, -1.0] + s * rng.standard_normal(40)])) for phi, s in rows]
+            parts = [
+                gram(np.column_stack([phi, phi @ [2.0, -1.0] + s * rng.standard_normal(40)]))
+                for phi, s in rows
+            ]
             blocks.add((np.stack([hi for hi, _ in parts]), np.stack([lo for _, lo in parts])), 40)
         estimate = fit(blocks)
         error = (estimate.Psi - [2.0, -1.0]) / estimate.std
@@ -95,7 +100,9 @@ def test_a_prior_that_the_data_outweigh_changes_nothing() -> None:
     for shown in ([1.0, 1.0, 1.0, 1.0, 0.0, 0.0], [1.0, 1.0, 0.0, 0.0, 1.0, 1.0]):
         phi = rng.standard_normal((2, 60, 6)) * shown
         y = phi @ truth + 1e-6 * rng.standard_normal((2, 60))
-        parts = [gram(np.column_stack([group, torque])) for group, torque in zip(phi, y, strict=True)]
+        parts = [
+            gram(np.column_stack([group, torque])) for group, torque in zip(phi, y, strict=True)
+        ]
         blocks.add((np.stack([hi for hi, _ in parts]), np.stack([lo for _, lo in parts])), 60)
     plain, held = fit(blocks), fit(blocks, prior=Prior(np.zeros(6), np.eye(6)))
     assert np.all(np.abs(held.Psi - plain.Psi) < 0.01 * plain.std)
@@ -112,7 +119,9 @@ def test_intervals_hold_the_truth_where_errors_last_longer_than_blocks() -> None
         rng = np.random.default_rng(seed)
 
         def slow(rng: np.random.Generator = rng) -> np.ndarray:
-            return np.asarray(lfilter([1.0], [1.0, -0.99], rng.standard_normal(48 * 40 + 1000))[1000:])
+            return np.asarray(
+                lfilter([1.0], [1.0, -0.99], rng.standard_normal(48 * 40 + 1000))[1000:]
+            )
 
         blocks = Blocks(1, 3)
         phi, error = np.column_stack([slow(), slow()]), slow()

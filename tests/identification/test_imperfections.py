@@ -11,7 +11,13 @@ from elastic_arm.effects.library.base_tilt import TILT
 from elastic_arm.identification import Identification, IdentificationSettings, identify, parse_laws
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.batch.identify import FELT
-from elastic_arm.identification.batch.imperfections import LEVEL, ZERO, NuisanceLaw, possible_imperfections, told_apart
+from elastic_arm.identification.batch.imperfections import (
+    LEVEL,
+    ZERO,
+    NuisanceLaw,
+    possible_imperfections,
+    told_apart,
+)
 from elastic_arm.identification.batch.mounting import turned
 from elastic_arm.identification.law_columns import law_columns, on_recorded_side
 from elastic_arm.identification.regularisation import law_sizes, prior_of
@@ -35,7 +41,9 @@ def recorded(robot: Robot, effects: list[EffectInstance], seed: int = 3) -> Reco
     return simulate(robot, trajectory(seed, robot.n), settings, rng=np.random.default_rng(seed))
 
 
-def identified(robot: Robot, recordings: list[Recording], validate: list[Recording]) -> Identification:
+def identified(
+    robot: Robot, recordings: list[Recording], validate: list[Recording]
+) -> Identification:
     settings = IdentificationSettings(effects=parse_laws(FRICTION, robot))
     return identify(recordings, robot, settings, validate=validate)
 
@@ -47,7 +55,9 @@ def test_a_base_off_level_is_identified_though_nobody_asked(robot: Robot) -> Non
     sizes = {e.name.rpartition(".")[2]: e for e in found.estimates if e.name.startswith(TILT)}
     for name, true in (("x", 0.02), ("y", -0.015)):
         assert abs(sizes[name].value - true) < 4 * sizes[name].std < 0.02
-    assert any("identified without being asked for" in note and TILT in note for note in found.notes)
+    assert any(
+        "identified without being asked for" in note and TILT in note for note in found.notes
+    )
     assert found.identified is not None
     assert TILT in {entry["effect"] for entry in found.identified.effects}
 
@@ -92,7 +102,9 @@ def test_a_tilt_that_another_parameter_can_stand_for_is_left_out() -> None:
     possible = possible_imperfections([samples], lone, asked)
     assert [each.place[0] for each in possible] == ["motor_torque_offset", TILT]
     columns = law_columns([*asked, *(each.instance for each in possible)], lone)
-    equations = Identifier(build_model(lone, "mod3"), columns, joints=lone.joint_names).choose_equations(samples)
+    equations = Identifier(
+        build_model(lone, "mod3"), columns, joints=lone.joint_names
+    ).choose_equations(samples)
     assert [each.place[0] for each in told_apart(possible, equations)] == ["motor_torque_offset"]
 
 
@@ -118,10 +130,15 @@ def test_the_prior_of_what_is_ordinary_weighs_as_the_errors_last(robot: Robot) -
     identifier.add(samples)
     identifier.finish()
     equations: BaseRegression = identifier.equations
-    place, sizes = equations.base.names.index(column.name), law_sizes(identifier.linear_blocks(), equations)
+    place, sizes = (
+        equations.base.names.index(column.name),
+        law_sizes(identifier.linear_blocks(), equations),
+    )
     assert sizes[place] == 0.5
     white, coloured = (prior_of(equations, np.inf, laws=sizes, correlated=c) for c in (1.0, 100.0))
-    assert white.factor[place, place] == pytest.approx(2.0) and coloured.factor[place, place] == pytest.approx(20.0)
+    assert white.factor[place, place] == pytest.approx(2.0) and coloured.factor[
+        place, place
+    ] == pytest.approx(20.0)
     assert np.asarray(coloured.excess)[place] == pytest.approx(10.0)
 
 
@@ -132,7 +149,9 @@ def test_a_rigid_arm_has_one_side(robot: Robot) -> None:
     assert {instance.sides for instance in felt} == {("link",)} and len(felt) == robot.n
     assert moved == ["coulomb_friction"]
     assert on_recorded_side(laws, robot, motored=True) == (tuple(laws), [])
-    curves = parse_laws([f"stribeck_friction:speed={speed},side=link" for speed in (0.05, 0.5)], robot)
+    curves = parse_laws(
+        [f"stribeck_friction:speed={speed},side=link" for speed in (0.05, 0.5)], robot
+    )
     assert on_recorded_side(curves, robot, motored=False) == (tuple(curves), [])
 
 
@@ -141,7 +160,9 @@ def test_what_an_identification_adds_is_no_law_of_the_next_one(robot: Robot) -> 
     tilt = EffectInstance(EFFECTS[TILT], None, {"x": 0.02, "y": -0.015})
     whole = recorded(robot, [tilt])
     torques = whole.samples().tau_m + np.array([5.0, 0.0, 0.0, 0.0])
-    felt = Recording(robot.joint_names, link=replace(whole.link, effort=torques), motor=None, source="sensors")
+    felt = Recording(
+        robot.joint_names, link=replace(whole.link, effort=torques), motor=None, source="sensors"
+    )
     first = identified(robot, [felt], [])
     assert any(FELT in note for note in first.notes)
     assert first.identified is not None
@@ -150,8 +171,14 @@ def test_what_an_identification_adds_is_no_law_of_the_next_one(robot: Robot) -> 
     second = identified(first.identified, [whole], [])
     assert not any(estimate.name.startswith("joint_torque_offset") for estimate in second.estimates)
     again = identified(first.identified, [felt], [])
-    (zero,) = (e for e in again.estimates if e.name.startswith(f"joint_torque_offset:{robot.joint_names[0]}."))
-    assert zero.value == pytest.approx(5.0, abs=4 * zero.std) and zero.nominal == pytest.approx(5.0, abs=0.5)
+    (zero,) = (
+        e
+        for e in again.estimates
+        if e.name.startswith(f"joint_torque_offset:{robot.joint_names[0]}.")
+    )
+    assert zero.value == pytest.approx(5.0, abs=4 * zero.std) and zero.nominal == pytest.approx(
+        5.0, abs=0.5
+    )
 
 
 def test_a_channel_that_holds_nothing_has_no_zero(robot: Robot) -> None:
@@ -159,8 +186,12 @@ def test_a_channel_that_holds_nothing_has_no_zero(robot: Robot) -> None:
     samples = recorded(robot, []).samples()
     torques = samples.tau_m.copy()
     torques[:, 1] = 0.0
-    possible = possible_imperfections([replace(samples, tau_m=torques)], robot, parse_laws(FRICTION, robot))
-    assert [each.place[1] for each in possible] == [robot.joint_names[k] for k in (0, 2, 3)] + [None]
+    possible = possible_imperfections(
+        [replace(samples, tau_m=torques)], robot, parse_laws(FRICTION, robot)
+    )
+    assert [each.place[1] for each in possible] == [robot.joint_names[k] for k in (0, 2, 3)] + [
+        None
+    ]
 
 
 def test_a_tilt_of_which_one_component_shows_is_identified(robot: Robot) -> None:
@@ -177,7 +208,10 @@ def test_the_prior_of_the_description_is_kept_where_a_zero_is_part_of_a_base_par
     slide = random_arm(2, np.random.default_rng(1), elastic=False, prismatic=[0]).with_armatures()
     samples = recorded(slide, []).samples()
     possible = possible_imperfections([samples], slide, parse_laws(["viscous_friction"], slide))
-    zeros = [replace(c, ordinary=0.5) for c in law_columns([e.instance for e in possible if e.place[0] != TILT], slide)]
+    zeros = [
+        replace(c, ordinary=0.5)
+        for c in law_columns([e.instance for e in possible if e.place[0] != TILT], slide)
+    ]
     identifier = Identifier(build_model(slide, "mod3"), zeros, joints=slide.joint_names)
     identifier.add(samples)
     identifier.finish()

@@ -13,7 +13,9 @@ from elastic_arm.recording import Recording, Side
 from elastic_arm.robot import load_robot
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "kuka_kr300"
-missing = pytest.mark.skipif(not DATA.is_dir(), reason=f"the recordings of the KR300 are not in {DATA}")
+missing = pytest.mark.skipif(
+    not DATA.is_dir(), reason=f"the recordings of the KR300 are not in {DATA}"
+)
 pytestmark = [pytest.mark.slow(20), missing]
 
 LAWS = ("viscous_friction", "coulomb_friction")
@@ -25,7 +27,11 @@ def load(run: str) -> Recording:
     stamps = np.round(1e9 * record["time_cont"]).astype(np.int64)
     link, motor = (
         Side(
-            stamps, *(np.deg2rad(record[f"act_{what}"][:3].T) for what in (f"pos_{side}_deg", f"vel_{side}_deg_per_s"))
+            stamps,
+            *(
+                np.deg2rad(record[f"act_{what}"][:3].T)
+                for what in (f"pos_{side}_deg", f"vel_{side}_deg_per_s")
+            ),
         )
         for side in ("se", "mot")
     )
@@ -37,14 +43,18 @@ def load(run: str) -> Recording:
 def result() -> Identification:
     robot = load_robot(DATA / "kr300_3_elastic.yaml")
     laws = parse_laws(LAWS, robot)
-    return identify([load("A"), load("C")], robot, IdentificationSettings(effects=laws), validate=[load("B")])
+    return identify(
+        [load("A"), load("C")], robot, IdentificationSettings(effects=laws), validate=[load("B")]
+    )
 
 
 def value_of(result: Identification, name: str) -> float:
     return next(e.value for e in result.estimates if e.name == name)
 
 
-def test_stiffness_is_never_called_well_determined_far_from_the_nominal(result: Identification) -> None:
+def test_stiffness_is_never_called_well_determined_far_from_the_nominal(
+    result: Identification,
+) -> None:
     """A stiffness is the description's and "not" known, or within a factor of two of it: there is no collapse."""
     for e in result.estimates:
         if e.name.endswith(".K"):
@@ -52,12 +62,16 @@ def test_stiffness_is_never_called_well_determined_far_from_the_nominal(result: 
 
 
 @pytest.mark.parametrize("laws", [LAWS, LAWS[::-1]])
-def test_undetermined_springs_stay_described_whatever_the_speeds_of_friction(laws: tuple[str, ...]) -> None:
+def test_undetermined_springs_stay_described_whatever_the_speeds_of_friction(
+    laws: tuple[str, ...],
+) -> None:
     """Where each joint's friction turns over at its own speed, springs are the description's, in each order of laws."""
     robot = load_robot(DATA / "kr300_3_elastic.yaml")
     recorded = [(recording, recording.samples()) for recording in (load("A"), load("C"))]
     effects = parse_laws(laws, robot)
-    trials = Trials(recorded, robot, IdentificationSettings(effects=effects), lambda what, share: None)
+    trials = Trials(
+        recorded, robot, IdentificationSettings(effects=effects), lambda what, share: None
+    )
     trial = trials(BatchChoice(sign_speed=(1e-3, 1e-4, 1e-4)))
     place = trial.identifier.equations.base.names.index
     for joint in robot.joints:

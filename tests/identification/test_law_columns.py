@@ -17,7 +17,9 @@ MODEL = build_model(ROBOT, "mod3")
 
 def test_laws_of_identification_need_no_course_of_time() -> None:
     """Samples in any order give the same columns, in that order; missing torques are taken for zero."""
-    (column,) = law_columns([parse("viscous_friction:joint_2:coefficient=1,side=motor", ROBOT)], ROBOT)
+    (column,) = law_columns(
+        [parse("viscous_friction:joint_2:coefficient=1,side=motor", ROBOT)], ROBOT
+    )
     whole = smooth_motion(MODEL, samples=50)
     order = np.random.default_rng(0).permutation(50)
     found, shuffled = column.values(whole), column.values(whole[order])
@@ -29,7 +31,10 @@ def test_laws_of_identification_need_no_course_of_time() -> None:
 
 def test_a_value_of_what_is_to_be_found_is_refused() -> None:
     """A size that is given with a law would be ignored; what the columns need, such as a rest angle, is taken."""
-    with pytest.raises(IdentificationError, match=r"torque is what identification finds.*Leave it out: .*:joint_2\."):
+    with pytest.raises(
+        IdentificationError,
+        match=r"torque is what identification finds.*Leave it out: .*:joint_2\.",
+    ):
         parse_laws(["coulomb_friction:joint_2:torque=3"], ROBOT)
     (spring,) = parse_laws(["joint_spring:joint_2:rest=0.3"], ROBOT)
     assert spring.parameters["rest"] == 0.3

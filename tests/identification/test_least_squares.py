@@ -13,7 +13,9 @@ GROUPS, P = 3, 12
 NOISE = np.array([0.1, 1.0, 3.0])
 
 
-def problem(rng: np.random.Generator, samples: int, colour: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+def problem(
+    rng: np.random.Generator, samples: int, colour: float = 0.0
+) -> tuple[np.ndarray, np.ndarray]:
     """Rows (groups, N, P + 1) of a smooth regressor with noise, and the true parameters."""
     t = np.arange(samples) / 1000.0
     Psi = np.arange(1.0, P + 1.0)
@@ -21,9 +23,16 @@ def problem(rng: np.random.Generator, samples: int, colour: float = 0.0) -> tupl
     fixed = np.random.default_rng(7)
     for g in range(GROUPS):
         for p in range(P):
-            amplitude, phase, f = fixed.standard_normal(3), fixed.uniform(0, 6, 3), fixed.uniform(0.1, 2.5, 3)
+            amplitude, phase, f = (
+                fixed.standard_normal(3),
+                fixed.uniform(0, 6, 3),
+                fixed.uniform(0.1, 2.5, 3),
+            )
             phi[g, :, p] = (p + g) % 2 * np.sin(2 * np.pi * np.outer(t, f) + phase) @ amplitude
-    error = lfilter([1.0], [1.0, -colour], rng.standard_normal((GROUPS, samples)), axis=1) * NOISE[:, None]
+    error = (
+        lfilter([1.0], [1.0, -colour], rng.standard_normal((GROUPS, samples)), axis=1)
+        * NOISE[:, None]
+    )
     return np.concatenate([phi, (phi @ Psi + error)[..., None]], axis=-1), Psi
 
 
@@ -44,11 +53,15 @@ def solved(seed: int, colour: float) -> tuple[Fit, np.ndarray]:
     blocks = Blocks(GROUPS, P + 1)
     for part in np.split(rows, 40, axis=1):
         # Well conditioned: working precision will do.
-        blocks.add((part.transpose(0, 2, 1) @ part, np.zeros((GROUPS, P + 1, P + 1))), part.shape[1])
+        blocks.add(
+            (part.transpose(0, 2, 1) @ part, np.zeros((GROUPS, P + 1, P + 1))), part.shape[1]
+        )
     return fit(blocks), Psi
 
 
-def ill_conditioned(rng: np.random.Generator, samples: int, width: int, condition: float) -> np.ndarray:
+def ill_conditioned(
+    rng: np.random.Generator, samples: int, width: int, condition: float
+) -> np.ndarray:
     u = np.linalg.qr(rng.standard_normal((samples, width)))[0]
     v = np.linalg.qr(rng.standard_normal((width, width)))[0]
     return (u * np.geomspace(1.0, 1.0 / condition, width)) @ v.T
@@ -92,7 +105,9 @@ def test_noise_of_each_group_is_found_and_weighs_it() -> None:
         blocks = accumulate(rows)
         weighted = fit(blocks)
         assert weighted.noise == pytest.approx(NOISE, rel=0.03)
-        errors.append([np.linalg.norm(found.Psi - Psi) for found in (weighted, fit(blocks, power=0.0))])
+        errors.append(
+            [np.linalg.norm(found.Psi - Psi) for found in (weighted, fit(blocks, power=0.0))]
+        )
     ours, ordinary = np.mean(errors, axis=0)
     assert ours < 0.7 * ordinary
 
@@ -136,9 +151,12 @@ def test_too_few_samples_are_refused() -> None:
 def test_weights_for_misfit_make_the_sum_of_residuals_least() -> None:
     """Where no parameters explain all groups, half the power of the noise gives the least sum of rms residuals."""
     rng = np.random.default_rng(4)
-    rows = rng.standard_normal((GROUPS, 4096, P + 1)) * np.geomspace(1.0, 30.0, GROUPS)[:, None, None]
+    rows = (
+        rng.standard_normal((GROUPS, 4096, P + 1)) * np.geomspace(1.0, 30.0, GROUPS)[:, None, None]
+    )
     rows[..., -1] += (
-        rows[..., :-1] @ rng.standard_normal(P) + (rows[..., :-1] @ rng.standard_normal((GROUPS, P, 1)))[..., 0]
+        rows[..., :-1] @ rng.standard_normal(P)
+        + (rows[..., :-1] @ rng.standard_normal((GROUPS, P, 1)))[..., 0]
     )
     blocks = accumulate(rows)
 

@@ -18,13 +18,25 @@ Array = NDArray[np.float64]
 DOWN = np.array([0.0, 0.0, -9.81])
 
 
-def motion(robot: Robot, gravity: Array, channel: str, size: float = 1.0, zero: float = 0.0, seed: int = 5) -> Motion:
+def motion(
+    robot: Robot, gravity: Array, channel: str, size: float = 1.0, zero: float = 0.0, seed: int = 5
+) -> Motion:
     """Angles of sines, with the torques of an arm under some gravity, dry friction, a zero and noise."""
     rng, n = np.random.default_rng(seed), robot.n
-    t, w, phase = np.linspace(0.0, 10.0, 3000)[:, None], rng.uniform(0.5, 2.0, n), rng.uniform(-3.0, 3.0, n)
-    rates = [size * np.sin(w * t + phase), size * w * np.cos(w * t + phase), -size * w**2 * np.sin(w * t + phase)]
+    t, w, phase = (
+        np.linspace(0.0, 10.0, 3000)[:, None],
+        rng.uniform(0.5, 2.0, n),
+        rng.uniform(-3.0, 3.0, n),
+    )
+    rates = [
+        size * np.sin(w * t + phase),
+        size * w * np.cos(w * t + phase),
+        -size * w**2 * np.sin(w * t + phase),
+    ]
     arm = build_model(robot.with_(gravity=gravity), "mod3")
-    rows = arm.inverse_dynamics(*(np.hstack([rate, rate]) if robot.elastic else rate for rate in rates))
+    rows = arm.inverse_dynamics(
+        *(np.hstack([rate, rate]) if robot.elastic else rate for rate in rates)
+    )
     torque = rows[:, :n] + (rows[:, n:] if robot.elastic and channel == "tau_m" else 0.0)
     friction = 0.1 * np.std(torque, axis=0) * np.sign(rates[1])
     noisy = torque + friction + rng.normal(0.0, 0.05, torque.shape)
@@ -32,13 +44,17 @@ def motion(robot: Robot, gravity: Array, channel: str, size: float = 1.0, zero: 
     return Motion(t[:, 0], *rates, **{channel: noisy})
 
 
-def found(gravity: Array, *, elastic: bool = False, channel: str = "tau_m", wrong: float = 1.0) -> Mounting | None:
+def found(
+    gravity: Array, *, elastic: bool = False, channel: str = "tau_m", wrong: float = 1.0
+) -> Mounting | None:
     """Of an arm described as standing on the floor, with masses that are wrong by a factor."""
     robot = random_arm(4, np.random.default_rng(2), elastic=elastic).with_(gravity=DOWN)
     return other_mounting(robot, "mod3", [motion(robot, wrong * gravity, channel)])
 
 
-@pytest.mark.parametrize(("elastic", "channel"), [(False, "tau_m"), (False, "tau_J"), (True, "tau_J"), (True, "tau_m")])
+@pytest.mark.parametrize(
+    ("elastic", "channel"), [(False, "tau_m"), (False, "tau_J"), (True, "tau_J"), (True, "tau_m")]
+)
 def test_an_arm_on_a_wall_is_told_from_one_on_the_floor(elastic: bool, channel: str) -> None:
     """Gravity along y is found, with its size, for rigid and elastic arms and both torques."""
     mounting = found(np.array([0.0, 9.81, 0.0]), elastic=elastic, channel=channel)
@@ -78,7 +94,9 @@ def test_a_swing_of_an_arm_whose_masses_are_off_shows_no_other_mounting(seed: in
     assert other_mounting(robot, "mod3", [recorded[:450]]) is None
 
 
-@pytest.mark.parametrize("reversed_", [slice(None), slice(0, 1), slice(1, 2)], ids=["all", "the first", "the second"])
+@pytest.mark.parametrize(
+    "reversed_", [slice(None), slice(0, 1), slice(1, 2)], ids=["all", "the first", "the second"]
+)
 @pytest.mark.parametrize("seed", range(2))
 def test_torques_of_the_wrong_sign_are_no_other_mounting(seed: int, reversed_: slice) -> None:
     """Of all joints or of one."""
@@ -92,13 +110,20 @@ def test_torques_of_the_wrong_sign_are_no_other_mounting(seed: int, reversed_: s
 def test_gravity_that_is_described_upwards_is_left_as_it_is() -> None:
     """Turns are those of gravity straight down."""
     robot = random_arm(4, np.random.default_rng(2), elastic=False).with_(gravity=-DOWN)
-    assert other_mounting(robot, "mod3", [motion(robot, np.array([0.0, 9.81, 0.0]), "tau_m")]) is None
+    assert (
+        other_mounting(robot, "mod3", [motion(robot, np.array([0.0, 9.81, 0.0]), "tau_m")]) is None
+    )
 
 
 def test_an_arm_that_gravity_does_not_load_shows_none() -> None:
     """Sliding axes, and a description without gravity, say nothing of it."""
-    slides = random_arm(3, np.random.default_rng(3), elastic=False, prismatic=range(3)).with_(gravity=DOWN)
-    assert other_mounting(slides, "mod3", [motion(slides, np.array([0.0, 9.81, 0.0]), "tau_m")]) is None
+    slides = random_arm(3, np.random.default_rng(3), elastic=False, prismatic=range(3)).with_(
+        gravity=DOWN
+    )
+    assert (
+        other_mounting(slides, "mod3", [motion(slides, np.array([0.0, 9.81, 0.0]), "tau_m")])
+        is None
+    )
     robot = random_arm(4, np.random.default_rng(2), elastic=False).with_(gravity=np.zeros(3))
     assert other_mounting(robot, "mod3", [motion(robot, DOWN, "tau_m")]) is None
 

@@ -8,7 +8,13 @@ import pytest
 from scipy.signal import lfilter
 
 from elastic_arm.diagnosis import Question, diagnose
-from elastic_arm.identification import Estimate, Identification, IdentificationSettings, identify, parse_laws
+from elastic_arm.identification import (
+    Estimate,
+    Identification,
+    IdentificationSettings,
+    identify,
+    parse_laws,
+)
 from elastic_arm.recording import Recording, Side
 from elastic_arm.robot import Robot, parse_urdf
 
@@ -24,8 +30,14 @@ VISCOUS, DRY, INERTIA, MOMENT = 0.2, 0.3, 0.065, 0.3
 
 def pendulum(friction: float) -> Robot:
     """Return the true pendulum, with so many times its friction."""
-    dynamics = f'<dynamics damping="{VISCOUS * friction}" friction="{DRY * friction}"/>' if friction else ""
-    return parse_urdf(URDF.format(y=1, z=0, c=MOMENT / 2, I=INERTIA - MOMENT**2 / 2, dynamics=dynamics))
+    dynamics = (
+        f'<dynamics damping="{VISCOUS * friction}" friction="{DRY * friction}"/>'
+        if friction
+        else ""
+    )
+    return parse_urdf(
+        URDF.format(y=1, z=0, c=MOMENT / 2, I=INERTIA - MOMENT**2 / 2, dynamics=dynamics)
+    )
 
 
 def recorded(q: np.ndarray, torque: np.ndarray, seed: int) -> Recording:
@@ -38,19 +50,31 @@ def recorded(q: np.ndarray, torque: np.ndarray, seed: int) -> Recording:
 def swung(seed: int, *, gravity: float = 1.0, steady: float = 0.0, zero: float = 0.0) -> Recording:
     """Return the pendulum in motion, at a steady speed besides; its torques lack some gravity, or have a zero."""
     q, dq, ddq = steady * T, np.full(len(T), steady), np.zeros(len(T))
-    for f, phase in zip((0.13, 0.31, 0.53), np.random.default_rng(seed).uniform(0, 2 * np.pi, 3), strict=True):
+    for f, phase in zip(
+        (0.13, 0.31, 0.53), np.random.default_rng(seed).uniform(0, 2 * np.pi, 3), strict=True
+    ):
         w, size = 2 * np.pi * f, 0.3 / (2 * np.pi * f)
         q, dq, ddq = (
             q + size * np.sin(w * T + phase),
             dq + size * w * np.cos(w * T + phase),
             ddq - size * w**2 * np.sin(w * T + phase),
         )
-    torque = INERTIA * ddq - gravity * 9.81 * MOMENT * np.sin(q) + VISCOUS * dq + DRY * np.tanh(dq / 5e-3) + zero
+    torque = (
+        INERTIA * ddq
+        - gravity * 9.81 * MOMENT * np.sin(q)
+        + VISCOUS * dq
+        + DRY * np.tanh(dq / 5e-3)
+        + zero
+    )
     return recorded(q, torque, seed)
 
 
-def found(robot: Robot, fit: Recording, *held_out: Recording, laws: tuple[str, ...] = LAWS) -> Identification:
-    return identify(fit, robot, IdentificationSettings(effects=parse_laws(laws, robot)), validate=held_out)
+def found(
+    robot: Robot, fit: Recording, *held_out: Recording, laws: tuple[str, ...] = LAWS
+) -> Identification:
+    return identify(
+        fit, robot, IdentificationSettings(effects=parse_laws(laws, robot)), validate=held_out
+    )
 
 
 def of_law(result: Identification, law: str) -> Estimate:
@@ -96,7 +120,9 @@ def test_a_held_torque_counts_when_it_is_read(every: int) -> None:
         fitted = of_law(result, law)
         assert abs(fitted.value - true) < 3.0 * fitted.std < 0.3 * true
     assert any(f"a new value comes every {every} samples" in note for note in result.notes)
-    causes = {c.effect: c.parameters for c in diagnose(runs[:1], Question(pendulum(0.0)), runs[1:]).causes}
+    causes = {
+        c.effect: c.parameters for c in diagnose(runs[:1], Question(pendulum(0.0)), runs[1:]).causes
+    }
     assert causes["coulomb_friction"]["torque"].value == pytest.approx(DRY, rel=0.1)
     assert causes["viscous_friction"]["coefficient"].value == pytest.approx(VISCOUS, rel=0.1)
     assert diagnose(runs[:1], Question(pendulum(1.0)), runs[1:]).verdict == "none"
@@ -110,7 +136,9 @@ def two_masses() -> tuple[Robot, Recording, Recording]:
     for f in np.arange(0.5, 9.0, 0.05):
         s, phase = 2j * np.pi * f, np.exp(1j * rng.uniform(0, 2 * np.pi))
         spring = stiffness + damping * s
-        moved = (link * s**2 + spring) / ((motor * s**2 + spring) * (link * s**2 + spring) - spring**2)
+        moved = (link * s**2 + spring) / (
+            (motor * s**2 + spring) * (link * s**2 + spring) - spring**2
+        )
         wave = phase * np.exp(s * T)
         torque += wave.real
         elastic += (moved * wave).real
@@ -143,18 +171,25 @@ def test_a_diagnosis_suggests_elasticity_with_its_frequency() -> None:
     """What effects of a rigid joint leave has a resonance of 6 Hz; a recording of a rigid joint has no note."""
     arm, elastic, rigid = two_masses()
     noted = [note for note in diagnose([elastic], Question(arm)).notes if "may be elastic" in note]
-    assert [float(re.search(r"near ([\d.]+) Hz", note)[1]) for note in noted] == [pytest.approx(6.0, rel=0.1)]
+    assert [float(re.search(r"near ([\d.]+) Hz", note)[1]) for note in noted] == [
+        pytest.approx(6.0, rel=0.1)
+    ]
     plain = diagnose([rigid], Question(arm))
     assert plain.verdict == "none" and not any("elastic" in note for note in plain.notes)
 
 
 @pytest.mark.parametrize("laws", [("coulomb_friction",), ("motor_torque_offset",)])
 @pytest.mark.parametrize("steady", [1.5, -1.5])
-def test_motion_in_one_direction_tells_no_zero_from_dry_friction(laws: tuple[str, ...], steady: float) -> None:
+def test_motion_in_one_direction_tells_no_zero_from_dry_friction(
+    laws: tuple[str, ...], steady: float
+) -> None:
     """Neither is called well determined, and the reason is said; a motion that reverses has neither."""
     one_way = found(pendulum(1.0), swung(1, steady=steady, zero=0.5), laws=laws)
     assert any("j turned in one direction only" in note for note in one_way.notes)
-    assert {e.verdict for e in one_way.estimates if "coulomb" in e.name or "offset" in e.name} <= {"poorly", "not"}
+    assert {e.verdict for e in one_way.estimates if "coulomb" in e.name or "offset" in e.name} <= {
+        "poorly",
+        "not",
+    }
     both = found(pendulum(1.0), swung(1, zero=0.5), laws=LAWS)
     assert not any("one direction" in note for note in both.notes)
     assert of_law(both, "coulomb").verdict == of_law(both, "motor_torque_offset").verdict == "well"

@@ -8,13 +8,25 @@ import pytest
 
 from elastic_arm.dynamics import build_model
 from elastic_arm.estimation.motion import Motion
-from elastic_arm.identification import Identification, IdentificationSettings, identifier_of, identify, parse_laws
+from elastic_arm.identification import (
+    Identification,
+    IdentificationSettings,
+    identifier_of,
+    identify,
+    parse_laws,
+)
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.batch import identify as batch
 from elastic_arm.identification.batch.identify import identify_with
 from elastic_arm.identification.law_columns import law_columns
 from elastic_arm.identification.least_squares import Blocks, Fit
-from elastic_arm.identification.regularisation import DOUBT, chosen_width, description_error, law_sizes, prior_of
+from elastic_arm.identification.regularisation import (
+    DOUBT,
+    chosen_width,
+    description_error,
+    law_sizes,
+    prior_of,
+)
 from elastic_arm.recording import Recording, Samples, Side
 from elastic_arm.recording.foreign.arrays import import_arrays
 from elastic_arm.robot import Robot, load_robot, parse_urdf, to_urdf
@@ -30,10 +42,14 @@ def arm() -> Robot:
 
 @pytest.fixture(scope="module")
 def samples(arm: Robot) -> Samples:
-    return record(build_model(arm, "mod3"), np.random.default_rng(0), encoder_noise=1e-6, velocity_noise=1e-4)
+    return record(
+        build_model(arm, "mod3"), np.random.default_rng(0), encoder_noise=1e-6, velocity_noise=1e-4
+    )
 
 
-def recorded(arm: Robot, samples: Samples, part: slice, source: str, torque: float = 0.0) -> Recording:
+def recorded(
+    arm: Robot, samples: Samples, part: slice, source: str, torque: float = 0.0
+) -> Recording:
     """Return a part of the samples with a torque, Nm, that no model holds and that follows the speed squared."""
     wrong = samples.tau_m + torque * np.tanh(10 * samples.dtheta**2)
     link = Side(samples.stamp_ns[part], samples.q[part], samples.dq[part])
@@ -49,11 +65,15 @@ def misled(arm: Robot, samples: Samples) -> Identification:
     return identify(fitted, arm, IdentificationSettings(), validate=[held_out])
 
 
-def test_a_fit_worse_than_the_description_is_pulled_towards_it_and_said_to_be(misled: Identification) -> None:
+def test_a_fit_worse_than_the_description_is_pulled_towards_it_and_said_to_be(
+    misled: Identification,
+) -> None:
     """No joint is missed by more than twice what the description misses; no worse arm is written silently."""
     assert any("worse than the description" in note for note in misled.notes)
     (by_arm,) = misled.validation.values()
-    found, nominal = (np.array(list(by_arm[name]["motor"].values())) for name in ("identified", "nominal"))
+    found, nominal = (
+        np.array(list(by_arm[name]["motor"].values())) for name in ("identified", "nominal")
+    )
     assert np.all(found < 2.0 * nominal)
     if misled.identified is None:
         assert any("no robot.yaml" in note for note in misled.notes)
@@ -62,24 +82,44 @@ def test_a_fit_worse_than_the_description_is_pulled_towards_it_and_said_to_be(mi
         assert np.mean(np.log(consistent / nominal)) <= 0.0
 
 
-def test_no_joint_of_the_arm_file_is_predicted_worse_than_by_the_description(arm: Robot, samples: Samples) -> None:
+def test_no_joint_of_the_arm_file_is_predicted_worse_than_by_the_description(
+    arm: Robot, samples: Samples
+) -> None:
     """The links are too heavy, and friction of the third joint is in the fitted motion alone: it stays out."""
     scaled = zip(arm.joints, (1.3, 1.3, 1.02), strict=True)
-    heavy = arm.with_(joints=tuple(replace(j, link=replace(j.link, mass=scale * j.link.mass)) for j, scale in scaled))
-    plain, held_out = (recorded(arm, samples, part, "a") for part in (slice(0, 6000), slice(6000, 12000)))
-    assert plain.motor is not None and plain.motor.effort is not None and plain.motor.velocity is not None
+    heavy = arm.with_(
+        joints=tuple(
+            replace(j, link=replace(j.link, mass=scale * j.link.mass)) for j, scale in scaled
+        )
+    )
+    plain, held_out = (
+        recorded(arm, samples, part, "a") for part in (slice(0, 6000), slice(6000, 12000))
+    )
+    assert (
+        plain.motor is not None
+        and plain.motor.effort is not None
+        and plain.motor.velocity is not None
+    )
     rubs = np.tanh(plain.motor.velocity / 1e-3) * np.array([0.0, 0.0, 60.0])
     fitted = replace(plain, motor=replace(plain.motor, effort=plain.motor.effort + rubs))
     laws = parse_laws(("coulomb_friction:joint_3",), arm)
     found = identify(fitted, heavy, IdentificationSettings(effects=laws), validate=[held_out])
     assert found.identified is not None and found.validation is not None
     (by_arm,) = found.validation.values()
-    ratios = {joint: by_arm["consistent"]["motor"][joint] / rms for joint, rms in by_arm["nominal"]["motor"].items()}
+    ratios = {
+        joint: by_arm["consistent"]["motor"][joint] / rms
+        for joint, rms in by_arm["nominal"]["motor"].items()
+    }
     assert max(ratios.values()) < 0.2
-    assert any("robot.yaml has the laws of joint_3 as the description has them" in note for note in found.notes)
+    assert any(
+        "robot.yaml has the laws of joint_3 as the description has them" in note
+        for note in found.notes
+    )
 
 
-def test_a_recording_that_determines_its_parameters_needs_no_prior(arm: Robot, samples: Samples) -> None:
+def test_a_recording_that_determines_its_parameters_needs_no_prior(
+    arm: Robot, samples: Samples
+) -> None:
     """With rich motion cross-validation sees nothing to gain, so that results are those of plain least squares."""
     identifier = identifier_of(arm)
     identifier.add(replace(samples, tau_J=None))
@@ -87,18 +127,24 @@ def test_a_recording_that_determines_its_parameters_needs_no_prior(arm: Robot, s
     assert chosen_width(identifier.linear_blocks(), identifier.fit(), identifier.equations) is None
 
 
-def test_what_a_rigid_arm_repeats_does_not_spoil_another_motion(arm: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_a_rigid_arm_repeats_does_not_spoil_another_motion(
+    arm: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Small periodic motion with a torque that the model lacks: a prior lessens errors on larger motion by a third.
 
     All parts of the recording hold the same, so that none left out shows the need of one.
     """
     rigid, t = parse_urdf(to_urdf(arm)), np.arange(8000) / 500.0
     model = build_model(rigid)
-    small, large = (size * link_motion(3, t, 2.0, 2, np.random.default_rng(1)) for size in (0.2, 2.0))
+    small, large = (
+        size * link_motion(3, t, 2.0, 2, np.random.default_rng(1)) for size in (0.2, 2.0)
+    )
     motion = [derivative(small, k, 500.0) for k in range(3)]
     torque = model.inverse_dynamics(*motion) + 20.0 * np.tanh(5.0 * motion[1]) ** 2
     torque += 0.1 * np.random.default_rng(2).standard_normal(torque.shape)
-    fitted = Recording(rigid.joint_names, motor=Side(np.rint(t * 1e9).astype(np.int64), small, None, torque))
+    fitted = Recording(
+        rigid.joint_names, motor=Side(np.rint(t * 1e9).astype(np.int64), small, None, torque)
+    )
     other = [derivative(large, k, 500.0) for k in range(3)]
     held_out = Motion(t, None, None, None, *other, tau_m=model.inverse_dynamics(*other))
 
@@ -123,38 +169,58 @@ def test_a_narrow_prior_gives_the_description(arm: Robot, samples: Samples) -> N
 
 
 @pytest.mark.parametrize("error", [0.05, 0.3])
-def test_error_of_the_description_is_found_from_what_the_data_determine(arm: Robot, error: float) -> None:
+def test_error_of_the_description_is_found_from_what_the_data_determine(
+    arm: Robot, error: float
+) -> None:
     """Estimates that scatter about the description by a known share, half of them known, give that share."""
-    equations = BaseRegression(build_model(arm, "mod3"), ("q", "theta", "tau_J", "tau_m"), joints=arm.joint_names)
+    equations = BaseRegression(
+        build_model(arm, "mod3"), ("q", "theta", "tau_J", "tau_m"), joints=arm.joint_names
+    )
     prior = prior_of(equations, 1.0)
     spread = np.sqrt(np.diag(np.linalg.inv(prior.factor.T @ prior.factor)))
     found = []
     for seed in range(10):
         rng = np.random.default_rng(seed)
         std = spread * np.where(np.arange(len(spread)) % 2, 1e-3, 10.0)
-        Psi = prior.mean + error * spread * rng.standard_normal(len(spread)) + std * rng.standard_normal(len(spread))
-        known = Fit(Psi, np.diag(std**2), np.diag(std**2), std, std, std, 1.0, np.zeros((0, len(std))), 1)
+        Psi = (
+            prior.mean
+            + error * spread * rng.standard_normal(len(spread))
+            + std * rng.standard_normal(len(spread))
+        )
+        known = Fit(
+            Psi, np.diag(std**2), np.diag(std**2), std, std, std, 1.0, np.zeros((0, len(std))), 1
+        )
         found.append(description_error(known, equations))
     assert np.median(found) == pytest.approx(error, rel=0.3)
 
 
 def test_the_error_that_deviations_count_is_an_upper_bound(arm: Robot) -> None:
     """Where ten of 26 parameters are known, the bound of 95 % is below the true error in at most 4 of 40 draws."""
-    equations = BaseRegression(build_model(arm, "mod3"), ("q", "theta", "tau_J", "tau_m"), joints=arm.joint_names)
+    equations = BaseRegression(
+        build_model(arm, "mod3"), ("q", "theta", "tau_J", "tau_m"), joints=arm.joint_names
+    )
     prior, error = prior_of(equations, 1.0), 0.15
     spread = np.sqrt(np.diag(np.linalg.inv(prior.factor.T @ prior.factor)))
     below = 0
     for seed in range(40):
         rng = np.random.default_rng(seed)
         std = spread * np.where(np.arange(len(spread)) < 10, 1e-3, 1e3)
-        Psi = prior.mean + error * spread * rng.standard_normal(len(spread)) + std * rng.standard_normal(len(spread))
-        known = Fit(Psi, np.diag(std**2), np.diag(std**2), std, std, std, 1.0, np.zeros((0, len(std))), 1)
+        Psi = (
+            prior.mean
+            + error * spread * rng.standard_normal(len(spread))
+            + std * rng.standard_normal(len(spread))
+        )
+        known = Fit(
+            Psi, np.diag(std**2), np.diag(std**2), std, std, std, 1.0, np.zeros((0, len(std))), 1
+        )
         assert description_error(known, equations) <= description_error(known, equations, DOUBT)
         below += description_error(known, equations, DOUBT) < error
     assert below <= 4
 
 
-def test_a_prior_narrower_than_its_errors_counts_these_in_the_deviations(arm: Robot, samples: Samples) -> None:
+def test_a_prior_narrower_than_its_errors_counts_these_in_the_deviations(
+    arm: Robot, samples: Samples
+) -> None:
     """Under a prior that outweighs the data deviations are those of the description, not of the narrow prior."""
     short = recorded(arm, samples, slice(0, 3000), "short")
     identifier = identifier_of(arm)
@@ -196,9 +262,13 @@ def test_no_joint_of_a_poorly_excited_arm_is_missed_absurdly() -> None:
     robot = load_robot(GEN3 / "gen3_2f85.urdf")
     mapping = Path(__file__).resolve().parents[2] / "examples" / "kinova_gen3" / "import.yaml"
     first, second = (import_arrays(GEN3 / f"opti_traj_testing{k}.csv", mapping) for k in (1, 2))
-    laws = parse_laws(("coulomb_friction:side=link", "viscous_friction:side=link", "joint_torque_offset"), robot)
+    laws = parse_laws(
+        ("coulomb_friction:side=link", "viscous_friction:side=link", "joint_torque_offset"), robot
+    )
     (by_arm,) = identify(
         second, robot, IdentificationSettings(effects=laws, consistent=False), validate=[first]
     ).validation.values()
-    found, nominal = (np.array(list(by_arm[name]["joint"].values())) for name in ("identified", "nominal"))
+    found, nominal = (
+        np.array(list(by_arm[name]["joint"].values())) for name in ("identified", "nominal")
+    )
     assert np.exp(np.mean(np.log(found / nominal))) < 1.0 and np.all(found < 2.0 * nominal)

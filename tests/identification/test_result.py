@@ -20,11 +20,17 @@ def errors_together(encoder_noise: float, seed: int) -> tuple[float, int]:
     rng, robot = np.random.default_rng(seed), load_robot(None)
     true = varied(robot, rng)
     shape = Shape(period=10.0, periods=2)
-    motion = random_trajectories(build_model(robot), MotionLimits.of(robot), 1, rng=rng, shape=shape)[0]
+    motion = random_trajectories(
+        build_model(robot), MotionLimits.of(robot), 1, rng=rng, shape=shape
+    )[0]
     encoder = Encoder(noise=encoder_noise, velocity_noise=100 * encoder_noise)
     sensors = Sensors(link_encoder=encoder, motor_encoder=encoder)
     recording = simulate(
-        true, motion, SimulationSettings(nominal=robot, sensors=sensors, substeps=4), duration=20.0, rng=rng
+        true,
+        motion,
+        SimulationSettings(nominal=robot, sensors=sensors, substeps=4),
+        duration=20.0,
+        rng=rng,
     )
     result = identify(recording, robot, IdentificationSettings(consistent=False))
     truth = np.array([each.true for each in compare(result, true)])
@@ -32,7 +38,9 @@ def errors_together(encoder_noise: float, seed: int) -> tuple[float, int]:
 
 
 @pytest.mark.parametrize("encoder_noise", [0.0, 1e-5])
-def test_errors_of_all_parameters_together_are_as_large_as_their_covariance(encoder_noise: float) -> None:
+def test_errors_of_all_parameters_together_are_as_large_as_their_covariance(
+    encoder_noise: float,
+) -> None:
     """Over eight arms and motions chi² is below its 99 % bound, as it is for each of them but one.
 
     With exact encoders ratios of parameters are known a thousand times better than the torque scale common to all: the

@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 
 from elastic_arm.dynamics import build_model
-from elastic_arm.identification import Identification, IdentificationSettings, accumulator, identify, parse_laws
+from elastic_arm.identification import (
+    Identification,
+    IdentificationSettings,
+    accumulator,
+    identify,
+    parse_laws,
+)
 from elastic_arm.identification.batch import selection
 from elastic_arm.identification.law_columns import SIGN_SPEEDS, USUAL_SIGN_SPEED
 from elastic_arm.recording import Recording, Samples, Side
@@ -24,7 +30,9 @@ def arm() -> Robot:
 
 @pytest.fixture(scope="module")
 def samples(arm: Robot) -> Samples:
-    return record(build_model(arm, "mod3"), np.random.default_rng(5), encoder_noise=1e-6, velocity_noise=1e-4)
+    return record(
+        build_model(arm, "mod3"), np.random.default_rng(5), encoder_noise=1e-6, velocity_noise=1e-4
+    )
 
 
 def with_torque(arm: Robot, samples: Samples, torque: np.ndarray) -> Recording:
@@ -38,7 +46,9 @@ def zeros_of(found: Identification) -> dict[str, float]:
     return {e.name: e.value for e in found.estimates if e.name.startswith("motor_torque_offset:")}
 
 
-def test_the_zero_of_a_torque_is_found_without_being_asked_for(arm: Robot, samples: Samples) -> None:
+def test_the_zero_of_a_torque_is_found_without_being_asked_for(
+    arm: Robot, samples: Samples
+) -> None:
     """4 Nm of one motor come out within 3 %, friction beside them, and a note names them."""
     torque = np.array([0.0, 0.0, 4.0]) + np.tanh(samples.dtheta / 1e-3) * np.array([0.0, 0.0, 10.0])
     laws = parse_laws(FRICTION, arm)
@@ -46,7 +56,9 @@ def test_the_zero_of_a_torque_is_found_without_being_asked_for(arm: Robot, sampl
     assert zeros_of(found)["motor_torque_offset:joint_3.offset"] == pytest.approx(4.0, rel=0.03)
     assert any("without being asked for" in note and "joint_3" in note for note in found.notes)
     assert found.identified is not None
-    assert ("motor_torque_offset", "joint_3") in {(e["effect"], e.get("joint")) for e in found.identified.effects}
+    assert ("motor_torque_offset", "joint_3") in {
+        (e["effect"], e.get("joint")) for e in found.identified.effects
+    }
 
 
 def test_equations_that_close_to_rounding_decide_nothing(arm: Robot) -> None:
@@ -56,7 +68,11 @@ def test_equations_that_close_to_rounding_decide_nothing(arm: Robot) -> None:
     torque = torque + np.random.default_rng(6).normal(0.0, 0.1, torque.shape)
     laws = parse_laws(["coulomb_friction"], arm)
     with np.errstate(over="raise"):
-        found = identify(with_torque(arm, exact, torque), arm, IdentificationSettings(effects=laws, consistent=False))
+        found = identify(
+            with_torque(arm, exact, torque),
+            arm,
+            IdentificationSettings(effects=laws, consistent=False),
+        )
     assert any("turns over within 0.005 rad/s" in note for note in found.notes), found.notes
 
 
@@ -71,7 +87,9 @@ def test_dry_friction_turns_over_at_each_joint_where_it_does(arm: Robot, samples
     """Sharp friction at one joint and gradual at another are both found within 5 %."""
     turning, dry = np.array([1e-4, 1e-4, 5e-2]), np.array([0.0, 20.0, 20.0])
     recording = with_torque(arm, samples, dry * np.tanh(samples.dtheta / turning))
-    found = identify(recording, arm, IdentificationSettings(effects=parse_laws(FRICTION, arm), consistent=False))
+    found = identify(
+        recording, arm, IdentificationSettings(effects=parse_laws(FRICTION, arm), consistent=False)
+    )
     sizes = {e.name: e.value for e in found.estimates}
     found_dry = [sizes[f"coulomb_friction:joint_{k}.torque"] for k in (2, 3)]
     np.testing.assert_allclose(found_dry, dry[1:], rtol=0.05)
@@ -110,7 +128,9 @@ def vibrating(rigid: Robot, seed: int) -> Recording:
     return Recording(rigid.joint_names, motor=motor, source=f"seed {seed}")
 
 
-def test_motion_that_a_rigid_description_lacks_is_averaged_out(arm: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_motion_that_a_rigid_description_lacks_is_averaged_out(
+    arm: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Vibration of the motors alone is not taken for motion of the links: masses come out nearer to the true ones."""
     rigid = parse_urdf(to_urdf(arm))
     settings = IdentificationSettings(effects=parse_laws(FRICTION, rigid), consistent=False)
@@ -132,12 +152,16 @@ def stops(t: np.ndarray) -> np.ndarray:
     return np.floor(t) + x**5 * (126.0 - 420.0 * x + 540.0 * x**2 - 315.0 * x**3 + 70.0 * x**4)
 
 
-def test_friction_while_a_joint_sticks_is_left_out(arm: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_friction_while_a_joint_sticks_is_left_out(
+    arm: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """It takes any value there, and seems to be a zero of the torque. Averages of a rigid arm keep those instants."""
 
     def recorded(course: Callable[[np.ndarray], np.ndarray] | None) -> Recording:
         rng = np.random.default_rng(1)
-        found = record(build_model(arm, "mod3"), rng, periods=1, rate=RATE, velocity_noise=1e-4, course=course)
+        found = record(
+            build_model(arm, "mod3"), rng, periods=1, rate=RATE, velocity_noise=1e-4, course=course
+        )
         held = 5.0 * rng.uniform(0.0, 1.0, (10, arm.n))[np.floor(found.t).astype(int)]
         stands = (course is not None) & (np.mod(found.t, 1.0) > 0.8)[:, None]
         return with_torque(arm, found, np.where(stands, held, 5.0 * np.tanh(found.dtheta / 1e-3)))
@@ -146,7 +170,9 @@ def test_friction_while_a_joint_sticks_is_left_out(arm: Robot, monkeypatch: pyte
         laws = parse_laws(["coulomb_friction", "motor_torque_offset"], described)
         settings = IdentificationSettings(effects=laws, consistent=False)
         found = identify(recording, described, settings)
-        return selection.STICKS in found.notes, float(np.max(np.abs(list(zeros_of(found).values()))))
+        return selection.STICKS in found.notes, float(
+            np.max(np.abs(list(zeros_of(found).values())))
+        )
 
     stopping = recorded(stops)
     left_out, without = estimated(arm, stopping)

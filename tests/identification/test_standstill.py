@@ -22,10 +22,13 @@ ENCODER = Encoder(noise=2e-5, velocity_noise=2e-3)
 def recorded(rest: float) -> Recording:
     """Return 6 s of motion and then standstill, by encoders whose noise turns the sign of a velocity at rest."""
     settings = SimulationSettings(
-        effects=[parse(f"{LAW}:torque={TRUE}", ROBOT)], sensors=Sensors(link_encoder=ENCODER, motor_encoder=ENCODER)
+        effects=[parse(f"{LAW}:torque={TRUE}", ROBOT)],
+        sensors=Sensors(link_encoder=ENCODER, motor_encoder=ENCODER),
     )
     motion = motions()[0]
-    return simulate(ROBOT, motion, settings, duration=motion.duration + rest, rng=np.random.default_rng(0))
+    return simulate(
+        ROBOT, motion, settings, duration=motion.duration + rest, rng=np.random.default_rng(0)
+    )
 
 
 def live(rest: float) -> tuple[float, float]:
@@ -52,5 +55,7 @@ def test_identify_finds_as_much_in_a_recording_that_stands_mostly() -> None:
     settings = IdentificationSettings(effects=parse_laws([LAW], ROBOT), consistent=False)
     found = identify(recorded(60.0), ROBOT, settings)
     friction = next(e for e in found.estimates if e.name == NAME)
-    assert friction.verdict == "well" and friction.value == pytest.approx(TRUE, abs=3.0 * friction.std)
+    assert friction.verdict == "well" and friction.value == pytest.approx(
+        TRUE, abs=3.0 * friction.std
+    )
     assert any("stands still" in note for note in found.notes)

@@ -34,10 +34,15 @@ def model() -> Model:
 def samples(kind: str) -> Samples:
     """Return a recording with holes and a gap, its samples taken regularly or at jittered stamps."""
     rng = np.random.default_rng(0)
-    whole = record(model(), rng, period=float(SECONDS), periods=1, encoder_noise=1e-6, velocity_noise=1e-4)
+    whole = record(
+        model(), rng, period=float(SECONDS), periods=1, encoder_noise=1e-6, velocity_noise=1e-4
+    )
     if kind == "irregular":
         t = np.sort(whole.t + 1e-4 * rng.standard_normal(len(whole)))
-        moved = {name: CubicSpline(whole.t, getattr(whole, name))(t) for name in ("q", "dq", "theta", "dtheta")}
+        moved = {
+            name: CubicSpline(whole.t, getattr(whole, name))(t)
+            for name in ("q", "dq", "theta", "dtheta")
+        }
         whole = replace(whole, t=t, stamp_ns=np.rint(t * 1e9).astype(np.int64), **moved)
     return part(whole, np.setdiff1d(np.arange(len(whole)), LOST))
 
@@ -62,8 +67,14 @@ def batch(kind: str) -> tuple[Identifier, Fit]:
 
 @pytest.mark.parametrize(("kind", "mode"), [("regular", "regular"), ("irregular", "stamps")])
 @settings(max_examples=8, deadline=None)
-@given(cuts=st.lists(st.integers(1, SECONDS * 1000 - len(LOST) - 1), max_size=60, unique=True).map(sorted))
-def test_any_cut_of_the_samples_gives_the_result_of_the_batch(kind: str, mode: str, cuts: list[int]) -> None:
+@given(
+    cuts=st.lists(st.integers(1, SECONDS * 1000 - len(LOST) - 1), max_size=60, unique=True).map(
+        sorted
+    )
+)
+def test_any_cut_of_the_samples_gives_the_result_of_the_batch(
+    kind: str, mode: str, cuts: list[int]
+) -> None:
     """Estimates agree to 1e-6 std, with regular and irregular stamps, wherever holes and gaps meet a cut."""
     whole, expected = batch(kind)
     stream, found = fed(kind, cuts)
@@ -89,7 +100,10 @@ def test_an_arm_that_stands_first_is_identified_within_the_deviations(standing: 
     torque, encoder = TorqueSensor(noise=0.26), Encoder(noise=0.0, velocity_noise=0.0)
     sensors = Sensors(encoder, encoder, torque, torque)
     simulator = Simulator(
-        robot, SimulationSettings(sensors=sensors, rate=RATE), rng=np.random.default_rng(3), q0=reference[0][0]
+        robot,
+        SimulationSettings(sensors=sensors, rate=RATE),
+        rng=np.random.default_rng(3),
+        q0=reference[0][0],
     )
     _, measured = simulator.follow(*reference)
     stream = identifier_of(robot)

@@ -41,14 +41,20 @@ def test_robot_yaml_names_motor_inertia_where_it_was_put_back() -> None:
     rigid = parse_urdf(to_urdf(arm)).with_armatures()
     notes = []
     for robot, channels in ((arm, ("q", "theta", "tau_m")), (rigid, ("theta", "tau_m"))):
-        equations = BaseRegression(build_model(robot), frozenset(channels), joints=robot.joint_names)
+        equations = BaseRegression(
+            build_model(robot), frozenset(channels), joints=robot.joint_names
+        )
         notes.append(_described(["joint_1"], equations))
     assert ["motor inertia" in note for note in notes] == [False, True]
 
 
 def test_noise_in_accelerations_does_not_speak_for_small_masses() -> None:
     """With noise of 28 rad/s² half the masses miss less torque than the true ones; averages judge rightly."""
-    arm, t, rng = parse_urdf(to_urdf(load_robot(None))), np.arange(4000) / 500.0, np.random.default_rng(3)
+    arm, t, rng = (
+        parse_urdf(to_urdf(load_robot(None))),
+        np.arange(4000) / 500.0,
+        np.random.default_rng(3),
+    )
     q = link_motion(3, t, 4.0, 5, rng)
     dq, ddq = (derivative(q, order, 500.0) for order in (1, 2))
     torque = build_model(arm).inverse_dynamics(q, dq, ddq)
@@ -60,7 +66,10 @@ def test_noise_in_accelerations_does_not_speak_for_small_masses() -> None:
     held_out = HeldOut(equations, {"held out": [motion]})
     true = equations.base.T @ equations.nominal
     raw, judged = (
-        [sum(held_out.errors(Psi, averages=averages)["held out"]["whole"].values()) for Psi in (true, 0.5 * true)]
+        [
+            sum(held_out.errors(Psi, averages=averages)["held out"]["whole"].values())
+            for Psi in (true, 0.5 * true)
+        ]
         for averages in (False, True)
     )
     assert raw[0] > raw[1]

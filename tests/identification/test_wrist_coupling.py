@@ -35,7 +35,9 @@ def recorded(seed: int) -> Recording:
     joints = np.array([tree.inverse_dynamics(*state) for state in zip(q, dq, ddq, strict=True)])
     speed, acceleration = (values @ to_motors for values in (dq, ddq))
     motors = joints @ C
-    motors[:, 3] += INERTIA * acceleration[:, 3] + VISCOUS * speed[:, 3] + DRY * np.sign(speed[:, 3])
+    motors[:, 3] += (
+        INERTIA * acceleration[:, 3] + VISCOUS * speed[:, 3] + DRY * np.sign(speed[:, 3])
+    )
     motors += rng.normal(0.0, 0.1, motors.shape)
     side = Side(np.round(t * 1e9).astype(np.int64), position=q @ to_motors, effort=motors)
     return Recording(ROBOT.joint_names, motor=coupled(side, C))
@@ -60,12 +62,17 @@ def test_inertia_and_friction_of_a_shared_motor_are_identified() -> None:
     for name, true in (("inertia", INERTIA), ("viscous", VISCOUS), ("dry", DRY)):
         estimate = found[f"joint_4.{name}"]
         assert abs(estimate.value - true) < min(3 * estimate.std, 0.1 * true), (name, estimate)
-    assert abs(found["joint_4.coefficient"].value) < 0.1 and abs(found["joint_4.torque"].value) < 0.3
+    assert (
+        abs(found["joint_4.coefficient"].value) < 0.1 and abs(found["joint_4.torque"].value) < 0.3
+    )
 
 
 def test_without_it_both_joints_are_missed() -> None:
     """Friction of each joint by itself leaves several times as much of the other motion at the two joints."""
-    plain, right = (missed(identified(*more), "joint_3", "joint_4") for more in ((), ("wrist_coupling:joint_4",)))
+    plain, right = (
+        missed(identified(*more), "joint_3", "joint_4")
+        for more in ((), ("wrist_coupling:joint_4",))
+    )
     assert (plain > 3 * right).all() and right.max() < 0.3
 
 

@@ -28,9 +28,14 @@ def with_effects(robot: Robot, *texts: str) -> Robot:
 def apart(robot: Robot, seconds: float, *, attached: bool) -> float:
     """Return by how much the elastic arm in MuJoCo and in the simulator part under the same torque, rad."""
     rate, substeps = 1000, 10
-    reference = trajectory(n=3, period=2.0, ramp=0.5, periods=2).evaluate(np.arange(int(seconds * rate)) / rate)
+    reference = trajectory(n=3, period=2.0, ramp=0.5, periods=2).evaluate(
+        np.arange(int(seconds * rate)) / rate
+    )
     ours = Simulator(
-        robot, SimulationSettings(model="mod2", rate=rate, substeps=substeps), q0=reference[0][0], dq0=reference[1][0]
+        robot,
+        SimulationSettings(model="mod2", rate=rate, substeps=substeps),
+        q0=reference[0][0],
+        dq0=reference[1][0],
     )
     start = ours.state.y.copy()
     truth, _ = ours.follow(*reference)
@@ -49,7 +54,9 @@ def test_laws_act_in_mujoco_as_in_the_simulator() -> None:
 def test_internal_states_and_dry_friction_act_too() -> None:
     """Hysteresis, with its internal state, and friction that grows with the load follow the simulator, to 2 %."""
     robot = with_effects(
-        load_robot(), "load_dependent_friction:joint_2:coefficient=0.1", "hysteresis:joint_3:torque=15,width=1e-4"
+        load_robot(),
+        "load_dependent_friction:joint_2:coefficient=0.1",
+        "hysteresis:joint_3:torque=15,width=1e-4",
     )
     with_laws, without = (apart(robot, 0.5, attached=on) for on in (True, False))
     assert with_laws < 0.02 * without
@@ -60,7 +67,11 @@ def test_internal_states_and_dry_friction_act_too() -> None:
     [
         ("coulomb_friction:joint_2:torque=15", "asymmetric_friction:joint_2:asymmetry=0.3", 0.02),
         ("backlash:joint_3:half_gap=1e-4", "load_dependent_friction:joint_3:coefficient=0.1", 1e-6),
-        ("nonlinear_stiffness:joint_3:cubic=1e10", "transmission_error:joint_3:amplitude=2e-4", 1e-6),
+        (
+            "nonlinear_stiffness:joint_3:cubic=1e10",
+            "transmission_error:joint_3:amplitude=2e-4",
+            1e-6,
+        ),
     ],
 )
 def test_laws_follow_what_the_file_states(stated, follows, allowed) -> None:

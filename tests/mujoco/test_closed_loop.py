@@ -13,7 +13,9 @@ from tests.helpers.servo_arms import recorded, servo_arm
 FORMS = [f'joint="{name}" forcerange="-4 4"' for name in ("pan", "lift", "elbow")]
 LATE = {form: f'{form} delay="0.0213" nsample="24"' for form in FORMS}
 WHOLE = {form: f'{form} delay="0.02" nsample="22"' for form in FORMS}
-TENDER = {form: form.replace("4 4", "30 30") for form in FORMS}  # an integral beside a limit would rest
+TENDER = {
+    form: form.replace("4 4", "30 30") for form in FORMS
+}  # an integral beside a limit would rest
 
 
 def integrating(arm: MjcfArm) -> MjcfArm:
@@ -32,9 +34,13 @@ def error(arm: MjcfArm, true: MjcfArm, rate: float, begin: float) -> float:
 
 
 @pytest.mark.parametrize("begin", [0.0, 3.37])
-@pytest.mark.parametrize("changes", [{}, LATE, WHOLE], ids=["prompt", "late", "late by whole steps"])
+@pytest.mark.parametrize(
+    "changes", [{}, LATE, WHOLE], ids=["prompt", "late", "late by whole steps"]
+)
 @pytest.mark.parametrize("rate", [50.0, 250.0])
-def test_a_true_model_moves_as_recorded(changes: Mapping[str, str], begin: float, rate: float) -> None:
+def test_a_true_model_moves_as_recorded(
+    changes: Mapping[str, str], begin: float, rate: float
+) -> None:
     """From rest and in mid-motion, with commands on their way or without: within 0.2 mrad, at 50 Hz 0.5."""
     true = servo_arm(changes)
     assert error(true, true, rate, begin) < (2e-4 if rate > 100.0 else 5e-4)

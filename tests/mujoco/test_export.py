@@ -30,11 +30,19 @@ from elastic_arm.mujoco.changes import inertial_change, text_of
 from elastic_arm.mujoco.stated_arm import stated_arm
 from elastic_arm.robot.mjcf import open_mjcf
 
-LOAD = {"effect": "payload", "joint": None, "parameters": {"mass": 1.5, "position": [0.02, 0.03, 0.2]}}
+LOAD = {
+    "effect": "payload",
+    "joint": None,
+    "parameters": {"mass": 1.5, "position": [0.02, 0.03, 0.2]},
+}
 FRICTION = {"effect": "coulomb_friction", "joint": "joint3", "parameters": {"torque": 2.0}}
 DAMPING = {"effect": "viscous_friction", "joint": "joint1", "parameters": {"coefficient": 0.75}}
 ROTOR = {"effect": "rotor_inertia_mismatch", "joint": "joint5", "parameters": {"inertia": 1.5}}
-STRIBECK = {"effect": "stribeck_friction", "joint": "joint2", "parameters": {"torque": 1.0, "speed": 0.1}}
+STRIBECK = {
+    "effect": "stribeck_friction",
+    "joint": "joint2",
+    "parameters": {"torque": 1.0, "speed": 0.1},
+}
 
 
 @pytest.fixture
@@ -76,7 +84,10 @@ def test_what_is_written_is_the_corrected_arm(base: Path) -> None:
     """Payload and rotor inertia, lumped into the file's numbers, give the torques of the corrected arm."""
     out = base.parent / "fixed.xml"
     done = export_mjcf(corrected(base, LOAD, ROTOR), base, out)
-    assert [path.name for path in done.files] == ["fixed.xml", "fixed_hand.xml"]  # the include changed, too
+    assert [path.name for path in done.files] == [
+        "fixed.xml",
+        "fixed_hand.xml",
+    ]  # the include changed, too
     again, before = load_robot(out), load_robot(base)
     assert again.joints[4].armature == pytest.approx(0.045)
     point = Inertia(1.5, np.array([0.02, 0.03, 0.2]), np.zeros((3, 3)))
@@ -84,7 +95,10 @@ def test_what_is_written_is_the_corrected_arm(base: Path) -> None:
     joints[-1] = replace(joints[-1], link=lumped([joints[-1].link, point]))
     joints[4] = replace(joints[4], armature=0.045)
     motion = random_motion(7)
-    torques = [build_model(r).inverse_dynamics(*motion) for r in (again, before.with_(joints=tuple(joints)))]
+    torques = [
+        build_model(r).inverse_dynamics(*motion)
+        for r in (again, before.with_(joints=tuple(joints)))
+    ]
     np.testing.assert_allclose(*torques, rtol=1e-7, atol=1e-7)
 
 
@@ -100,7 +114,9 @@ def test_what_no_number_states_is_listed(base: Path) -> None:
     """Stribeck friction is left to a law, with the reason; the friction loss in its place is said, and no more."""
     done = export_mjcf(corrected(base, STRIBECK), base, base.parent / "fixed.xml")
     (left,) = done.left
-    assert left.what == "stribeck_friction" and "attach" in left.reason and left.cost["joint2"] > 0.0
+    assert (
+        left.what == "stribeck_friction" and "attach" in left.reason and left.cost["joint2"] > 0.0
+    )
     assert {change.number for change in done.changes} == {"frictionloss", "solreffriction"}
     (words,) = done.stand_ins
     assert words.startswith("stribeck friction")
@@ -128,7 +144,9 @@ def test_an_attached_arm_is_written_as_mujoco_saves_it(base: Path) -> None:
     assert {(c.element, c.number) for c in done.changes} >= {("left/joint3", "frictionloss")}
     assert any("<attach>" in note for note in done.notes)
     again = load_robot(out, "left/pedestal:left/link6")
-    assert [e["parameters"] for e in again.effects if e["effect"] == "coulomb_friction"] == [{"torque": 2.0}]
+    assert [e["parameters"] for e in again.effects if e["effect"] == "coulomb_friction"] == [
+        {"torque": 2.0}
+    ]
     motion = random_motion(robot.n)
     torques = [build_model(one).inverse_dynamics(*motion) for one in (again, robot)]
     np.testing.assert_allclose(*torques, rtol=1e-6, atol=1e-6)
@@ -151,7 +169,9 @@ def test_unphysical_numbers_are_refused(base: Path) -> None:
     with pytest.raises(RobotError, match="damping of joint1 would be -1"):
         export_mjcf(corrected(base, bad), base, base.parent / "fixed.xml")
     robot = load_robot(base)
-    light = Inertia(0.2, np.zeros(3), 1e-3 * np.eye(3))  # less than the cover that stands on the link
+    light = Inertia(
+        0.2, np.zeros(3), 1e-3 * np.eye(3)
+    )  # less than the cover that stands on the link
     joints = (replace(robot.joints[0], link=light), *robot.joints[1:])
     with pytest.raises(RobotError, match="leaves body 'link1' no physical inertia"):
         export_mjcf(robot.with_(joints=joints), base, base.parent / "fixed.xml")
@@ -166,15 +186,23 @@ def test_another_arm_is_refused(base: Path) -> None:
 
 def test_a_torque_delay_goes_to_the_sensor(base: Path) -> None:
     """A late motor torque is the delay of the joint's torque sensor, where the file has one, and is read back."""
-    text = base.read_text().replace("</mujoco>", '<sensor><jointactuatorfrc joint="joint2"/></sensor></mujoco>')
+    text = base.read_text().replace(
+        "</mujoco>", '<sensor><jointactuatorfrc joint="joint2"/></sensor></mujoco>'
+    )
     base.write_text(text)
-    late = {"effect": "time_delay", "joint": "joint2", "parameters": {"delay": 0.01, "channels": ["motor_torque"]}}
+    late = {
+        "effect": "time_delay",
+        "joint": "joint2",
+        "parameters": {"delay": 0.01, "channels": ["motor_torque"]},
+    }
     other = {**late, "joint": "joint3"}
     done = export_mjcf(corrected(base, late, other), base, base.parent / "fixed.xml")
     assert [(left.joint, left.reason) for left in done.left] == [
         ("joint3", "the file has no jointactuatorfrc sensor of this joint")
     ]
-    (effect,) = [e for e in load_robot(base.parent / "fixed.xml").effects if e["effect"] == "time_delay"]
+    (effect,) = [
+        e for e in load_robot(base.parent / "fixed.xml").effects if e["effect"] == "time_delay"
+    ]
     assert (effect["joint"], effect["parameters"]["delay"]) == ("joint2", 0.01)
 
 
@@ -191,22 +219,34 @@ def test_a_urdf_keeps_its_shape(tmp_path: Path) -> None:
     assert len([line for line in lines if line.startswith("- ")]) == 3
     again = load_robot(tmp_path / "fixed.urdf")
     assert again.mass == pytest.approx(robot.mass + 2.0)
-    assert again.effects == ({"effect": "coulomb_friction", "joint": "joint_2", "parameters": {"torque": 2.0}},)
+    assert again.effects == (
+        {"effect": "coulomb_friction", "joint": "joint_2", "parameters": {"torque": 2.0}},
+    )
 
 
 def test_tables_show_no_rounding_of_a_solver() -> None:
     """A centre of mass of 1e-17 m beside 0.05 m is at zero."""
     (joint, *_) = load_robot(None).joints
     moved = replace(joint.link, com=np.array([1e-17, 0.05, 0.0]))
-    (change,) = (c for c in inertial_change("link", joint.link, moved) if c.number == "centre of mass")
+    (change,) = (
+        c for c in inertial_change("link", joint.link, moved) if c.number == "centre of mass"
+    )
     assert change.after == (0.0, 0.05, 0.0)
 
 
 def test_a_urdf_lists_what_it_has_no_number_for(tmp_path: Path) -> None:
     """Armatures, springs, delays and drives of an exported arm are named with their size and the missing torque."""
     rigid = load_robot(MODELS / "arm.xml")
-    spring = {"effect": "joint_spring", "joint": "joint2", "parameters": {"stiffness": 80.0, "rest": 0.0}}
-    late = {"effect": "time_delay", "joint": "joint2", "parameters": {"delay": 0.01, "channels": ["motor_torque"]}}
+    spring = {
+        "effect": "joint_spring",
+        "joint": "joint2",
+        "parameters": {"stiffness": 80.0, "rest": 0.0},
+    }
+    late = {
+        "effect": "time_delay",
+        "joint": "joint2",
+        "parameters": {"delay": 0.01, "channels": ["motor_torque"]},
+    }
     done = export_urdf(rigid.with_(effects=(spring, late)), None, tmp_path / "new.urdf")
     left = {(one.what, one.joint): one for one in done.left}
     assert set(left) == {
@@ -217,16 +257,27 @@ def test_a_urdf_lists_what_it_has_no_number_for(tmp_path: Path) -> None:
     }
     own = left["armature", "joint5"]
     # 0.5 rad at 2 rad/s: accelerations of 2 rad/s² times a sine.
-    assert own.numbers == {"armature": 0.03} and own.cost == {"joint5": pytest.approx(0.03 * np.sqrt(2.0), rel=0.01)}
-    assert left["joint_spring", "joint2"].cost["joint2"] > 10.0 and not left["time_delay", "joint2"].cost
+    assert own.numbers == {"armature": 0.03} and own.cost == {
+        "joint5": pytest.approx(0.03 * np.sqrt(2.0), rel=0.01)
+    }
+    assert (
+        left["joint_spring", "joint2"].cost["joint2"] > 10.0
+        and not left["time_delay", "joint2"].cost
+    )
     spring["joint"] = "joint_1"
     rotor = {"effect": "rotor_inertia_mismatch", "joint": "joint_1", "parameters": {"inertia": 1.5}}
-    elastic = export_urdf(load_robot().with_(effects=(spring, rotor)), None, tmp_path / "elastic.urdf")
+    elastic = export_urdf(
+        load_robot().with_(effects=(spring, rotor)), None, tmp_path / "elastic.urdf"
+    )
     kinds = {one.what for one in elastic.left}
     assert kinds == {"armature", "drive", "bearing", "joint_spring"}
     gear = load_robot().joints[0].transmission
     motor = next(one for one in elastic.left if (one.what, one.joint) == ("armature", "joint_1"))
-    inertias = (gear.rotor.izz * gear.r_tot**2, gear.wave_generator.izz * gear.harmonic_drive_ratio**2, gear.spline.izz)
+    inertias = (
+        gear.rotor.izz * gear.r_tot**2,
+        gear.wave_generator.izz * gear.harmonic_drive_ratio**2,
+        gear.spline.izz,
+    )
     assert motor.numbers["armature"] == pytest.approx(1.5 * sum(inertias))
 
 
@@ -236,10 +287,19 @@ def test_what_the_whole_arm_has_is_listed(base: Path) -> None:
     urdf.write_text(to_urdf(load_robot(base)))
     robot, turn = load_robot(urdf), np.eye(4)
     turn[:3, :3] = Rotation.from_euler("x", 0.7).as_matrix()
-    (left,) = export_urdf(robot.with_(base_placement=turn @ robot.base_placement), urdf, urdf.with_stem("fixed")).left
-    assert (left.what, left.numbers) == ("base_tilt", {"x": pytest.approx(0.7), "y": pytest.approx(0.0)})
+    (left,) = export_urdf(
+        robot.with_(base_placement=turn @ robot.base_placement), urdf, urdf.with_stem("fixed")
+    ).left
+    assert (left.what, left.numbers) == (
+        "base_tilt",
+        {"x": pytest.approx(0.7), "y": pytest.approx(0.0)},
+    )
     assert left.cost["joint2"] > 1.0
-    late = {"effect": "time_delay", "joint": None, "parameters": {"delay": 0.01, "channels": ["motor_torque"]}}
+    late = {
+        "effect": "time_delay",
+        "joint": None,
+        "parameters": {"delay": 0.01, "channels": ["motor_torque"]},
+    }
     (left,) = export_mjcf(corrected(base, late), base, base.parent / "fixed.xml").left
     assert (left.what, left.joint) == ("time_delay", None)
 
@@ -266,14 +326,20 @@ def test_a_new_mjcf_lists_what_it_has_no_number_for(tmp_path: Path) -> None:
         ("x.yaml", None, None),
     ],
 )
-def test_the_format_goes_by_the_ending(tmp_path: Path, name: str, asked: str | None, found: str | None) -> None:
+def test_the_format_goes_by_the_ending(
+    tmp_path: Path, name: str, asked: str | None, found: str | None
+) -> None:
     """`elastic-arm export --out x.urdf` writes a URDF; an ending of another format is refused."""
     arguments = ["--out", str(tmp_path / name), *([] if asked is None else ["--to", asked])]
     app = typer.Typer()
     app.command()(export)
-    result = CliRunner().invoke(app, [str(Path(elastic_arm.robot.__file__).parent / "data" / "arm.yaml"), *arguments])
+    result = CliRunner().invoke(
+        app, [str(Path(elastic_arm.robot.__file__).parent / "data" / "arm.yaml"), *arguments]
+    )
     if found is None:
-        assert result.exit_code == 2 and "ending" in result.stderr and not (tmp_path / name).exists()
+        assert (
+            result.exit_code == 2 and "ending" in result.stderr and not (tmp_path / name).exists()
+        )
     else:
         root = {"urdf": "<robot", "mjcf": "<mujoco"}[found]
         assert result.exit_code == 0 and root in (tmp_path / name).read_text()
@@ -285,7 +351,9 @@ def test_what_was_left_out_when_an_arm_was_read_is_said_of_its_file(tmp_path: Pa
     motor = '<dcmotor name="m" joint="j1" motorconst="0.05" resistance="1" gear="100" cogging="0.03 6 0"/>'
     app = typer.Typer()
     app.command()(export)
-    result = CliRunner().invoke(app, [str(two_joints(tmp_path, actuator=motor)), "--out", str(tmp_path / "x.urdf")])
+    result = CliRunner().invoke(
+        app, [str(two_joints(tmp_path, actuator=motor)), "--out", str(tmp_path / "x.urdf")]
+    )
     assert result.exit_code == 0 and "cogging of actuator m, 3 Nm at j1" in result.output
 
 
@@ -298,7 +366,9 @@ def test_the_limit_of_a_servo_is_written_as_forcerange(tmp_path: Path) -> None:
     robot = robot.with_joint("pan", controller=replace(pan, torque=1.5))
     robot = robot.with_joint("lift", controller=replace(lift, dead_band=0.02))
     done = export_mjcf(robot, tmp_path / "arm.xml", tmp_path / "new.xml")
-    assert [(one.element, one.number, one.after) for one in done.changes] == [("pan", "forcerange", (1.5,))]
+    assert [(one.element, one.number, one.after) for one in done.changes] == [
+        ("pan", "forcerange", (1.5,))
+    ]
     assert [(one.what, one.joint) for one in done.left] == [("controller", "lift")]
     assert load_robot(tmp_path / "new.xml").joints[0].controller == replace(pan, torque=1.5)
 
@@ -307,19 +377,29 @@ def test_the_limit_of_a_servo_is_written_as_forcerange(tmp_path: Path) -> None:
 def test_a_spring_is_written_as_stiffness_and_springref(base: Path, angle: str) -> None:
     """A joint spring that was found is in the corrected file, in the units of its compiler, and read back."""
     base.write_text(base.read_text().replace('angle="radian"', f'angle="{angle}"'))
-    spring = {"effect": "joint_spring", "joint": "joint2", "parameters": {"stiffness": 80.0, "rest": 0.3}}
+    spring = {
+        "effect": "joint_spring",
+        "joint": "joint2",
+        "parameters": {"stiffness": 80.0, "rest": 0.3},
+    }
     done = export_mjcf(corrected(base, spring), base, base.parent / "fixed.xml")
     assert {(c.element, c.number, c.after) for c in done.changes} == {
         ("joint2", "stiffness", (80.0,)),
         ("joint2", "springref", (0.3,)),
     }
-    (again,) = [e for e in load_robot(base.parent / "fixed.xml").effects if e["effect"] == "joint_spring"]
+    (again,) = [
+        e for e in load_robot(base.parent / "fixed.xml").effects if e["effect"] == "joint_spring"
+    ]
     assert again["parameters"] == {"stiffness": 80.0, "rest": pytest.approx(0.3)}
 
 
 def test_carried_weight_that_a_file_does_not_state_is_listed(base: Path) -> None:
     """Weight carried by something outside is in the file as gravcomp or, where it was found, named with its torque."""
-    carried = {"effect": "carried_weight", "joint": "joint2", "parameters": {"mass": 1.0, "position": [0.0, 0.0, 0.1]}}
+    carried = {
+        "effect": "carried_weight",
+        "joint": "joint2",
+        "parameters": {"mass": 1.0, "position": [0.0, 0.0, 0.1]},
+    }
     done = export_mjcf(corrected(base, carried), base, base.parent / "fixed.xml")
     assert [(one.what, one.joint) for one in done.left] == [("carried_weight", "joint2")]
 
@@ -341,7 +421,9 @@ def test_a_joint_zero_is_where_a_model_is_drawn(base: Path) -> None:
     assert [(c.element, c.number) for c in done.changes] == [("joint2", "ref")] and not done.left
     again = load_robot(base.parent / "fixed.xml")
     motion, expected = torques_with_zero(robot, 1, 0.05)
-    np.testing.assert_allclose(build_model(again).inverse_dynamics(*motion), expected, rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(
+        build_model(again).inverse_dynamics(*motion), expected, rtol=1e-6, atol=1e-6
+    )
 
 
 @pytest.mark.parametrize("with_base", [True, False])
@@ -358,7 +440,11 @@ def test_a_joint_zero_turns_the_origin_of_a_urdfs_joint(tmp_path: Path, with_bas
     np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6)
 
 
-DEGRESSIVE = {"effect": "degressive_friction", "joint": "joint2", "parameters": {"torque": 1.7, "speed": 0.05}}
+DEGRESSIVE = {
+    "effect": "degressive_friction",
+    "joint": "joint2",
+    "parameters": {"torque": 1.7, "speed": 0.05},
+}
 
 
 def test_friction_that_levels_off_is_written_as_the_nearest_numbers(base: Path) -> None:
@@ -380,7 +466,9 @@ def test_numbers_in_the_place_of_a_law_follow_the_motion(base: Path) -> None:
     t = np.linspace(0.0, 2.0 * np.pi, 200)[:, None] + np.zeros(7)
     slow = 0.01 * np.sin(t), 0.01 * np.cos(t), -0.01 * np.sin(t)
     export_mjcf(robot, base, base.parent / "fixed.xml", motion=slow)
-    before, after = (stated_arm(load_robot(base.parent / name)).joints[1] for name in ("arm.xml", "fixed.xml"))
+    before, after = (
+        stated_arm(load_robot(base.parent / name)).joints[1] for name in ("arm.xml", "fixed.xml")
+    )
     assert after.damping - before.damping == pytest.approx(1.7 / 0.05, rel=0.05)
     assert after.friction_loss < 0.02
 
@@ -408,7 +496,11 @@ def test_zero_has_no_sign() -> None:
 
 def test_a_gain_leaves_the_limit_and_a_damping_ratio_gives_way(tmp_path: Path) -> None:
     """With another kp the forcerange stays; kv, which a dampratio made of kp and masses, is written as it was."""
-    text = (EXAMPLE / "arm.xml").read_text().replace('kv="0.6" joint="lift"', 'dampratio="0.8" joint="lift"')
+    text = (
+        (EXAMPLE / "arm.xml")
+        .read_text()
+        .replace('kv="0.6" joint="lift"', 'dampratio="0.8" joint="lift"')
+    )
     (tmp_path / "arm.xml").write_text(text)
     robot = load_robot(tmp_path / "arm.xml")
     lift = robot.joints[1].controller
@@ -420,7 +512,11 @@ def test_a_gain_leaves_the_limit_and_a_damping_ratio_gives_way(tmp_path: Path) -
     assert "forcerange" not in {change.number for change in done.changes}
     found = load_robot(tmp_path / "new.xml").joints[1].controller
     assert found is not None
-    assert (found.kp, found.kd, found.torque) == (pytest.approx(changed.kp), pytest.approx(lift.kd), lift.torque)
+    assert (found.kp, found.kd, found.torque) == (
+        pytest.approx(changed.kp),
+        pytest.approx(lift.kd),
+        lift.torque,
+    )
 
 
 def test_a_new_file_has_the_limit_of_a_servo_with_a_dead_band(tmp_path: Path) -> None:
@@ -445,10 +541,21 @@ def test_an_export_is_played_beside_its_base(tmp_path: Path) -> None:
     app = typer.Typer()
     app.command()(export)
     base, out = EXAMPLE / "arm.xml", tmp_path / "new.xml"
-    words = [tmp_path / "robot.yaml", "--base", base, "--out", out, "--validate", tmp_path / "bag", "--json"]
+    words = [
+        tmp_path / "robot.yaml",
+        "--base",
+        base,
+        "--out",
+        out,
+        "--validate",
+        tmp_path / "bag",
+        "--json",
+    ]
     done = CliRunner().invoke(app, list(map(str, words)))
     assert done.exit_code == 0, done.output
     lift = json.loads(done.output)["closed_loop"]["lift"]
     assert lift["described"] > 5e-3 and lift["corrected"] < 5e-4
-    refused = CliRunner().invoke(app, [*map(str, words[:1]), "--out", str(tmp_path / "o.xml"), *map(str, words[5:7])])
+    refused = CliRunner().invoke(
+        app, [*map(str, words[:1]), "--out", str(tmp_path / "o.xml"), *map(str, words[5:7])]
+    )
     assert refused.exit_code == 2 and "Give it as --base" in refused.output

@@ -32,7 +32,9 @@ def choice(changes: Mapping[str, str], judging: list[Judging]) -> Choice:
     corrected = servo_arm(changes).robot
 
     def build(back: frozenset[str]) -> MjcfArm:
-        kept = {old: new for old, new in changes.items() if not any(f'"{name}"' in old for name in back)}
+        kept = {
+            old: new for old, new in changes.items() if not any(f'"{name}"' in old for name in back)
+        }
         return servo_arm(kept)
 
     found = chosen(servo_arm(), build, corrected.joint_names, judging)
@@ -105,7 +107,10 @@ def test_numbers_are_refined_on_the_recording() -> None:
 def test_a_true_arm_is_not_refined_away() -> None:
     """Numbers that are right stay within a fifth of their deviations."""
     true = servo_arm()
-    numbers = (Refinable("coulomb_friction", "elbow", 0.02, -0.05), Refinable("scale", "lift", 0.1, -0.9))
+    numbers = (
+        Refinable("coulomb_friction", "elbow", 0.02, -0.05),
+        Refinable("scale", "lift", 0.1, -0.9),
+    )
     by = refine(true, true.robot, numbers, [Judging(recorded(true, 50.0, 12))])
     assert np.all(np.abs(by) < 0.2 * np.array([one.std for one in numbers]))
 
@@ -123,7 +128,9 @@ def _model(robot: Robot) -> MjcfArm:
 
 
 @pytest.mark.parametrize(("caused", "right"), [(False, True), (False, False), (True, False)])
-def test_what_is_written_never_moves_worse(tmp_path: Path, judging: list[Judging], caused: bool, right: bool) -> None:
+def test_what_is_written_never_moves_worse(
+    tmp_path: Path, judging: list[Judging], caused: bool, right: bool
+) -> None:
     """Without a cause, too, the file holds what moves nearer; where all that was found moves worse there is no file."""
     described = servo_arm().robot
     every = {form: form.replace("17.8", "60") for form in (PAN, LIFT, ELBOW)}

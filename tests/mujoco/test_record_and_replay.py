@@ -20,7 +20,9 @@ def recorded() -> Recording:
     """Exact angles and torques of three seconds, at 500 Hz."""
     arm, rng = open_mjcf(MODELS / "arm.xml"), np.random.default_rng(1)
     limits = MotionLimits.of(arm.robot, velocity=1.5, acceleration=5.0)
-    (motion,) = random_trajectories(build_model(arm.robot), limits, 1, rng=rng, shape=Shape(3, 3.0, 0.5))
+    (motion,) = random_trajectories(
+        build_model(arm.robot), limits, 1, rng=rng, shape=Shape(3, 3.0, 0.5)
+    )
     return record(arm, motion, rate=500.0, rng=rng)
 
 
@@ -33,13 +35,17 @@ def test_the_model_that_was_recorded_replays_it(recorded: Recording) -> None:
     assert found.open_loop.position.max() < 1e-3
 
 
-def test_a_model_with_friction_that_the_arm_has_not_errs_by_it(recorded: Recording, tmp_path: Path) -> None:
+def test_a_model_with_friction_that_the_arm_has_not_errs_by_it(
+    recorded: Recording, tmp_path: Path
+) -> None:
     """Two Nm of friction loss at one joint are what that joint's torque is off by, and no other's."""
     text = (MODELS / "arm.xml").read_text()
     (tmp_path / "hand.xml").write_text((MODELS / "hand.xml").read_text())
     rough = f'<joint name="joint3" frictionloss="{LOSS}" solreffriction="0.002 1" '
     (tmp_path / "arm.xml").write_text(text.replace('<joint name="joint3"', rough))
     found = replay(recorded, open_mjcf(tmp_path / "arm.xml"), name="rough")
-    assert found.open_loop.torque == pytest.approx([0.0, 0.0, LOSS, 0.0, 0.0, 0.0, 0.0], abs=0.1 * LOSS)
+    assert found.open_loop.torque == pytest.approx(
+        [0.0, 0.0, LOSS, 0.0, 0.0, 0.0, 0.0], abs=0.1 * LOSS
+    )
     assert found.open_loop.position[2] > 1e-3
     assert found.to_dict()["model"] == "rough"

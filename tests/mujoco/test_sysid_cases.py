@@ -65,7 +65,9 @@ def test_the_armatures_of_five_joints(tmp_path: Path) -> None:
     """
     t = time(2.0)
     parts = ((5.0, 0.5, 0.0), (4.0, 0.7, 0.5), (3.0, 0.4, 1.0), (2.0, 0.9, 1.5), (1.0, 0.6, 2.0))
-    command = np.stack([size * np.sin(2 * np.pi * f * t + phase) for size, f, phase in parts], axis=1)
+    command = np.stack(
+        [size * np.sin(2 * np.pi * f * t + phase) for size, f, phase in parts], axis=1
+    )
     start, true, text = tmp_path / "start.xml", tmp_path / "true.xml", cases.ARM_XML
     true.write_text(text)
     for value in cases.TRUE_ARMATURE.values():
@@ -74,10 +76,16 @@ def test_the_armatures_of_five_joints(tmp_path: Path) -> None:
     result = identify(recorded(cases.ARM_XML, command), load_robot(start))
     nominal = {p.name: p.nominal for p in build_model(load_robot(true)).bodies.parameters}
     sums = result.T @ np.array([nominal.get(name, 0.0) for name in result.parameter_names])
-    found = {e.name: (e.value, e.verdict, value) for e, value in zip(result.estimates, sums, strict=True)}
+    found = {
+        e.name: (e.value, e.verdict, value) for e, value in zip(result.estimates, sums, strict=True)
+    }
     for joint in cases.JOINT_NAMES:
-        ((value, verdict, expected),) = [sum_ for name, sum_ in found.items() if f"{joint}.armature" in name]
+        ((value, verdict, expected),) = [
+            sum_ for name, sum_ in found.items() if f"{joint}.armature" in name
+        ]
         assert value == pytest.approx(expected, abs=TOLERANCE)
         assert verdict == "well"
     alone = {joint.name: joint.armature for joint in result.identified.joints[2:]}
-    assert alone == pytest.approx({joint: cases.TRUE_ARMATURE[joint] for joint in alone}, abs=TOLERANCE)
+    assert alone == pytest.approx(
+        {joint: cases.TRUE_ARMATURE[joint] for joint in alone}, abs=TOLERANCE
+    )

@@ -29,7 +29,9 @@ def opened(robot, folder):
 def test_numbers_of_joints_are_in_the_units_of_usd(tmp_path) -> None:
     """Armature, friction, damping, limits and gains, per degree where USD counts in degrees; what is left is named."""
     servo = JointController(kp=100.0, kd=5.0, torque=30.0)
-    robot = load_robot(MODELS / "arm.xml").with_(effects=EFFECTS).with_joint("joint2", controller=servo)
+    robot = (
+        load_robot(MODELS / "arm.xml").with_(effects=EFFECTS).with_joint("joint2", controller=servo)
+    )
     stage, done = opened(robot, tmp_path)
     (path,) = [p.GetPath() for p in stage.Traverse() if p.GetName() == "joint2"]
     prim, degree = stage.GetPrimAtPath(path), np.deg2rad(1.0)
@@ -45,7 +47,9 @@ def test_numbers_of_joints_are_in_the_units_of_usd(tmp_path) -> None:
         "drive:angular:physics:damping": 5.0 * degree,
         "physics:lowerLimit": own.limits.position_min / degree,
     }
-    assert {name: prim.GetAttribute(name).Get() for name in expected} == pytest.approx(expected, rel=1e-6)
+    assert {name: prim.GetAttribute(name).Get() for name in expected} == pytest.approx(
+        expected, rel=1e-6
+    )
     assert ("stribeck_friction", "joint2") in {(one.what, one.joint) for one in done.left}
     assert ("controller", "joint2") not in {(one.what, one.joint) for one in done.left}
 

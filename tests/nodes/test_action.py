@@ -50,14 +50,18 @@ class Client:
 
     def __init__(self, graph: Graph) -> None:
         self._graph = graph
-        self._client = ActionClient(graph.peer, FollowJointTrajectory, "/simulator/follow_joint_trajectory")
+        self._client = ActionClient(
+            graph.peer, FollowJointTrajectory, "/simulator/follow_joint_trajectory"
+        )
         graph.until(self._client.server_is_ready, "the action is offered")
         self.feedback: list[Any] = []
 
     def send(self, trajectory: JointTrajectory, **rest: Any) -> Any:
         """Return the handle of a goal once it is accepted."""
         goal = FollowJointTrajectory.Goal(trajectory=trajectory, **rest)
-        future = self._client.send_goal_async(goal, feedback_callback=lambda m: self.feedback.append(m.feedback))
+        future = self._client.send_goal_async(
+            goal, feedback_callback=lambda m: self.feedback.append(m.feedback)
+        )
         self._graph.until(future.done, "the goal is taken")
         assert future.result().accepted
         return future.result()
@@ -75,7 +79,10 @@ def client(graph: Graph, states: list[JointState]) -> Client:
     made = Client(graph)
     assert graph.call(Trigger, "/simulator/reset", Trigger.Request()).success
     # States from before the reset may still wait to be read, so what they say counts and not how many have come.
-    graph.until(lambda: len(states) > 50 and all(at_zero(state) for state in states[-50:]), "the arm stands at zero")
+    graph.until(
+        lambda: len(states) > 50 and all(at_zero(state) for state in states[-50:]),
+        "the arm stands at zero",
+    )
     return made
 
 
@@ -83,12 +90,18 @@ def at_zero(state: JointState) -> bool:
     return bool(np.all(np.abs(state.position) < 0.05) and np.all(np.abs(state.velocity) < 0.05))
 
 
-def to(*positions: float, seconds: int = 1, names: list[str] | None = None, **rest: list[float]) -> JointTrajectory:
-    point = JointTrajectoryPoint(positions=list(positions), time_from_start=Duration(sec=seconds), **rest)
+def to(
+    *positions: float, seconds: int = 1, names: list[str] | None = None, **rest: list[float]
+) -> JointTrajectory:
+    point = JointTrajectoryPoint(
+        positions=list(positions), time_from_start=Duration(sec=seconds), **rest
+    )
     return JointTrajectory(joint_names=JOINTS if names is None else names, points=[point])
 
 
-def test_a_goal_is_reached_and_its_course_is_fed_back(client: Client, states: list[JointState]) -> None:
+def test_a_goal_is_reached_and_its_course_is_fed_back(
+    client: Client, states: list[JointState]
+) -> None:
     """The arm goes there in the time given; feedback holds what is desired, what is, and the difference."""
     status, result = client.outcome(
         client.send(
@@ -98,13 +111,17 @@ def test_a_goal_is_reached_and_its_course_is_fed_back(client: Client, states: li
             goal_time_tolerance=Duration(sec=5),
         )
     )
-    assert (status, result.error_code) == (GoalStatus.STATUS_SUCCEEDED, Result.SUCCESSFUL), result.error_string
+    assert (status, result.error_code) == (GoalStatus.STATUS_SUCCEEDED, Result.SUCCESSFUL), (
+        result.error_string
+    )
     np.testing.assert_allclose(states[-1].position, [0.4, -0.2, 0.3], atol=0.01)
     assert len(client.feedback) > 10
     middle = client.feedback[len(client.feedback) // 2]
     assert list(middle.joint_names) == JOINTS
     np.testing.assert_allclose(
-        middle.error.positions, np.subtract(middle.desired.positions, middle.actual.positions), atol=1e-12
+        middle.error.positions,
+        np.subtract(middle.desired.positions, middle.actual.positions),
+        atol=1e-12,
     )
     assert 0.05 < middle.desired.positions[0] < 0.35
 
@@ -125,17 +142,25 @@ def test_a_cancelled_goal_leaves_the_arm_standing_where_it_is(
     assert abs(states[-1].velocity[0]) < 0.01
 
 
-def test_what_is_out_of_tolerance_is_aborted(graph: Graph, client: Client, states: list[JointState]) -> None:
+def test_what_is_out_of_tolerance_is_aborted(
+    graph: Graph, client: Client, states: list[JointState]
+) -> None:
     """A path or a goal that cannot be kept so closely ends with JTC's code, joint and size; the arm stops."""
     tight = [JointTolerance(name="joint_2", position=1e-9)]
     status, result = client.outcome(client.send(to(0.5, 0.5, 0.5), path_tolerance=tight))
-    assert (status, result.error_code) == (GoalStatus.STATUS_ABORTED, Result.PATH_TOLERANCE_VIOLATED)
+    assert (status, result.error_code) == (
+        GoalStatus.STATUS_ABORTED,
+        Result.PATH_TOLERANCE_VIOLATED,
+    )
     assert "the position of joint_2 is off by" in result.error_string
     assert states[-1].position[0] < 0.2
     brief = Duration(nanosec=50_000_000)
     again = client.send(to(0.1, 0.1, 0.1), goal_tolerance=tight, goal_time_tolerance=brief)
     status, result = client.outcome(again)
-    assert (status, result.error_code) == (GoalStatus.STATUS_ABORTED, Result.GOAL_TOLERANCE_VIOLATED)
+    assert (status, result.error_code) == (
+        GoalStatus.STATUS_ABORTED,
+        Result.GOAL_TOLERANCE_VIOLATED,
+    )
 
 
 def test_unusable_goals_are_refused_with_a_code(client: Client) -> None:
@@ -182,7 +207,9 @@ def test_types_are_those_of_control_msgs() -> None:
         for name in ("JointTolerance", "JointComponentTolerance")
     }
     text = (TEXTS / "action" / "FollowJointTrajectory.action").read_text()
-    parts = re.sub(r"^(?=Joint\w*Tolerance)", "control_msgs/", text, flags=re.MULTILINE).split("---\n")
+    parts = re.sub(r"^(?=Joint\w*Tolerance)", "control_msgs/", text, flags=re.MULTILINE).split(
+        "---\n"
+    )
     texts |= {
         f"control_msgs/action/FollowJointTrajectory_{name}": part
         for name, part in zip(("Goal", "Result", "Feedback"), parts, strict=True)

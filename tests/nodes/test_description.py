@@ -25,13 +25,17 @@ def rng() -> np.random.Generator:
 
 
 def with_limits() -> Robot:
-    limits = Limits(position_min=-1.0, position_max=2.0, velocity=1.2, acceleration=3.0, torque=400.0)
+    limits = Limits(
+        position_min=-1.0, position_max=2.0, velocity=1.2, acceleration=3.0, torque=400.0
+    )
     return ARM.with_(joints=tuple(replace(joint, limits=limits) for joint in ARM.joints))
 
 
 def test_pinocchio_has_a_coordinate_a_joint() -> None:
     """All joints are revolute with limits, so that nq = nv = n, and the dynamics are those of the plain URDF."""
-    model, plain = (pinocchio.buildModelFromXML(text) for text in (ros_description(ARM), to_urdf(with_limits())))
+    model, plain = (
+        pinocchio.buildModelFromXML(text) for text in (ros_description(ARM), to_urdf(with_limits()))
+    )
     assert model.nq == model.nv == ARM.n
     q, dq, ddq = np.random.default_rng(1).uniform(-1, 1, (3, ARM.n))
     torques = [pinocchio.rnea(each, each.createData(), q, dq, ddq) for each in (model, plain)]
@@ -54,7 +58,9 @@ def test_the_tool_frame_is_the_last_link_s(rng: np.random.Generator) -> None:
     for q in rng.uniform(-2, 2, (5, ARM.n)):
         pinocchio.framesForwardKinematics(model, data, q)
         expected = link_placements(ARM, q[None])[1][0, -1]
-        np.testing.assert_allclose(data.oMf[model.getFrameId("tool0")].homogeneous, expected, atol=1e-9)
+        np.testing.assert_allclose(
+            data.oMf[model.getFrameId("tool0")].homogeneous, expected, atol=1e-9
+        )
 
 
 def test_collision_shapes_are_the_capsules_of_the_collision_check(rng: np.random.Generator) -> None:
@@ -102,7 +108,9 @@ def test_controllers_find_the_topics_of_the_arm() -> None:
     topics = {one.get("name"): one.text for one in control.findall("hardware/param")}
     assert topics["joint_commands_topic"] == "/left/simulator/joint_commands"
     assert topics["joint_states_topic"] == "/left/joint_states"
-    own = ET.fromstring(ros_description(ARM)).find("ros2_control/hardware/param[@name='joint_states_topic']")
+    own = ET.fromstring(ros_description(ARM)).find(
+        "ros2_control/hardware/param[@name='joint_states_topic']"
+    )
     assert own.text == "/joint_states"
 
 

@@ -83,8 +83,20 @@ FOUND: dict[str, Any] = {
     "verdict": "explained",
     "noise": {"joint_1": {"link": 0.1, "drive": None, "motor": 0.3}},
     "gap": {
-        "before": {"joint_1": {"link": {"rmse": 1.0, "max": 2.0}, "drive": None, "motor": {"rmse": 3.0, "max": 4.0}}},
-        "after": {"joint_1": {"link": {"rmse": 0.1, "max": 0.2}, "drive": None, "motor": {"rmse": 0.3, "max": 0.4}}},
+        "before": {
+            "joint_1": {
+                "link": {"rmse": 1.0, "max": 2.0},
+                "drive": None,
+                "motor": {"rmse": 3.0, "max": 4.0},
+            }
+        },
+        "after": {
+            "joint_1": {
+                "link": {"rmse": 0.1, "max": 0.2},
+                "drive": None,
+                "motor": {"rmse": 0.3, "max": 0.4},
+            }
+        },
     },
     "shrink": 0.9,
     "shrink_interval": [0.8, 0.95],
@@ -103,7 +115,12 @@ FOUND: dict[str, Any] = {
             "from": {"delay": 0.001},
             "to": {"delay": 0.004},
             "alternatives": [
-                {"effect": "damping_mismatch", "joint": "joint_1", "confidence": 0.2, "separated_by": "faster motion"}
+                {
+                    "effect": "damping_mismatch",
+                    "joint": "joint_1",
+                    "confidence": 0.2,
+                    "separated_by": "faster motion",
+                }
             ],
         }
     ],
@@ -128,9 +145,17 @@ FOUND: dict[str, Any] = {
 def test_a_message_says_what_the_file_says() -> None:
     """Every field of diagnosis.json is in the message; null becomes NaN, no joint an empty name."""
     message = diagnosis_message(FOUND)
-    assert (message.verdict, message.model, message.robot, message.shrink) == ("explained", "mod3", "arm", 0.9)
+    assert (message.verdict, message.model, message.robot, message.shrink) == (
+        "explained",
+        "mod3",
+        "arm",
+        0.9,
+    )
     assert list(message.shrink_interval) == [0.8, 0.95]
-    sizes = {r.side: (r.noise, r.rmse_before, r.max_before, r.rmse_after, r.max_after) for r in message.residuals}
+    sizes = {
+        r.side: (r.noise, r.rmse_before, r.max_before, r.rmse_after, r.max_after)
+        for r in message.residuals
+    }
     assert sizes["motor"] == (0.3, 3.0, 4.0, 0.3, 0.4)
     assert all(map(math.isnan, sizes["drive"]))
     (cause,) = message.causes
@@ -141,15 +166,29 @@ def test_a_message_says_what_the_file_says() -> None:
         0.8,
     )
     delay, channels = cause.parameters
-    assert (delay.name, list(delay.value), list(delay.std), delay.unit) == ("delay", [0.004], [1e-5], "s")
+    assert (delay.name, list(delay.value), list(delay.std), delay.unit) == (
+        "delay",
+        [0.004],
+        [1e-5],
+        "s",
+    )
     assert (list(delay.stated), list(channels.stated)) == ([0.001], [])
     assert (list(channels.words), list(channels.value)) == (["joint_torque"], [])
     (other,) = cause.alternatives
-    assert (other.effect, other.joint, other.separated_by) == ("damping_mismatch", "joint_1", "faster motion")
+    assert (other.effect, other.joint, other.separated_by) == (
+        "damping_mismatch",
+        "joint_1",
+        "faster motion",
+    )
     (place,) = message.unexplained
     assert (place.joint, place.side, place.regime, place.rmse) == ("joint_1", "motor", "load", 0.5)
     (change,) = message.changes
-    assert (change.effect, change.joint, change.parameter, change.confidence) == ("time_delay", "", "delay", 0.99)
+    assert (change.effect, change.joint, change.parameter, change.confidence) == (
+        "time_delay",
+        "",
+        "delay",
+        0.99,
+    )
     assert (list(change.recording), list(change.value)) == (["a", "b"], [0.004, 0.002])
     assert dict(zip(message.trust, message.trust_probability, strict=True)) == FOUND["trust"]
     assert in_words(FOUND) == "explained: time_delay"
@@ -157,7 +196,9 @@ def test_a_message_says_what_the_file_says() -> None:
 
 def test_no_gap_is_a_message_too() -> None:
     """Where nothing stands out there is no shrink: NaN, and no cause."""
-    message = diagnosis_message({**FOUND, "verdict": "none", "shrink": None, "shrink_interval": None, "causes": []})
+    message = diagnosis_message(
+        {**FOUND, "verdict": "none", "shrink": None, "shrink_interval": None, "causes": []}
+    )
     assert message.verdict == GapDiagnosis.NONE
     assert math.isnan(message.shrink)
     assert all(map(math.isnan, message.shrink_interval))
@@ -167,7 +208,9 @@ def test_a_vector_has_its_components() -> None:
     """A parameter with three components, such as where a payload sits, keeps them."""
     payload = ParameterEstimate(np.array([0.1, 0.2, 0.3]), np.array([0.01, 0.02, 0.03]), "m")
     parameters = {"position": {"value": list(payload.value), "std": list(payload.std), "unit": "m"}}
-    message = diagnosis_message({**FOUND, "causes": [{**FOUND["causes"][0], "parameters": parameters}]})
+    message = diagnosis_message(
+        {**FOUND, "causes": [{**FOUND["causes"][0], "parameters": parameters}]}
+    )
     (position,) = message.causes[0].parameters
     assert list(position.value) == [0.1, 0.2, 0.3]
     assert list(position.std) == [0.01, 0.02, 0.03]
@@ -182,14 +225,23 @@ EFFECT = f"coulomb_friction:joint_2:torque={TORQUE}"
 def swinging() -> FourierTrajectory:
     """Return a motion of 20 s that shows friction."""
     a, b = np.random.default_rng(5).normal(0.0, 0.3, (2, 3, 5))
-    return FourierTrajectory(2 * np.pi / 20.0, a, b, np.zeros(3), 20.0, 0.5, ("joint_1", "joint_2", "joint_3"))
+    return FourierTrajectory(
+        2 * np.pi / 20.0, a, b, np.zeros(3), 20.0, 0.5, ("joint_1", "joint_2", "joint_3")
+    )
 
 
 def start_arm(graph: Graph) -> None:
     """Start an arm that has more friction than its model and moves on and on."""
     swinging().save(graph.folder / "trajectory.yaml")
-    graph.start("simulator", effects=f"['{EFFECT}']", real_time_factor=0.8, initial_position="[0.0]")
-    graph.start("trajectory_generator", trajectory=graph.folder / "trajectory.yaml", repeat=0, use_sim_time=True)
+    graph.start(
+        "simulator", effects=f"['{EFFECT}']", real_time_factor=0.8, initial_position="[0.0]"
+    )
+    graph.start(
+        "trajectory_generator",
+        trajectory=graph.folder / "trajectory.yaml",
+        repeat=0,
+        use_sim_time=True,
+    )
 
 
 @pytest.mark.graph
@@ -201,7 +253,9 @@ def test_the_friction_of_a_moving_arm_is_named(graph: Graph) -> None:
     found = graph.listen(GapDiagnosis, "/gap")
     status = graph.status("gap_monitor")
     window = 8.0
-    monitor = graph.start("gap_monitor", window=window, period=5.0, save_to=graph.folder / "diagnosis")
+    monitor = graph.start(
+        "gap_monitor", window=window, period=5.0, save_to=graph.folder / "diagnosis"
+    )
     assert not graph.call(Trigger, "/gap_monitor/save", Trigger.Request()).success
     start_arm(graph)
     named: list[GapDiagnosis] = []
@@ -222,7 +276,9 @@ def test_the_friction_of_a_moving_arm_is_named(graph: Graph) -> None:
     assert graph.call(SetBool, "/gap_monitor/pause", SetBool.Request(data=True)).success
     graph.until(lambda: "paused" in status["said"], "the pause is reported")
     assert {status[f"samples {loss}"] for loss in ("late", "repeated")} == {"0"}
-    assert int(status["samples unmatched"]) < 0.1 * 1000 * window, "what was diagnosed is the arm's motion"
+    assert int(status["samples unmatched"]) < 0.1 * 1000 * window, (
+        "what was diagnosed is the arm's motion"
+    )
     assert graph.call(Trigger, "/gap_monitor/reset", Trigger.Request()).success
     graph.until(lambda: status["seconds kept"] == "0", "all is forgotten")
     assert monitor.stop() == 0, monitor.output
@@ -233,13 +289,18 @@ def test_the_friction_of_a_moving_arm_is_named(graph: Graph) -> None:
 def test_a_replay_shorter_than_the_window_is_diagnosed_at_its_end(graph: Graph) -> None:
     """12 s of samples for a window of 15 s: when no more come, what came is diagnosed, once."""
     settings, rng = SimulationSettings(effects=[EFFECT]), np.random.default_rng(1)
-    write_recording(graph.folder / "short", simulate(load_robot(), swinging(), settings, duration=12.0, rng=rng))
+    write_recording(
+        graph.folder / "short", simulate(load_robot(), swinging(), settings, duration=12.0, rng=rng)
+    )
     found = graph.listen(GapDiagnosis, "/gap")
     graph.start("gap_monitor")
     graph.start("replayer", bag=graph.folder / "short", rate=3.0)
     graph.until(lambda: found, "the bag is diagnosed", patience=120)
     (cause,) = [c for c in found[0].causes if c.effect == "coulomb_friction"]
-    assert (cause.joint, cause.parameters[0].value[0]) == ("joint_2", pytest.approx(TORQUE, rel=0.05))
+    assert (cause.joint, cause.parameters[0].value[0]) == (
+        "joint_2",
+        pytest.approx(TORQUE, rel=0.05),
+    )
 
 
 @pytest.mark.graph

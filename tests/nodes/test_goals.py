@@ -23,10 +23,14 @@ NAMES = ARM.joint_names
 
 def point(seconds: float, position: list[float], **rest: list[float]) -> JointTrajectoryPoint:
     whole, part = divmod(round(seconds * 1e9), 10**9)
-    return JointTrajectoryPoint(positions=position, time_from_start=Duration(sec=whole, nanosec=part), **rest)
+    return JointTrajectoryPoint(
+        positions=position, time_from_start=Duration(sec=whole, nanosec=part), **rest
+    )
 
 
-def goal(*points: JointTrajectoryPoint, names: tuple[str, ...] = NAMES, stamp_ns: int = 0) -> JointTrajectory:
+def goal(
+    *points: JointTrajectoryPoint, names: tuple[str, ...] = NAMES, stamp_ns: int = 0
+) -> JointTrajectory:
     message = JointTrajectory(joint_names=list(names), points=list(points))
     message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp_ns, 10**9)
     return message
@@ -64,7 +68,11 @@ def test_what_a_point_holds_decides_on_cubic_or_quintic(degree: int) -> None:
     fields = ("velocities", "accelerations")[: (degree - 1) // 2]
     arm = follower(policy="ignore")
     points = [
-        point(2.0 * (k + 1), list(values[0]), **{f: list(v) for f, v in zip(fields, values[1:], strict=False)})
+        point(
+            2.0 * (k + 1),
+            list(values[0]),
+            **{f: list(v) for f, v in zip(fields, values[1:], strict=False)},
+        )
         for k, values in enumerate(given)
     ]
     arm.take(goal(*points))
@@ -110,15 +118,31 @@ def limited(**limits: float) -> Robot:
 
 
 BROKEN = {
-    "position": (ARM, point(60.0, [0.0, 4.0, 0.0]), "joint_2 to a position of 4 rad, where 3.14 rad is the limit"),
-    "velocity": (ARM, point(0.1, [0.5, 0.0, 0.0]), "joint_1 to a velocity of 5 rad/s, where 1.5 rad/s is the limit"),
-    "a stated limit": (limited(velocity=0.2), point(2.0, [0.5, 0.5, 0.5]), "joint_2 to a velocity of 0.25 rad/s"),
+    "position": (
+        ARM,
+        point(60.0, [0.0, 4.0, 0.0]),
+        "joint_2 to a position of 4 rad, where 3.14 rad is the limit",
+    ),
+    "velocity": (
+        ARM,
+        point(0.1, [0.5, 0.0, 0.0]),
+        "joint_1 to a velocity of 5 rad/s, where 1.5 rad/s is the limit",
+    ),
+    "a stated limit": (
+        limited(velocity=0.2),
+        point(2.0, [0.5, 0.5, 0.5]),
+        "joint_2 to a velocity of 0.25 rad/s",
+    ),
     "acceleration": (
         limited(acceleration=0.5),
         point(1.0, [0.0, 0.5, 0.0], velocities=[0.0, 0.0, 0.0]),
         "joint_2 to an acceleration of 3 rad/s²",
     ),
-    "ends in motion": (ARM, point(1.0, [0.1, 0.1, 0.1], velocities=[0.5, 0.0, 0.0]), "ends in motion"),
+    "ends in motion": (
+        ARM,
+        point(1.0, [0.1, 0.1, 0.1], velocities=[0.5, 0.0, 0.0]),
+        "ends in motion",
+    ),
     "no time": (ARM, point(0.0, [0.1, 0.1, 0.1]), "lies in the past"),
 }
 
@@ -136,7 +160,9 @@ def test_a_goal_that_breaks_a_limit_is_refused_in_words(what: str) -> None:
 @pytest.mark.parametrize(
     "given", [{}, {"velocities": [0.0] * 3}, {"velocities": [0.0] * 3, "accelerations": [0.0] * 3}]
 )
-def test_a_goal_is_slowed_down_to_the_limits_where_that_is_wanted(given: dict[str, list[float]]) -> None:
+def test_a_goal_is_slowed_down_to_the_limits_where_that_is_wanted(
+    given: dict[str, list[float]],
+) -> None:
     """With `slow_down` the motion takes the time that the limits need, and ends where it was to end."""
     robot = limited(velocity=0.3, acceleration=0.5)
     arm = follower(robot, "slow_down")
@@ -158,13 +184,16 @@ def test_a_stop_brings_the_arm_to_rest_without_a_jump() -> None:
     arm.stop()
     after = gone(arm, 0.5)
     assert before.velocity[-1, 0] == pytest.approx(0.75)
-    assert np.abs(np.diff(np.concatenate((before.velocity, after.velocity)), axis=0)).max() * 1e3 < 6.1
+    assert (
+        np.abs(np.diff(np.concatenate((before.velocity, after.velocity)), axis=0)).max() * 1e3 < 6.1
+    )
     assert not after.velocity[-1].any()
 
 
 def streamed(begin_ns: int, position: np.ndarray, velocity: float) -> JointTrajectory:
     return goal(
-        *(point(1e-3 * k, list(row), velocities=[velocity] * 3) for k, row in enumerate(position)), stamp_ns=begin_ns
+        *(point(1e-3 * k, list(row), velocities=[velocity] * 3) for k, row in enumerate(position)),
+        stamp_ns=begin_ns,
     )
 
 
@@ -205,18 +234,42 @@ LAST = (2**31 - 1) * 10**9
 ZEROS = [0.0, 0.0, 0.0]
 FAR = [1e3, 0.0, 0.0]
 ABSURD_STREAMS = {
-    "of 68 years": (NOW_S * 10**9, [point(0.0, ZEROS), point(2.0**31 - 1, ZEROS)], "streams 2.15e.09 s of points"),
-    "of three hours": (NOW_S * 10**9, [point(0.0, ZEROS), point(10800.0, ZEROS)], "streams 1.08e.04 s of points"),
-    "from 1970 to now": (10**9, [point(0.0, ZEROS), point(NOW_S, ZEROS)], "streams 1.7e.09 s of points"),
+    "of 68 years": (
+        NOW_S * 10**9,
+        [point(0.0, ZEROS), point(2.0**31 - 1, ZEROS)],
+        "streams 2.15e.09 s of points",
+    ),
+    "of three hours": (
+        NOW_S * 10**9,
+        [point(0.0, ZEROS), point(10800.0, ZEROS)],
+        "streams 1.08e.04 s of points",
+    ),
+    "from 1970 to now": (
+        10**9,
+        [point(0.0, ZEROS), point(NOW_S, ZEROS)],
+        "streams 1.7e.09 s of points",
+    ),
     "in 2038": (LAST, [point(0.0, ZEROS)], "due 4.47e.08 s from now"),
-    "faster than any arm": (NOW_S * 10**9, [point(0.0, ZEROS), point(1.0, FAR)], "velocity of 1e.03 rad/s"),
+    "faster than any arm": (
+        NOW_S * 10**9,
+        [point(0.0, ZEROS), point(1.0, FAR)],
+        "velocity of 1e.03 rad/s",
+    ),
     "fast between points at rest": (
         NOW_S * 10**9,
         [point(0.0, ZEROS, velocities=ZEROS), point(1.0, FAR, velocities=ZEROS)],
         "velocity of 1e.03 rad/s",
     ),
-    "of huge numbers": (NOW_S * 10**9, [point(0.0, ZEROS), point(1.0, [1e308, 0.0, 0.0])], "a value of 1e.308"),
-    "of too many points": (NOW_S * 10**9, [point(1e-3 * k, ZEROS) for k in range(20_001)], "holds 20001 points"),
+    "of huge numbers": (
+        NOW_S * 10**9,
+        [point(0.0, ZEROS), point(1.0, [1e308, 0.0, 0.0])],
+        "a value of 1e.308",
+    ),
+    "of too many points": (
+        NOW_S * 10**9,
+        [point(1e-3 * k, ZEROS) for k in range(20_001)],
+        "holds 20001 points",
+    ),
 }
 
 

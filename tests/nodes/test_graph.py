@@ -60,12 +60,23 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
         # Slower than real time, on its own clock: a machine that is busy with other work skips nothing.
         simulator = graph.start("simulator", seed=4, real_time_factor=0.8)
         # Long beside what the first estimate is made of, so that deviations, which are estimates too, have to shrink.
-        generator = graph.start("trajectory_generator", trajectory=lively_excitation(folder, 15.0), use_sim_time=True)
-        graph.until(lambda: generator.process.poll() is not None, "the trajectory ends", patience=90)
+        generator = graph.start(
+            "trajectory_generator", trajectory=lively_excitation(folder, 15.0), use_sim_time=True
+        )
+        graph.until(
+            lambda: generator.process.poll() is not None, "the trajectory ends", patience=90
+        )
         # The arm first, so that both listeners hear its last sample.
         codes = {node.name: node.stop() for node in (simulator, recorder, identifier)}
         outputs = "".join(node.output for node in graph.nodes)
-        return Run(generator, codes, estimates, folder / "bag", folder / "online" / "identification.json", outputs)
+        return Run(
+            generator,
+            codes,
+            estimates,
+            folder / "bag",
+            folder / "online" / "identification.json",
+            outputs,
+        )
 
 
 def test_a_run_ends_cleanly(run: Run) -> None:
@@ -108,12 +119,19 @@ def test_online_and_offline_agree(graph: Graph, run: Run) -> None:
     """
     folder = graph.folder / "online"
     identifier = graph.start("identifier", save_to=folder, save_at_exit=True, print=True)
-    replayer = graph.start("replayer", bag=run.bag, topics="['/joint_states', '/motor_states']", rate=3.0)
+    replayer = graph.start(
+        "replayer", bag=run.bag, topics="['/joint_states', '/motor_states']", rate=3.0
+    )
     graph.until(lambda: replayer.process.poll() is not None, "the bag ends")
     assert identifier.stop() == 0
     printed = [json.loads(line) for line in identifier.output.splitlines() if line.startswith("{")]
     assert len(printed) > 1 and printed[0]["samples"] > 0
-    assert len(printed[0]["name"]) == len(printed[0]["value"]) == len(printed[0]["std"]) == len(printed[0]["unit"])
+    assert (
+        len(printed[0]["name"])
+        == len(printed[0]["value"])
+        == len(printed[0]["std"])
+        == len(printed[0]["unit"])
+    )
     online = Identification.load(folder / "identification.json")
     estimator = identifier_of(load_robot(None))
     estimator.add(read_recording(run.bag).samples())
@@ -140,7 +158,11 @@ def test_a_replay_says_what_was_recorded(graph: Graph, run: Run) -> None:
 
 def test_samples_come_in_order_one_a_millisecond(graph: Graph) -> None:
     """With a clock of its own, the arm's samples follow each other by exactly a millisecond on all three topics."""
-    kinds = {"/joint_states": JointState, "/motor_states": JointState, "/joint_torques": JointTorques}
+    kinds = {
+        "/joint_states": JointState,
+        "/motor_states": JointState,
+        "/joint_torques": JointTorques,
+    }
     heard = {topic: graph.listen(kind, topic) for topic, kind in kinds.items()}
     clock, description = graph.listen(Clock, "/clock"), graph.listen(String, "/robot_description")
     graph.start("simulator", real_time_factor=0.5)
@@ -169,7 +191,9 @@ def test_an_arm_faster_than_real_time_is_moved_on_its_own_clock(graph: Graph) ->
     status: list[DiagnosticArray] = graph.listen(DiagnosticArray, "/diagnostics")
     recorder = graph.start("recorder", bag=graph.folder / "bag")
     graph.start("simulator", real_time_factor=1.5)
-    generator = graph.start("trajectory_generator", trajectory=lively_excitation(graph.folder, 3.0), use_sim_time=True)
+    generator = graph.start(
+        "trajectory_generator", trajectory=lively_excitation(graph.folder, 3.0), use_sim_time=True
+    )
     graph.until(lambda: generator.process.poll() is not None, "the motion ends")
     assert generator.process.returncode == 0
     assert recorder.stop() == 0
@@ -197,7 +221,10 @@ def reference_and_motion(graph: Graph) -> tuple[np.ndarray, np.ndarray, np.ndarr
     """Return the recorded reference, and the motor angles at its stamps; and all stamps of the motors."""
     recording = read_recording(graph.folder / "bag")
     stamp_ns = recording.motor.stamp_ns
-    angles = [np.interp(recording.reference.stamp_ns, stamp_ns, column) for column in recording.motor.position.T]
+    angles = [
+        np.interp(recording.reference.stamp_ns, stamp_ns, column)
+        for column in recording.motor.position.T
+    ]
     return recording.reference.position, np.stack(angles, axis=1), stamp_ns
 
 
@@ -206,7 +233,9 @@ def test_the_clock_of_the_arm_waits_for_a_generator_that_is_held_up(graph: Graph
     clock = graph.listen(Clock, "/clock")
     recorder = graph.start("recorder", bag=graph.folder / "bag")
     graph.start("simulator", real_time_factor=1.5)
-    generator = graph.start("trajectory_generator", trajectory=lively_excitation(graph.folder, 4.0), use_sim_time=True)
+    generator = graph.start(
+        "trajectory_generator", trajectory=lively_excitation(graph.folder, 4.0), use_sim_time=True
+    )
     graph.until(lambda: clock and "streaming 4.0 s" in generator.output, "the motion is announced")
     begun = clock[-1].clock.sec
     graph.until(lambda: clock[-1].clock.sec > begun + 2, "the motion is under way")
@@ -262,7 +291,9 @@ def test_two_clocks_are_a_mistake(graph: Graph) -> None:
 def test_an_effect_is_switched_on_by_a_parameter(graph: Graph) -> None:
     """An offset of a torque sensor, given as a parameter, shows in that joint's torque."""
     messages = graph.listen(JointTorques, "/joint_torques")
-    graph.start("simulator", effects="['motor_torque_offset:joint_2:offset=50.0']", torque_noise=0.0)
+    graph.start(
+        "simulator", effects="['motor_torque_offset:joint_2:offset=50.0']", torque_noise=0.0
+    )
     graph.until(lambda: len(messages) > 10, "samples")
     with ros_graph(graph.folder.parent) as other:
         plain = other.listen(JointTorques, "/joint_torques")
@@ -298,7 +329,9 @@ def test_a_killed_recorder_leaves_a_readable_bag(graph: Graph) -> None:
     recorder = graph.start("recorder", bag=graph.folder / "bag")
     graph.start("simulator", real_time_factor=0.5)
     # By its own count: on a busy machine it may hear the arm later than this test does.
-    graph.until(lambda: int(status.get("/joint_states", 0)) > 1000, "a second of samples is recorded")
+    graph.until(
+        lambda: int(status.get("/joint_states", 0)) > 1000, "a second of samples is recorded"
+    )
     recorder.stop(signal.SIGKILL)
     last = stamps(messages)[-1]
     recording = read_recording(graph.folder / "bag")
@@ -314,7 +347,9 @@ def test_a_simulator_that_publishes_stays_when_another_source_turns_up(graph: Gr
     graph.until(lambda: samples, "the arm moves")
     graph.peer.create_publisher(JointState, "/motor_states", qos("/motor_states"))
     graph.until(
-        lambda: any("/peer publishes /motor_states too" in array.status[0].message for array in status),
+        lambda: any(
+            "/peer publishes /motor_states too" in array.status[0].message for array in status
+        ),
         "the newcomer is warned of",
     )
     assert simulator.stop() == 0
@@ -329,12 +364,16 @@ ABSURD_POSITIONS = {
 }
 
 
-def test_states_without_a_place_of_the_arm_are_refused_by_the_generator(graph: Graph, tmp_path: Path) -> None:
+def test_states_without_a_place_of_the_arm_are_refused_by_the_generator(
+    graph: Graph, tmp_path: Path
+) -> None:
     """A generator that never learns where the arm is says what it hears, and ends with code 2."""
     trajectory = lively_excitation(tmp_path, 2.0)
     for k, sent in enumerate(ABSURD_POSITIONS.values()):
         space = f"arm_{k}"
-        publisher = graph.peer.create_publisher(JointState, f"/{space}/motor_states", qos("/motor_states"))
+        publisher = graph.peer.create_publisher(
+            JointState, f"/{space}/motor_states", qos("/motor_states")
+        )
         message = JointState(**{"name": list(JOINTS), **sent})
 
         def say(publisher=publisher, message=message) -> None:
@@ -343,11 +382,16 @@ def test_states_without_a_place_of_the_arm_are_refused_by_the_generator(graph: G
 
         graph.peer.create_timer(0.05, say)
         graph.start("trajectory_generator", "-r", f"__ns:=/{space}", trajectory=trajectory)
-    graph.until(lambda: all(node.process.poll() is not None for node in graph.nodes), "the generators give up")
+    graph.until(
+        lambda: all(node.process.poll() is not None for node in graph.nodes),
+        "the generators give up",
+    )
     said = ("1 positions for 3 joints", "of 1e+308 rad for joint_2", "of nan rad", "a joint twice")
     for node, words in zip(graph.nodes, said, strict=True):
         assert node.wait() == 2
-        assert words in node.output and "Traceback" not in node.output and "Warning" not in node.output
+        assert (
+            words in node.output and "Traceback" not in node.output and "Warning" not in node.output
+        )
 
 
 def test_absurd_references_leave_the_arm_as_it_is(graph: Graph) -> None:
@@ -363,7 +407,9 @@ def test_absurd_references_leave_the_arm_as_it_is(graph: Graph) -> None:
 
     def at(seconds: float, *position: float) -> JointTrajectoryPoint:
         whole, part = divmod(round(seconds * 1e9), 10**9)
-        return JointTrajectoryPoint(positions=position or (0.0,) * 3, time_from_start=Duration(sec=whole, nanosec=part))
+        return JointTrajectoryPoint(
+            positions=position or (0.0,) * 3, time_from_start=Duration(sec=whole, nanosec=part)
+        )
 
     sent = {
         "no positions": [JointTrajectoryPoint()],
@@ -379,12 +425,17 @@ def test_absurd_references_leave_the_arm_as_it_is(graph: Graph) -> None:
             publisher.publish(message)
             message.header.stamp = graph.peer.get_clock().now().to_msg()
             publisher.publish(message)
-        publisher.publish(JointTrajectory(joint_names=["x" * 100_000, "\x1b[31m", "[r]"], points=[at(1.0)]))
+        publisher.publish(
+            JointTrajectory(joint_names=["x" * 100_000, "\x1b[31m", "[r]"], points=[at(1.0)])
+        )
     publishers["/simulator/joint_trajectory"].publish(
         JointTrajectory(joint_names=list(JOINTS), points=[at(0.5, 0.02, 0.02, 0.02)])
     )
     graph.until(lambda: abs(samples[-1].position[0] - 0.02) < 2e-3, "a proper goal is reached")
-    graph.until(lambda: int(status.get("reference messages refused", 0)) == 26, "what was refused is counted")
+    graph.until(
+        lambda: int(status.get("reference messages refused", 0)) == 26,
+        "what was refused is counted",
+    )
     assert simulator.stop() == 0
     assert "Traceback" not in simulator.output and "Warning" not in simulator.output
     assert "\x1b[31m[r]" not in simulator.output
@@ -395,7 +446,9 @@ def test_the_identifier_obeys_its_services(graph: Graph, run: Run) -> None:
     """Pause stops the counting, save writes a result that loads, reset forgets."""
     status = graph.status("identifier")
     graph.start("identifier", save_to=graph.folder / "saved")
-    graph.until(lambda: "nothing on /joint_states" in status.get("said", ""), "a silent arm is reported")
+    graph.until(
+        lambda: "nothing on /joint_states" in status.get("said", ""), "a silent arm is reported"
+    )
     graph.start("replayer", bag=run.bag, topics="['/joint_states', '/motor_states']", rate=4.0)
     graph.until(lambda: int(status.get("samples used", 0)) > 4000, "samples are used")
     answer = graph.call(Trigger, "/identifier/save", Trigger.Request())
@@ -408,8 +461,16 @@ def test_the_identifier_obeys_its_services(graph: Graph, run: Run) -> None:
 
 
 MISTAKES = {
-    "no such arm of the monitor": ("gap_monitor", {"robot": "/nowhere/arm.yaml"}, "/nowhere/arm.yaml"),
-    "no such effect of the monitor": ("gap_monitor", {"known": "['coulomb_frictoin']"}, "coulomb_friction"),
+    "no such arm of the monitor": (
+        "gap_monitor",
+        {"robot": "/nowhere/arm.yaml"},
+        "/nowhere/arm.yaml",
+    ),
+    "no such effect of the monitor": (
+        "gap_monitor",
+        {"known": "['coulomb_frictoin']"},
+        "coulomb_friction",
+    ),
     "no such arm": ("simulator", {"robot": "/nowhere/arm.yaml"}, "/nowhere/arm.yaml"),
     "no such model": ("simulator", {"model": "mod9"}, "mod9"),
     "no such effect": ("simulator", {"effects": "['coulomb_frictoin']"}, "coulomb_friction"),
@@ -424,7 +485,10 @@ MISTAKES = {
 
 def test_mistakes_are_answered_in_one_line(graph: Graph) -> None:
     """Each node ends with code 2 and a line that names what was wrong."""
-    nodes = {mistake: graph.start(name, **parameters) for mistake, (name, parameters, _) in MISTAKES.items()}
+    nodes = {
+        mistake: graph.start(name, **parameters)
+        for mistake, (name, parameters, _) in MISTAKES.items()
+    }
     for mistake, node in nodes.items():
         assert node.wait() == 2, (mistake, node.output)
         (line,) = node.output.splitlines()

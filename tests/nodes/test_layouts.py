@@ -21,7 +21,10 @@ PLOTS = {name: panel for name, panel in PANELS.items() if name.startswith("Plot!
 
 def test_foxglove_s_layout_is_one() -> None:
     """What Lichtblick's `validateLayoutData` requires, and every panel has its place."""
-    assert all(isinstance(FOXGLOVE[field], dict) for field in ("configById", "globalVariables", "userNodes", "layout"))
+    assert all(
+        isinstance(FOXGLOVE[field], dict)
+        for field in ("configById", "globalVariables", "userNodes", "layout")
+    )
     assert isinstance(FOXGLOVE["playbackConfig"]["speed"], (int, float))
     placed = re.findall(r'"(\w+!\w+)"', json.dumps(FOXGLOVE["layout"]))
     assert sorted(placed) == sorted(PANELS)
@@ -34,7 +37,9 @@ def sent(topic: str) -> Any:
         message.residuals = [GapResidual() for _ in range(9)]
     for name, kind in message.get_fields_and_field_types().items():
         if kind in ("sequence<double>", "sequence<string>"):
-            setattr(message, name, [0.0] * 3 if "double" in kind else ["joint_1", "joint_2", "joint_3"])
+            setattr(
+                message, name, [0.0] * 3 if "double" in kind else ["joint_1", "joint_2", "joint_3"]
+            )
     return message
 
 
@@ -50,8 +55,14 @@ def curves(topic: str, message: Any) -> dict[str, Any]:
     """Return a message's numbers by the names that PlotJuggler's parser of ROS messages gives them."""
     if isinstance(message, JointState):
         channels = {kind: getattr(message, kind) for kind in ("position", "velocity", "effort")}
-        return {f"{topic}/{name}/{k}": v[i] for k, v in channels.items() for i, name in enumerate(message.name)}
-    return {f"{topic}/{name}": getattr(message, name) for name in message.get_fields_and_field_types()}
+        return {
+            f"{topic}/{name}/{k}": v[i]
+            for k, v in channels.items()
+            for i, name in enumerate(message.name)
+        }
+    return {
+        f"{topic}/{name}": getattr(message, name) for name in message.get_fields_and_field_types()
+    }
 
 
 def test_what_the_layouts_show_is_sent() -> None:
@@ -62,7 +73,10 @@ def test_what_the_layouts_show_is_sent() -> None:
         topic, _, field = path.partition(".")
         assert isinstance(element(sent(topic), field), float), path
     assert element(sent("/gap"), PANELS["RawMessages!gap"]["topicPath"].removeprefix("/gap.")) == []
-    assert {*PANELS["3D!arm"]["topics"], PANELS["DiagnosticSummary!health"]["topicToRender"]} <= set(TYPES)
+    assert {
+        *PANELS["3D!arm"]["topics"],
+        PANELS["DiagnosticSummary!health"]["topicToRender"],
+    } <= set(TYPES)
     drawn = [str(curve.get("name")) for curve in PLOTJUGGLER.iter("curve")]
     assert len(drawn) > 10
     for name in drawn:

@@ -24,8 +24,12 @@ class Driver:
     def publish(self) -> None:
         """Publish the next one."""
         names = ["joint_1", "joint_2", "joint_3"]
-        message = JointState(name=names, position=[0.0] * 3, velocity=[0.0] * 3, effort=[float(self.count), 0.0, 0.0])
-        message.header.stamp.sec, message.header.stamp.nanosec = divmod(10_000_000 * self.count + 10**9, 10**9)
+        message = JointState(
+            name=names, position=[0.0] * 3, velocity=[0.0] * 3, effort=[float(self.count), 0.0, 0.0]
+        )
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(
+            10_000_000 * self.count + 10**9, 10**9
+        )
         self.output.publish(message)
         self.count += 1
 
@@ -58,4 +62,6 @@ def test_the_recorder_adapts_to_best_effort(graph: Graph) -> None:
     status = graph.status("recorder")
     graph.until(lambda: graph.peer.count_subscribers("/joint_states") == 1, "it listens")
     driver = Driver(graph, BEST_EFFORT)
-    graph.until(lambda: driver.publish() or int(status.get("/joint_states", 0)) > 10, "they are in the bag")
+    graph.until(
+        lambda: driver.publish() or int(status.get("/joint_states", 0)) > 10, "they are in the bag"
+    )

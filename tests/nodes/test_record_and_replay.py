@@ -34,7 +34,9 @@ def test_a_topic_of_any_type_is_recorded_and_played_back(graph: Graph) -> None:
     assert recorder.stop() == 0
     graph.peer.destroy_publisher(latched)
     graph.peer.destroy_publisher(output)
-    (topic,) = [topic for topic in read_topics(graph.folder / "bag") if topic.name == "/foreign/tolerance"]
+    (topic,) = [
+        topic for topic in read_topics(graph.folder / "bag") if topic.name == "/foreign/tolerance"
+    ]
     assert "float64 acceleration" in topic.definition
     heard = graph.listen(JointTolerance, "/foreign/tolerance")
     told = graph.listen(String, "/robot_description")

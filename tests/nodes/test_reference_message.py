@@ -44,21 +44,42 @@ def at_one_time() -> JointTrajectory:
 
 
 BAD: dict[str, tuple[Callable[[], JointTrajectory], str]] = {
-    "three names and one position": (lambda: message([1.0]), "has 1 positions for 3 joints in point 0"),
-    "ragged": (lambda: message([1.0, 2.0, 3.0], [1.0, 2.0]), "has 2 positions for 3 joints in point 1"),
+    "three names and one position": (
+        lambda: message([1.0]),
+        "has 1 positions for 3 joints in point 0",
+    ),
+    "ragged": (
+        lambda: message([1.0, 2.0, 3.0], [1.0, 2.0]),
+        "has 2 positions for 3 joints in point 1",
+    ),
     "no points": (message, "holds no points"),
     "no names": (lambda: message([], names=()), "names no joint"),
     "other names": (lambda: message([1.0, 2.0, 3.0], names=("a", "b", "d")), "names a, b, d"),
-    "more names than positions": (lambda: message([1.0, 2.0, 3.0], names=(*JOINTS, "d")), "3 positions for 4 joints"),
-    "a name twice": (lambda: message([1.0, 2.0, 3.0, 4.0], names=(*JOINTS, "a")), "names a, b, c, a"),
+    "more names than positions": (
+        lambda: message([1.0, 2.0, 3.0], names=(*JOINTS, "d")),
+        "3 positions for 4 joints",
+    ),
+    "a name twice": (
+        lambda: message([1.0, 2.0, 3.0, 4.0], names=(*JOINTS, "a")),
+        "names a, b, c, a",
+    ),
     "velocities of another length": (lambda: with_field("velocities", [1.0]), "has 1 velocities"),
     "velocities alone": (lambda: with_field("positions", []), "has 0 positions"),
     "not a number": (lambda: message([1.0, float("nan"), 3.0]), "not finite"),
-    "infinite acceleration": (lambda: with_field("accelerations", [0.0, 0.0, float("inf")]), "not finite"),
+    "infinite acceleration": (
+        lambda: with_field("accelerations", [0.0, 0.0, float("inf")]),
+        "not finite",
+    ),
     "a huge number": (lambda: message([1.0, 1e308, 3.0]), "has a value of 1e.308"),
-    "a huge velocity": (lambda: with_field("velocities", [0.0, -1e200, 0.0]), "has a value of 1e.200"),
+    "a huge velocity": (
+        lambda: with_field("velocities", [0.0, -1e200, 0.0]),
+        "has a value of 1e.200",
+    ),
     "too many points": (lambda: message(*[[1.0, 2.0, 3.0]] * 20_001), "holds 20001 points"),
-    "a name of codes": (lambda: message([1.0, 2.0, 3.0], names=("a", "b", "\x1b[31m" * 9999)), "names a, b"),
+    "a name of codes": (
+        lambda: message([1.0, 2.0, 3.0], names=("a", "b", "\x1b[31m" * 9999)),
+        "names a, b",
+    ),
     "two points at one time": (at_one_time, "do not increase"),
 }
 

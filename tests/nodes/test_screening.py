@@ -50,15 +50,20 @@ def test_an_arm_that_begins_to_move_passes(samples: Samples) -> None:
 
 
 @pytest.mark.parametrize(
-    ("channel", "value"), [("q", 1e200), ("theta", -1.7e308), ("tau_m", 1e6), ("tau_J", 1.7e308), ("dq", -1e5)]
+    ("channel", "value"),
+    [("q", 1e200), ("theta", -1.7e308), ("tau_m", 1e6), ("tau_J", 1.7e308), ("dq", -1e5)],
 )
 @pytest.mark.parametrize("rows", [[3], [4000], [4000, 4001, 4002, 7000]])
-def test_absurd_samples_are_left_out_and_counted(samples: Samples, channel: str, value: float, rows: list[int]) -> None:
+def test_absurd_samples_are_left_out_and_counted(
+    samples: Samples, channel: str, value: float, rows: list[int]
+) -> None:
     """In the first batch or later, alone or in a row: exactly these."""
     screen = StreamScreen()
     kept = [screen.take(batch) for batch in batches(spoiled(samples, channel, value, rows))]
     assert screen.left_out == len(rows)
-    np.testing.assert_array_equal(np.concatenate([k.stamp_ns for k in kept]), np.delete(samples.stamp_ns, rows))
+    np.testing.assert_array_equal(
+        np.concatenate([k.stamp_ns for k in kept]), np.delete(samples.stamp_ns, rows)
+    )
 
 
 def test_numbers_of_no_arm_are_left_out_from_the_first_sample_on(samples: Samples) -> None:
@@ -74,7 +79,9 @@ def test_an_estimate_survives_an_absurd_sample(samples: Samples) -> None:
     """One sample of 1e6 Nm in the stream moves no parameter by more than a tenth of its deviation."""
     sound, screened = (identifier_of(load_robot(None)) for _ in range(2))
     screen = StreamScreen()
-    for batch, bad in zip(batches(samples), batches(spoiled(samples, "tau_m", 1e6, [4000])), strict=True):
+    for batch, bad in zip(
+        batches(samples), batches(spoiled(samples, "tau_m", 1e6, [4000])), strict=True
+    ):
         sound.add(batch)
         screened.add(screen.take(bad))
     one, other = sound.estimate(), screened.estimate()
@@ -87,10 +94,14 @@ def test_the_identifier_reports_what_it_leaves_out(tmp_path: Path, graph: Graph)
     recording = read_recording(Path(__file__).parents[2] / "bags" / "excitation")
     effort = recording.motor.effort.copy()
     effort[4000, 1] = 1e6
-    bag = write_recording(tmp_path / "spoiled", replace(recording, motor=replace(recording.motor, effort=effort)))
+    bag = write_recording(
+        tmp_path / "spoiled", replace(recording, motor=replace(recording.motor, effort=effort))
+    )
     status = graph.status("identifier")
     identifier = graph.start("identifier", save_to=tmp_path / "online", save_at_exit=True)
-    replayer = graph.start("replayer", bag=bag, topics="['/joint_states', '/motor_states']", rate=4.0)
+    replayer = graph.start(
+        "replayer", bag=bag, topics="['/joint_states', '/motor_states']", rate=4.0
+    )
     graph.until(lambda: "1 samples hold absurd numbers" in status.get("said", ""), "it is reported")
     graph.until(lambda: replayer.process.poll() is not None, "the bag ends")
     assert identifier.stop() == 0

@@ -29,7 +29,9 @@ class Discovery:
 
     def get_publishers_info_by_topic(self, topic: str) -> list[Any]:
         look = self.looks.pop(0) if len(self.looks) > 1 else self.looks[0]
-        return [SimpleNamespace(node_name=name, node_namespace=namespace) for name, namespace in look]
+        return [
+            SimpleNamespace(node_name=name, node_namespace=namespace) for name, namespace in look
+        ]
 
 
 def refusal(node: Discovery) -> str:
@@ -42,7 +44,9 @@ def refusal(node: Discovery) -> str:
 def test_the_error_waits_for_the_name_of_the_other_node() -> None:
     """A publisher discovered before the name of its node is reported by that name."""
     nameless: list[list[tuple[str, str]]] = [[], *[[NAMELESS]] * 20]
-    assert "/left/simulator publishes /left/motor_states already" in refusal(Discovery(*nameless, [OTHER]))
+    assert "/left/simulator publishes /left/motor_states already" in refusal(
+        Discovery(*nameless, [OTHER])
+    )
     assert "/left/simulator publishes" in refusal(Discovery([NAMELESS, OTHER]))
 
 
@@ -54,7 +58,9 @@ def test_a_node_without_a_name_is_refused_in_the_end(monkeypatch: pytest.MonkeyP
 
 def test_a_publisher_that_goes_before_its_name_has_come_is_none() -> None:
     """An endpoint of a process that has ended disappears without a name, and the newcomer stays."""
-    graph.require_single_publisher(Discovery([NAMELESS], [NAMELESS], []), [topics.MOTOR_STATES], 0.1)  # type: ignore[arg-type]
+    graph.require_single_publisher(
+        Discovery([NAMELESS], [NAMELESS], []), [topics.MOTOR_STATES], 0.1
+    )  # type: ignore[arg-type]
 
 
 def test_another_name_than_the_own_is_found_among_both() -> None:

@@ -144,7 +144,9 @@ def test_the_reference_between_points_follows_the_motion() -> None:
     got = [queue.at(step) for step in range(1, 700)]
     expected = sine(np.arange(1, 700) * MS)
     bound = 3**4 * 1e-12 / 384  # |q''''| h^4 / 384
-    np.testing.assert_allclose([row.position for row in got], expected.position, rtol=0, atol=bound + 1e-15)
+    np.testing.assert_allclose(
+        [row.position for row in got], expected.position, rtol=0, atol=bound + 1e-15
+    )
     np.testing.assert_allclose([row.velocity for row in got], expected.velocity, atol=1e-8)
     np.testing.assert_allclose([row.acceleration for row in got], expected.acceleration, atol=1e-4)
     assert queue.late == queue.starved == queue.delay == 0
@@ -158,7 +160,9 @@ def gone_through(queue: ReferenceQueue, steps: range) -> Row:
 
 def assert_smooth(motion: Row, acceleration: float) -> None:
     """Positions, velocities and accelerations belong together, and the last keep within a bound."""
-    np.testing.assert_allclose(np.diff(motion.position, axis=0) * 1e3, motion.velocity[1:], atol=0.01)
+    np.testing.assert_allclose(
+        np.diff(motion.position, axis=0) * 1e3, motion.velocity[1:], atol=0.01
+    )
     assert np.abs(np.diff(motion.velocity, axis=0)).max() * 1e3 < acceleration
     assert np.abs(motion.acceleration).max() < acceleration
 
@@ -187,7 +191,9 @@ def test_a_stream_that_falls_behind_is_picked_up_where_it_was_left() -> None:
     after = gone_through(queue, range(1600, 3500))
     motion = Row(*(np.concatenate(both) for both in zip(before, after, strict=True)))
     assert_smooth(motion, 30.0)
-    np.testing.assert_allclose(after.position[-1], sine(np.array([(3499 - queue.delay) * MS])).position[0], atol=1e-9)
+    np.testing.assert_allclose(
+        after.position[-1], sine(np.array([(3499 - queue.delay) * MS])).position[0], atol=1e-9
+    )
     assert 600 < queue.delay < 1600
     assert queue.starved == 1
 
@@ -288,7 +294,9 @@ def joint_state(names: list[str], stamp_ns: int = 0, scale: float = 1.0) -> Join
 def test_a_filled_form_is_the_message() -> None:
     """The bytes of a filled form are those of the message with these numbers."""
     form = Form("sensor_msgs/msg/JointState", joint_state(["a", "bb"]))
-    data = form.filled(3_000_000_007, position=np.array([4.0, 8.0]), velocity=np.array([40.0, 80.0]))
+    data = form.filled(
+        3_000_000_007, position=np.array([4.0, 8.0]), velocity=np.array([40.0, 80.0])
+    )
     assert deserialize_message(data, JointState) == joint_state(["a", "bb"], 3_000_000_007, 4.0)
 
 
@@ -354,7 +362,9 @@ def test_a_full_inbox_drops_the_oldest_and_says_so() -> None:
 
 def states(names: list[str], stamp_ms: int, **numbers: list[float]) -> bytes:
     """Return a message with these fields as it comes from the wire."""
-    message = JointState(name=names, **{field: array("d", values) for field, values in numbers.items()})
+    message = JointState(
+        name=names, **{field: array("d", values) for field, values in numbers.items()}
+    )
     message.header.stamp.nanosec = stamp_ms * MS
     return serialize_message(message)
 
@@ -394,11 +404,20 @@ def test_a_driver_that_publishes_currents_is_read_by_a_map(tmp_path: Path) -> No
     """Degrees and amperes of motors under the driver's names become rad and Nm at the output; others are foreign."""
     box = Collector(("a", "b"), channels=driver_map(tmp_path, DRIVER))
     (inbox,) = box.inboxes.values()
-    assert list(box.inboxes) == ["/arm/joint_states"] and box.channels == ("theta", "dtheta", "tau_m")
+    assert list(box.inboxes) == ["/arm/joint_states"] and box.channels == (
+        "theta",
+        "dtheta",
+        "tau_m",
+    )
     inbox.put(states(["axis_2", "axis_1"], 1, position=[18000.0, 9000.0], effort=[2.0, 1.0]))
     inbox.put(states(["axis_2"], 2, position=[18000.0], effort=[2.0]))
     samples = box.take(everything=True)
-    assert samples is not None and samples.theta is not None and samples.tau_m is not None and samples.q is None
+    assert (
+        samples is not None
+        and samples.theta is not None
+        and samples.tau_m is not None
+        and samples.q is None
+    )
     np.testing.assert_allclose(samples.theta, [[np.pi / 2, np.pi]])
     np.testing.assert_allclose(samples.tau_m, [[20.0, -40.0]])
     assert box.faults.foreign == 1
@@ -426,7 +445,9 @@ def test_both_sides_may_come_on_one_topic(tmp_path: Path) -> None:
         (("effort: {topic: /arm/joint_states", "effort: {topic: /arm/currents"), "one topic"),
     ],
 )
-def test_a_map_that_a_live_graph_cannot_serve_is_refused(tmp_path: Path, changed: tuple[str, str], said: str) -> None:
+def test_a_map_that_a_live_graph_cannot_serve_is_refused(
+    tmp_path: Path, changed: tuple[str, str], said: str
+) -> None:
     """What only a bag can be read by is refused at the start, with what to do."""
     with pytest.raises(RecordingError, match=said):
         Collector(("a", "b"), channels=driver_map(tmp_path, DRIVER.replace(*changed)))
@@ -450,7 +471,9 @@ def test_one_side_alone_makes_samples() -> None:
     """An arm that has only a motor side gives samples without waiting for the other."""
     box = collector("motor")
     for stamp in (1, 2, 3):
-        box.inboxes["/motor_states"].put(states(["a", "b"], stamp, position=[1.0, 2.0], effort=[3.0, 4.0]))
+        box.inboxes["/motor_states"].put(
+            states(["a", "b"], stamp, position=[1.0, 2.0], effort=[3.0, 4.0])
+        )
     samples = box.take(everything=True)
     assert samples.t.tolist() == pytest.approx([0.0, 0.001, 0.002])
     assert samples.q is None
@@ -481,11 +504,15 @@ def test_the_way_to_the_start_is_smooth_and_within_its_speed() -> None:
 
 def test_a_plan_can_be_repeated() -> None:
     """Each round is the same motion, and the last point is at rest."""
-    trajectory = FourierTrajectory(2.0, np.full((1, 1), 0.3), np.zeros((1, 1)), np.zeros(1), 4.0, 0.5)
+    trajectory = FourierTrajectory(
+        2.0, np.full((1, 1), 0.3), np.zeros((1, 1)), np.zeros(1), 4.0, 0.5
+    )
     plan = Plan(trajectory, np.zeros(1), repeat=3)
     assert plan.duration == pytest.approx(12.0)
     t = np.linspace(0.1, 3.9, 20)
-    np.testing.assert_allclose(plan.evaluate(t + 8.0).position, plan.evaluate(t).position, atol=1e-12)
+    np.testing.assert_allclose(
+        plan.evaluate(t + 8.0).position, plan.evaluate(t).position, atol=1e-12
+    )
     assert not plan.evaluate(np.array([plan.duration])).velocity.any()
     assert np.isinf(Plan(trajectory, np.zeros(1), repeat=0).duration)
 
@@ -493,11 +520,22 @@ def test_a_plan_can_be_repeated() -> None:
 # The process
 
 
-def test_a_name_that_is_no_text_is_refused_before_ros_sees_it(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_name_that_is_no_text_is_refused_before_ros_sees_it(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     """ROS takes UTF-8 alone; a folder may be called anything."""
-    assert run(lambda: pytest.fail("a node was made"), ["replayer", "--ros-args", "-p", "bag:=x\udcff"]) == 2
+    assert (
+        run(
+            lambda: pytest.fail("a node was made"), ["replayer", "--ros-args", "-p", "bag:=x\udcff"]
+        )
+        == 2
+    )
     said = capsys.readouterr().err
-    assert said.startswith("error: 'bag:=x") and "is no UTF-8 text" in said and len(said.splitlines()) == 1
+    assert (
+        said.startswith("error: 'bag:=x")
+        and "is no UTF-8 text" in said
+        and len(said.splitlines()) == 1
+    )
 
 
 @pytest.mark.parametrize("words", [["-p", "bag:=["], ["-p", "bag"], ["-r", "x"], ["--nothing"]])
@@ -518,7 +556,11 @@ def test_arguments_that_ros_does_not_take_are_refused_in_a_line(
     ],
 )
 def test_a_recorder_refuses_names_that_cannot_be_in_a_line(
-    words: list[str], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    words: list[str],
+    said: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     """Names of topics that ROS has not, and of folders that no disk takes, are no tracebacks."""
     monkeypatch.chdir(tmp_path)
@@ -560,7 +602,9 @@ def test_a_node_whose_tick_fails_knows_so_at_its_end(monkeypatch: pytest.MonkeyP
 
 def playback() -> Playback:
     """Ten messages a second apart, from 100 s on."""
-    return Playback(iter([Message((100 + k) * 1000 * MS, 0, "/a", "", bytes([k])) for k in range(10)]))
+    return Playback(
+        iter([Message((100 + k) * 1000 * MS, 0, "/a", "", bytes([k])) for k in range(10)])
+    )
 
 
 def test_messages_are_due_in_the_rhythm_of_their_recording() -> None:
@@ -573,7 +617,9 @@ def test_messages_are_due_in_the_rhythm_of_their_recording() -> None:
     assert bag.wait(5.625, 2.0) == pytest.approx(0.0)
 
 
-@pytest.mark.parametrize("type_name", ["control_msgs/msg/JointTolerance", "trajectory_msgs/msg/JointTrajectory"])
+@pytest.mark.parametrize(
+    "type_name", ["control_msgs/msg/JointTolerance", "trajectory_msgs/msg/JointTrajectory"]
+)
 def test_the_definition_of_an_installed_type_holds_all_that_it_is_made_of(type_name: str) -> None:
     """The text made of the installed files parses, and is what the library has for a type that it knows."""
     text, type_hash = installed_definition(type_name)

@@ -29,7 +29,9 @@ LOOPBACK = {PROFILE_VARIABLE: str(LOOPBACK_PROFILE), RANGE_VARIABLE: "SYSTEM_DEF
 def shared_memory_of(node: NodeProcess) -> set[str]:
     """Return the files of shared memory that a node's Fast DDS has mapped."""
     maps = Path(f"/proc/{node.process.pid}/maps").read_text()
-    return {line.split()[-1] for line in maps.splitlines() if "fastrtps" in line and "/dev/shm" in line}
+    return {
+        line.split()[-1] for line in maps.splitlines() if "fastrtps" in line and "/dev/shm" in line
+    }
 
 
 @pytest.mark.parametrize("profile", [PROFILE, LOOPBACK_PROFILE])
@@ -37,7 +39,8 @@ def test_writers_send_heartbeats_often(profile: Path) -> None:
     """In the default profile of writers, which is the one that ROS's publishers begin with."""
     writer = ET.parse(profile).getroot().find("p:data_writer[@is_default_profile='true']", SPACE)
     seconds, nanoseconds = (
-        writer.findtext(f"p:times/p:heartbeatPeriod/p:{unit}", namespaces=SPACE) for unit in ("sec", "nanosec")
+        writer.findtext(f"p:times/p:heartbeatPeriod/p:{unit}", namespaces=SPACE)
+        for unit in ("sec", "nanosec")
     )
     assert 0.0 < int(seconds or 0) + int(nanoseconds or 0) / 1e9 <= LONGEST
 
@@ -48,20 +51,27 @@ def test_writers_send_heartbeats_often(profile: Path) -> None:
         ({}, {PROFILE_VARIABLE: str(PROFILE), TRANSPORTS_VARIABLE: "UDPv4"}),
         (
             {RANGE_VARIABLE: "SUBNET"},
-            {RANGE_VARIABLE: "SUBNET", PROFILE_VARIABLE: str(PROFILE), TRANSPORTS_VARIABLE: "UDPv4"},
+            {
+                RANGE_VARIABLE: "SUBNET",
+                PROFILE_VARIABLE: str(PROFILE),
+                TRANSPORTS_VARIABLE: "UDPv4",
+            },
         ),
         ({RANGE_VARIABLE: "LOCALHOST"}, LOOPBACK),
         ({LOCALHOST_VARIABLE: "1"}, LOOPBACK),
     ],
 )
-def test_no_range_of_discovery_takes_shared_memory(before: dict[str, str], after: dict[str, str]) -> None:
+def test_no_range_of_discovery_takes_shared_memory(
+    before: dict[str, str], after: dict[str, str]
+) -> None:
     """Variables that the user has not set are set so that samples travel by UDP."""
     choose_transport(before)
     assert before == after
 
 
 @pytest.mark.parametrize(
-    "chosen", [{PROFILE_VARIABLE: "/mine.xml"}, {TRANSPORTS_VARIABLE: "SHM"}, {PEERS_VARIABLE: "10.0.0.7"}]
+    "chosen",
+    [{PROFILE_VARIABLE: "/mine.xml"}, {TRANSPORTS_VARIABLE: "SHM"}, {PEERS_VARIABLE: "10.0.0.7"}],
 )
 def test_the_user_s_own_settings_count(chosen: dict[str, str]) -> None:
     """A profile, transports and static peers of the user's stay, and the range of discovery with them."""

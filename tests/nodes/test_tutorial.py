@@ -24,16 +24,32 @@ def test_the_commands_of_the_page_do_what_it_describes(tmp_path: Path) -> None:
     # Runs go where the test wants them; a shell script that stops at the first error, with bash's own words.
     script = "\n".join(["set -eu", *blocks])
     with domain_id() as domain:
-        env = {**os.environ, "RUNS": str(tmp_path), "ROS_DOMAIN_ID": str(domain), "PYTHONPATH": str(ROOT)}
-        env |= {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+        env = {
+            **os.environ,
+            "RUNS": str(tmp_path),
+            "ROS_DOMAIN_ID": str(domain),
+            "PYTHONPATH": str(ROOT),
+        }
+        env |= {
+            "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+            "OMP_NUM_THREADS": "1",
+            "OPENBLAS_NUM_THREADS": "1",
+        }
         done = subprocess.run(
-            ["bash", "-c", script], cwd=ROOT, env=env, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, timeout=300
+            ["bash", "-c", script],
+            cwd=ROOT,
+            env=env,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            timeout=300,
         )
     said = done.stdout.decode()
     assert done.returncode == 0, said
     assert "Traceback" not in said
     for folder in ("identified", "online"):
         found = Identification.load(tmp_path / folder / "identification.json")
-        (torque,) = [e.value for e in found.estimates if "coulomb_friction" in e.name and "joint_2" in e.name]
+        (torque,) = [
+            e.value for e in found.estimates if "coulomb_friction" in e.name and "joint_2" in e.name
+        ]
         assert torque == pytest.approx(13.9, abs=1.0), folder
     assert "<robot" in (tmp_path / "arm.urdf").read_text()

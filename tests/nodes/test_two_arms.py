@@ -19,7 +19,9 @@ RATE = 200.0
 
 def start_in(graph: Graph, namespace: str, node: str, **parameters: object) -> NodeProcess:
     """Start a node as the launch files do: in a namespace, with the parameters of the package."""
-    return graph.start(node, "-r", f"__ns:=/{namespace}", "--params-file", str(CONFIG), **parameters)
+    return graph.start(
+        node, "-r", f"__ns:=/{namespace}", "--params-file", str(CONFIG), **parameters
+    )
 
 
 def test_two_arms_do_not_meet(graph: Graph) -> None:
@@ -31,10 +33,15 @@ def test_two_arms_do_not_meet(graph: Graph) -> None:
     start_in(graph, "right", "simulator", initial_position="[0.4]", rate=RATE)
     recorder = start_in(graph, "left", "recorder", bag=graph.folder / "bag")
     graph.until(lambda: min(map(len, heard.values())) > 100, "both arms are there")
-    generator = start_in(graph, "left", "trajectory_generator", trajectory=lively_excitation(graph.folder, 2.0))
+    generator = start_in(
+        graph, "left", "trajectory_generator", trajectory=lively_excitation(graph.folder, 2.0)
+    )
     graph.until(lambda: generator.process.poll() is not None, "the motion ends")
     assert generator.process.returncode == 0
-    graph.until(lambda: any(abs(m.position[0]) > 0.2 for m in heard["left"]), "an arm that is behind has moved")
+    graph.until(
+        lambda: any(abs(m.position[0]) > 0.2 for m in heard["left"]),
+        "an arm that is behind has moved",
+    )
     assert recorder.stop() == 0
     recording = read_recording(graph.folder / "bag")
     assert recording.source.endswith("(/left)")

@@ -12,7 +12,15 @@ from elastic_arm.recording import Recording, read_recording
 from elastic_arm.recording.foreign.array_files import load_arrays
 from elastic_arm.recording.foreign.arrays import import_arrays
 from elastic_arm.recording.foreign.guess import guess_mapping
-from tests.helpers.bags import JOINT_STATE, JOINTS, imported, joint_state, stamps, write_foreign, write_yaml
+from tests.helpers.bags import (
+    JOINT_STATE,
+    JOINTS,
+    imported,
+    joint_state,
+    stamps,
+    write_foreign,
+    write_yaml,
+)
 
 KR300 = Path(__file__).parents[3] / "shared" / "data" / "kuka_kr300" / "run_A.mat"
 
@@ -41,7 +49,9 @@ def test_fields_of_nested_structs_are_keys(tmp_path: Path) -> None:
 def test_columns_without_names_go_by_their_numbers(tmp_path: Path, delimiter: str) -> None:
     """A table whose first line is numbers loses no sample; its columns are 0, 1, 2, ..."""
     t, q, tau = motion()
-    np.savetxt(tmp_path / "run.csv", np.column_stack([t, q, tau, 0 * t]), fmt="%.17g", delimiter=delimiter)
+    np.savetxt(
+        tmp_path / "run.csv", np.column_stack([t, q, tau, 0 * t]), fmt="%.17g", delimiter=delimiter
+    )
     sides = {"link": {"position": {"key": [1, 2]}}, "motor": {"effort": {"key": [3, 4]}}}
     recording = imported(tmp_path / "run.csv", "ab", 0, **sides, ignore=["5"])
     np.testing.assert_array_equal(recording.link.position, q)
@@ -69,7 +79,9 @@ def test_a_folder_of_files_is_one_set_of_arrays(tmp_path: Path) -> None:
 def test_an_offset_is_taken_in_the_recorded_unit(tmp_path: Path) -> None:
     """Counts that read 2048 at zero become radians: (number + offset) x factor x unit, one for all joints or each."""
     t, q, _ = motion()
-    np.savez(tmp_path / "run.npz", t=t, counts=np.rad2deg(q) / 0.1 + [2048, -100], volts=q * 50 + 2.5)
+    np.savez(
+        tmp_path / "run.npz", t=t, counts=np.rad2deg(q) / 0.1 + [2048, -100], volts=q * 50 + 2.5
+    )
     link = {
         "position": {"key": "counts", "unit": "deg", "factor": 0.1, "offset": [-2048, 100]},
         "effort": {"key": "volts", "offset": -2.5, "sign": [1, -1]},
@@ -107,13 +119,17 @@ def test_axes_with_two_encoders_of_a_real_arm_are_imported(tmp_path: Path) -> No
     }
     (tmp_path / "run.mat").symlink_to(KR300)
     sides = {"link": link, "motor": motor}
-    recording = imported(tmp_path / "run.mat", ("a1", "a2", "a3"), "rec.time_cont", **sides, ignore=["*"])
+    recording = imported(
+        tmp_path / "run.mat", ("a1", "a2", "a3"), "rec.time_cont", **sides, ignore=["*"]
+    )
     assert recording.motor.position.shape == (2501, 3)
     assert 1e-4 < np.abs(recording.motor.position - recording.link.position).max() < 1e-2
 
 
 @pytest.mark.parametrize("layout", ["table", "turned", "flat"])
-def test_a_file_of_numbers_a_channel_is_mapped_by_its_name_alone(tmp_path: Path, layout: str) -> None:
+def test_a_file_of_numbers_a_channel_is_mapped_by_its_name_alone(
+    tmp_path: Path, layout: str
+) -> None:
     """`key: q` is all of q.txt, its columns no strays; one number a line is told by `flat`."""
     q, tau = np.random.default_rng(3).normal(size=(2, 30, 3))
     (tmp_path / "run").mkdir()
@@ -143,14 +159,21 @@ def test_numbers_one_a_line_are_asked_for_their_layout(tmp_path: Path) -> None:
     np.savetxt(tmp_path / "run" / "q.txt", np.arange(90.0))
     with pytest.raises(RecordingError) as caught:
         imported(tmp_path / "run", "abc", 100.0, link={"position": {"key": "q"}})
-    assert "If it holds 3 numbers a sample one after the other, add flat: true" in caught.value.remedy
+    assert (
+        "If it holds 3 numbers a sample one after the other, add flat: true" in caught.value.remedy
+    )
 
 
 def test_other_words_for_a_field_are_answered_with_its_name(tmp_path: Path) -> None:
     """A scale is a factor, a zero an offset."""
     np.savez(tmp_path / "run.npz", q=np.zeros((9, 1)))
     with pytest.raises(RecordingError) as caught:
-        imported(tmp_path / "run.npz", "a", 100.0, link={"position": {"key": "q", "scale": 2.0, "zero": 0.3}})
+        imported(
+            tmp_path / "run.npz",
+            "a",
+            100.0,
+            link={"position": {"key": "q", "scale": 2.0, "zero": 0.3}},
+        )
     assert "scale: unknown key (it is called factor)" in caught.value.problem
     assert "zero: unknown key (it is called offset)" in caught.value.problem
 
@@ -205,8 +228,12 @@ def test_a_row_of_units_blank_cells_and_texts_are_read(tmp_path: Path) -> None:
     assert run.notes == ("1 of 8 rows have holes on the link side and were left out of it",)
 
 
-@pytest.mark.parametrize("text", ["t,q,\n0,1,\n1,2,\n", "t,q\n0,1,\n1,2,\n", '"t","q"\n"0,0","1,0"\n"1,0","2,0"\n'])
-def test_marks_at_the_end_of_lines_and_numbers_in_quotes_are_read(tmp_path: Path, text: str) -> None:
+@pytest.mark.parametrize(
+    "text", ["t,q,\n0,1,\n1,2,\n", "t,q\n0,1,\n1,2,\n", '"t","q"\n"0,0","1,0"\n"1,0","2,0"\n']
+)
+def test_marks_at_the_end_of_lines_and_numbers_in_quotes_are_read(
+    tmp_path: Path, text: str
+) -> None:
     """As loggers and spreadsheets write them."""
     (tmp_path / "run.csv").write_text(text)
     arrays = load_arrays(tmp_path / "run.csv", None)
@@ -232,13 +259,19 @@ def test_a_share_of_a_torque_is_no_torque(tmp_path: Path, name: str) -> None:
     with pytest.raises(RecordingError, match=re.escape(f"is in {word}. Give effort a unit")):
         imported(tmp_path / "run.csv", "a", "t", link=link, motor={"effort": {"key": name}})
     draft = guess_mapping(load_arrays(tmp_path / "run.csv"), ["a"])
-    assert draft.missing == ["motor.effort.factor"] and f"how many Nm are one {word}" in draft.to_yaml()
+    assert (
+        draft.missing == ["motor.effort.factor"]
+        and f"how many Nm are one {word}" in draft.to_yaml()
+    )
     (tmp_path / "map.yaml").write_text(draft.to_yaml())
     with pytest.raises(RecordingError, match=r"motor\.effort\.factor"):
         import_arrays(tmp_path / "run.csv", tmp_path / "map.yaml")
     for factor, notes in ((0.5, 0), (1.0, 1)):
         effort = {"key": name, "unit": "Nm", "factor": factor}
-        assert len(imported(tmp_path / "run.csv", "a", "t", link=link, motor={"effort": effort}).notes) == notes
+        assert (
+            len(imported(tmp_path / "run.csv", "a", "t", link=link, motor={"effort": effort}).notes)
+            == notes
+        )
 
 
 @pytest.mark.parametrize("name", ["tau [mNm]", "tau / mNm", "tau in mNm", "tau_mNm", "tau (mN m)"])
@@ -268,10 +301,14 @@ def test_units_in_the_name_of_the_times_count(tmp_path: Path, name: str) -> None
         ("# arm 7\n# t [s];q1 [deg];q2 [deg]\n", "NULL", "utf-8"),
     ],
 )
-def test_tables_are_read_as_other_programs_write_them(tmp_path: Path, head: str, gap: str, encoding: str) -> None:
+def test_tables_are_read_as_other_programs_write_them(
+    tmp_path: Path, head: str, gap: str, encoding: str
+) -> None:
     """Encodings of Windows, comments above the names, and what stands for no number."""
     (tmp_path / "run.csv").write_text(f"{head}0;90;1\n1;{gap};2\n2;180;3\n", encoding)
     names = list(load_arrays(tmp_path / "run.csv"))
-    side = imported(tmp_path / "run.csv", "ab", names[0], link={"position": {"key": names[1:]}}).link
+    side = imported(
+        tmp_path / "run.csv", "ab", names[0], link={"position": {"key": names[1:]}}
+    ).link
     np.testing.assert_allclose(side.position, np.radians([[90, 1], [180, 3]]))
     np.testing.assert_array_equal(side.stamp_ns, [0, 2_000_000_000])

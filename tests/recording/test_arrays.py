@@ -22,7 +22,15 @@ MAPPING = {
     "times": {"key": "t"},
     "joints": ["joint_1", "joint_2"],
     "link": {"position": {"key": "q", "unit": "deg"}},
-    "motor": {"effort": {"key": "i", "unit": "A", "torque_constant": [0.1, 0.2], "ratio": 100, "sign": [1, -1]}},
+    "motor": {
+        "effort": {
+            "key": "i",
+            "unit": "A",
+            "torque_constant": [0.1, 0.2],
+            "ratio": 100,
+            "sign": [1, -1],
+        }
+    },
     "ignore": ["junk"],
 }
 
@@ -30,7 +38,12 @@ MAPPING = {
 def make_arrays() -> dict[str, np.ndarray]:
     rng = np.random.default_rng(1)
     t = 1.7e9 + np.arange(50) * 0.005
-    return {"t": t, "q": rng.normal(size=(50, 2)), "i": rng.normal(size=(50, 2)), "junk": np.zeros(3)}
+    return {
+        "t": t,
+        "q": rng.normal(size=(50, 2)),
+        "i": rng.normal(size=(50, 2)),
+        "junk": np.zeros(3),
+    }
 
 
 def test_npz_csv_and_mat_give_the_same_recording(tmp_path: Path) -> None:
@@ -39,7 +52,9 @@ def test_npz_csv_and_mat_give_the_same_recording(tmp_path: Path) -> None:
     np.savez(tmp_path / "a.npz", **arrays)
     scipy.io.savemat(tmp_path / "a.mat", {**arrays, "q": arrays["q"].T})
     table = np.column_stack([arrays["t"], arrays["q"], arrays["i"]])
-    np.savetxt(tmp_path / "a.csv", table, fmt="%.17g", delimiter=",", header="t,q1,q2,i1,i2", comments="")
+    np.savetxt(
+        tmp_path / "a.csv", table, fmt="%.17g", delimiter=",", header="t,q1,q2,i1,i2", comments=""
+    )
     mapping = write_yaml(tmp_path / "map.yaml", MAPPING)
     by_column = {
         **MAPPING,
@@ -51,15 +66,23 @@ def test_npz_csv_and_mat_give_the_same_recording(tmp_path: Path) -> None:
     np.testing.assert_allclose(recording.motor.effort, arrays["i"] * [10, -20])
     assert recording.currents == ("motor_torque",)
     bag = write_recording(tmp_path / "stated", recording)
-    assert read_recording(bag).currents == read_recording(bag / "stated_0.mcap").currents == ("motor_torque",)
+    assert (
+        read_recording(bag).currents
+        == read_recording(bag / "stated_0.mcap").currents
+        == ("motor_torque",)
+    )
     np.testing.assert_array_equal(recording.link.stamp_ns[0], 1_700_000_000_000_000_000)
     assert_equal(import_arrays(tmp_path / "a.mat", mapping), recording)
-    assert_equal(import_arrays(tmp_path / "a.csv", write_yaml(tmp_path / "c.yaml", by_column)), recording)
+    assert_equal(
+        import_arrays(tmp_path / "a.csv", write_yaml(tmp_path / "c.yaml", by_column)), recording
+    )
     assert_equal(read_recording(write_recording(tmp_path / "bag", recording)), recording)
 
 
 @pytest.mark.parametrize("wrong", ["number", "time"])
-def test_samples_that_no_bag_could_hold_are_to_be_mended_in_the_file(wrong: str, tmp_path: Path) -> None:
+def test_samples_that_no_bag_could_hold_are_to_be_mended_in_the_file(
+    wrong: str, tmp_path: Path
+) -> None:
     """The remedy is no repair of a bag, as there is none yet."""
     times, angles = np.arange(10) / 300, np.zeros((10, 1))
     (angles if wrong == "number" else times)[5:6] = np.inf if wrong == "number" else 0.0
@@ -93,13 +116,25 @@ def test_a_force_beside_currents_has_no_constant(tmp_path: Path) -> None:
         ({"ignore": []}, "arrays junk are not mapped"),
         ({"joints": ["a", "b", "c"]}, "has 2 values for 3 joints"),
         ({"joints": ["a", "a"]}, "a name occurs twice"),
-        ({"link": {"position": {"key": "q", "columns": [0]}}}, "q has shape (50, 1); 50 samples of 2 joints"),
+        (
+            {"link": {"position": {"key": "q", "columns": [0]}}},
+            "q has shape (50, 1); 50 samples of 2 joints",
+        ),
         ({"link": {"position": {"key": "junk"}}, "ignore": ["q"]}, "junk has shape"),
         ({"times": {}}, "give either key or rate"),
         ({"robot_description": "no.urdf"}, "no.urdf: no such file"),
-        ({"link": {"position": {"key": "q", "unit": "degrees"}}}, "position.unit: is 'degrees'. Choose one of 'rad',"),
-        ({"link": {"position": {"key": "q", "unit": ["rad", "degrees"]}}}, "position.unit[1]: is 'degrees'. Choose"),
-        ({"link": {"position": {"key": "q", "offset": "zero"}}}, "link.position.offset: is 'zero', not a number. Mend"),
+        (
+            {"link": {"position": {"key": "q", "unit": "degrees"}}},
+            "position.unit: is 'degrees'. Choose one of 'rad',",
+        ),
+        (
+            {"link": {"position": {"key": "q", "unit": ["rad", "degrees"]}}},
+            "position.unit[1]: is 'degrees'. Choose",
+        ),
+        (
+            {"link": {"position": {"key": "q", "offset": "zero"}}},
+            "link.position.offset: is 'zero', not a number. Mend",
+        ),
     ],
 )
 def test_wrong_mappings_are_refused(tmp_path: Path, change: dict[str, object], words: str) -> None:
@@ -123,7 +158,10 @@ def test_a_table_may_be_parted_by_blanks_or_have_one_column(tmp_path: Path) -> N
 def test_bad_arrays_are_refused(tmp_path: Path) -> None:
     """Infinite numbers, times that go back, pickles and unknown formats are refused by name."""
     mapping = write_yaml(tmp_path / "map.yaml", MAPPING)
-    for name, row, value, words in (("q", 7, np.inf, "position of joint_1 is inf"), ("t", 9, 1.0, "back in time")):
+    for name, row, value, words in (
+        ("q", 7, np.inf, "position of joint_1 is inf"),
+        ("t", 9, 1.0, "back in time"),
+    ):
         arrays = make_arrays()
         arrays[name].flat[row * (2 if name == "q" else 1)] = value
         np.savez(tmp_path / "bad.npz", **arrays)
@@ -145,7 +183,9 @@ def test_bad_arrays_are_refused(tmp_path: Path) -> None:
 def test_kuka_recordings_are_imported_exactly(tmp_path: Path, run: int) -> None:
     """Seven joints, both angles and sensed torques bit by bit; stamps within half a nanosecond of the doubles."""
     file = KUKA / f"measurements_{run}.npz"
-    folder = write_recording(tmp_path / "bag", import_arrays(file, ROOT / "examples" / "kuka_lwr4" / "import.yaml"))
+    folder = write_recording(
+        tmp_path / "bag", import_arrays(file, ROOT / "examples" / "kuka_lwr4" / "import.yaml")
+    )
     recording = read_recording(folder)
     with np.load(file) as arrays:
         np.testing.assert_array_equal(recording.link.position, arrays["positions"])

@@ -9,10 +9,24 @@ import yaml
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording import load_channels, message_types, read_recording, write_recording
 from elastic_arm.recording.foreign.arrays import load_array_map
-from elastic_arm.recording.foreign.channels import ChannelMap, ChannelScale, coupled, coupling_matrix
+from elastic_arm.recording.foreign.channels import (
+    ChannelMap,
+    ChannelScale,
+    coupled,
+    coupling_matrix,
+)
 from elastic_arm.recording.inspection.check import check_bag
 from elastic_arm.recording.sides import Side
-from tests.helpers.bags import JOINT_STATE, JOINTS, imported, joint_state, stamps, states, write_foreign, write_yaml
+from tests.helpers.bags import (
+    JOINT_STATE,
+    JOINTS,
+    imported,
+    joint_state,
+    stamps,
+    states,
+    write_foreign,
+    write_yaml,
+)
 
 ROOT = Path(__file__).parents[2]
 
@@ -25,7 +39,9 @@ def test_the_documented_maps_are_valid(tmp_path: Path) -> None:
     for block in blocks:
         content = yaml.safe_load(block)
         file = write_yaml(tmp_path / "map.yaml", content)
-        kinds.append(type(load_array_map(file) if "times" in content else load_channels(file)).__name__)
+        kinds.append(
+            type(load_array_map(file) if "times" in content else load_channels(file)).__name__
+        )
     assert kinds == ["ChannelMap", "ChannelMap", "ArrayMap"]
 
 
@@ -34,12 +50,24 @@ def test_names_units_signs_and_ratios_are_applied(tmp_path: Path) -> None:
     names = ["A2", "A1"]
     messages = []
     for row, stamp in enumerate(stamps(100)):
-        messages.append(("/links", JOINT_STATE, int(stamp), joint_state(stamp, names, [row, 90.0], [1.0, 2.0])))
-        messages.append(("/drives", JOINT_STATE, int(stamp), joint_state(stamp, names, [121, 242], [60, 30], [2, 3])))
+        messages.append(
+            ("/links", JOINT_STATE, int(stamp), joint_state(stamp, names, [row, 90.0], [1.0, 2.0]))
+        )
+        messages.append(
+            (
+                "/drives",
+                JOINT_STATE,
+                int(stamp),
+                joint_state(stamp, names, [121, 242], [60, 30], [2, 3]),
+            )
+        )
     motor = {"topic": "/drives", "ratio": 121}
     channels = {
         "defaults": {
-            "link": {"position": {"topic": "/links", "unit": "deg"}, "velocity": {"topic": "/links", "unit": "deg/s"}},
+            "link": {
+                "position": {"topic": "/links", "unit": "deg"},
+                "velocity": {"topic": "/links", "unit": "deg/s"},
+            },
             "motor": {
                 "position": {**motor, "unit": "turns"},
                 "velocity": {**motor, "unit": "rpm"},
@@ -73,11 +101,26 @@ def test_arrays_without_header_and_names_are_read_by_index(tmp_path: Path) -> No
     messages = []
     for row, stamp in enumerate(stamps(200)):
         currents = store.types[array](layout, np.array([row, 10.0 + row]))
-        messages.append(("/currents", array, int(stamp), bytes(store.serialize_cdr(currents, array))))
-        messages.append(("/angles", JOINT_STATE, int(stamp), joint_state(stamp, ["a", "b"], [row, -row])))
-    current = {"topic": "/currents", "field": "data", "unit": "A", "torque_constant": 0.1, "ratio": 50}
+        messages.append(
+            ("/currents", array, int(stamp), bytes(store.serialize_cdr(currents, array)))
+        )
+        messages.append(
+            ("/angles", JOINT_STATE, int(stamp), joint_state(stamp, ["a", "b"], [row, -row]))
+        )
+    current = {
+        "topic": "/currents",
+        "field": "data",
+        "unit": "A",
+        "torque_constant": 0.1,
+        "ratio": 50,
+    }
     joints = {
-        name: {"motor": {"position": {"topic": "/angles", "name": name}, "effort": {**current, "index": index}}}
+        name: {
+            "motor": {
+                "position": {"topic": "/angles", "name": name},
+                "effort": {**current, "index": index},
+            }
+        }
         for index, name in enumerate("ab")
     }
     channels = write_yaml(tmp_path / "map.yaml", {"time": "arrival", "joints": joints})
@@ -95,8 +138,12 @@ def test_the_joint_torque_sensor_is_believed_when_a_map_says_so(tmp_path: Path) 
     """With a map the effort of /joint_states is what the map says, without /motor_states too."""
     source = {"topic": "/joint_states"}
     side = {"position": source, "effort": source}
-    channels = write_yaml(tmp_path / "map.yaml", {"joints": {name: {"link": side} for name in JOINTS}})
-    samples = read_recording(write_foreign(tmp_path / "b", states("/joint_states", stamps(50))), channels).samples()
+    channels = write_yaml(
+        tmp_path / "map.yaml", {"joints": {name: {"link": side} for name in JOINTS}}
+    )
+    samples = read_recording(
+        write_foreign(tmp_path / "b", states("/joint_states", stamps(50))), channels
+    ).samples()
     assert samples.tau_J is not None
     assert samples.tau_m is None
 
@@ -105,7 +152,8 @@ def test_commands_of_any_topic_are_the_reference(tmp_path: Path) -> None:
     """A map's `command` is read as a side is, in its own units, and survives the suite's own bag."""
     messages = [m for stamp in stamps(60) for m in states("/joint_states", [stamp])]
     messages += [
-        ("/targets", JOINT_STATE, int(t), joint_state(t, ["x", "y"], [k, -k])) for k, t in enumerate(stamps(30))
+        ("/targets", JOINT_STATE, int(t), joint_state(t, ["x", "y"], [k, -k]))
+        for k, t in enumerate(stamps(30))
     ]
     joints = {
         JOINTS[k]: {"motor": {"position": {"topic": "/joint_states", "name": JOINTS[k]}},
@@ -114,7 +162,9 @@ def test_commands_of_any_topic_are_the_reference(tmp_path: Path) -> None:
     }  # fmt: skip
     bag = write_foreign(tmp_path / "bag", sorted(messages, key=lambda message: message[2]))
     recording = read_recording(bag, write_yaml(tmp_path / "map.yaml", {"joints": joints}))
-    np.testing.assert_allclose(recording.reference.position, np.deg2rad(np.outer(np.arange(30), [1, -1])))
+    np.testing.assert_allclose(
+        recording.reference.position, np.deg2rad(np.outer(np.arange(30), [1, -1]))
+    )
     np.testing.assert_array_equal(recording.reference.stamp_ns, stamps(30))
     again = read_recording(write_recording(tmp_path / "own", recording)).reference
     np.testing.assert_array_equal(again.position, recording.reference.position)
@@ -128,20 +178,43 @@ CHANNEL = {"topic": "/x"}
     [
         ({"joints": {}}, "joints: has 0 entries, needs 1 or more"),
         ({"joint": {}}, "joint: unknown key"),
-        ({"joints": {"a": {"link": {"position": {**CHANNEL, "unit": "degrees"}}}}}, "joints.a.link.position.unit"),
-        ({"joints": {"a": {"link": {"position": {**CHANNEL, "unit": "Nm"}}}}}, "position cannot have unit Nm"),
-        ({"joints": {"a": {"motor": {"effort": {**CHANNEL, "unit": "A"}}}}}, "unit A needs torque_constant"),
+        (
+            {"joints": {"a": {"link": {"position": {**CHANNEL, "unit": "degrees"}}}}},
+            "joints.a.link.position.unit",
+        ),
+        (
+            {"joints": {"a": {"link": {"position": {**CHANNEL, "unit": "Nm"}}}}},
+            "position cannot have unit Nm",
+        ),
+        (
+            {"joints": {"a": {"motor": {"effort": {**CHANNEL, "unit": "A"}}}}},
+            "unit A needs torque_constant",
+        ),
         ({"joints": {"a": {"motor": {"effort": {**CHANNEL, "unit": "Nm_motor"}}}}}, "needs ratio"),
-        ({"joints": {"a": {"motor": {"effort": {**CHANNEL, "sign": 2}}}}}, "joints.a.motor.effort.sign"),
-        ({"joints": {"a": {"motor": {"effort": {**CHANNEL, "factor": 0}}}}}, "factor must be a finite number"),
-        ({"joints": {"a": {"motor": {"effort": {"field": "effort"}}}}}, "joints.a.motor.effort.topic: missing field"),
-        ({"joints": {"a": {"link": {"position": {**CHANNEL, "index": True}}}}}, "index: is yes or no, not a number"),
+        (
+            {"joints": {"a": {"motor": {"effort": {**CHANNEL, "sign": 2}}}}},
+            "joints.a.motor.effort.sign",
+        ),
+        (
+            {"joints": {"a": {"motor": {"effort": {**CHANNEL, "factor": 0}}}}},
+            "factor must be a finite number",
+        ),
+        (
+            {"joints": {"a": {"motor": {"effort": {"field": "effort"}}}}},
+            "joints.a.motor.effort.topic: missing field",
+        ),
+        (
+            {"joints": {"a": {"link": {"position": {**CHANNEL, "index": True}}}}},
+            "index: is yes or no, not a number",
+        ),
         ({"joints": {"a": {"link": {"position": CHANNEL}}, "b": {}}}, "b has no channel"),
         ({"joints": {"a": {"link": [1]}}}, "joints.a.link"),
         (["a"], "holds no fields"),
     ],
 )
-def test_wrong_channel_maps_are_refused_by_field(tmp_path: Path, content: object, words: str) -> None:
+def test_wrong_channel_maps_are_refused_by_field(
+    tmp_path: Path, content: object, words: str
+) -> None:
     """Each mistake in a map is named with the field it is in."""
     with pytest.raises(RecordingError) as caught:
         load_channels(write_yaml(tmp_path / "map.yaml", content))
@@ -153,17 +226,24 @@ def test_wrong_channel_maps_are_refused_by_field(tmp_path: Path, content: object
     ("change", "words"),
     [
         ({"topic": "/nowhere"}, "no messages on /nowhere"),
-        ({"name": "elbow"}, "no message on /motor_states names elbow; there are joint_1, joint_2, joint_3"),
+        (
+            {"name": "elbow"},
+            "no message on /motor_states names elbow; there are joint_1, joint_2, joint_3",
+        ),
         ({"field": "torque"}, "no numbers in field 'torque'"),
         ({"field": "effort", "index": 7}, "no number 7 in field 'effort'"),
     ],
 )
-def test_maps_that_do_not_fit_the_bag_are_refused(tmp_path: Path, change: dict[str, object], words: str) -> None:
+def test_maps_that_do_not_fit_the_bag_are_refused(
+    tmp_path: Path, change: dict[str, object], words: str
+) -> None:
     """What the map names and the bag lacks is said, with what there is."""
     source = {"topic": "/motor_states", "name": "joint_2", "field": "effort", **change}
     channels = write_yaml(tmp_path / "map.yaml", {"joints": {"a": {"motor": {"effort": source}}}})
     with pytest.raises(RecordingError) as caught:
-        read_recording(write_foreign(tmp_path / "bag", states("/motor_states", stamps(30))), channels)
+        read_recording(
+            write_foreign(tmp_path / "bag", states("/motor_states", stamps(30))), channels
+        )
     assert words in str(caught.value)
 
 
@@ -187,7 +267,9 @@ def test_angles_go_by_the_matrix_and_torques_keep_their_power(tmp_path: Path) ->
     angle, speed, torque = np.random.default_rng(0).standard_normal((3, 50, 3))
     np.savez(tmp_path / "run.npz", angle=angle, speed=speed, torque=torque)
     motor = imported(tmp_path / "run.npz", AXES, 100.0, motor=MOTORS, coupling=WRIST).motor
-    np.testing.assert_allclose(motor.position[:, 2], -0.01 * angle[:, 0] + 0.5 * angle[:, 1] - angle[:, 2])
+    np.testing.assert_allclose(
+        motor.position[:, 2], -0.01 * angle[:, 0] + 0.5 * angle[:, 1] - angle[:, 2]
+    )
     np.testing.assert_array_equal(motor.position[:, 0], angle[:, 0])
     power = [np.sum(a * b, axis=1) for a, b in ((motor.velocity, motor.effort), (speed, torque))]
     np.testing.assert_allclose(*power, atol=1e-12)
@@ -209,7 +291,9 @@ def test_a_channel_map_has_the_same_coupling() -> None:
     [({"d": {"a": 1.0}}, "no joint d"), ({"b": {"e": 1.0}}, "no joint e"), ({"b": {"a": 1.0}}, "cannot move"),
      ({"b": {"b": float("nan")}}, "not finite")],
 )  # fmt: skip
-def test_what_is_no_coupling_is_refused(coupling: dict[str, dict[str, float]], words: str, tmp_path: Path) -> None:
+def test_what_is_no_coupling_is_refused(
+    coupling: dict[str, dict[str, float]], words: str, tmp_path: Path
+) -> None:
     """Unknown names, and motors that cannot move the joints apart, are named."""
     np.savez(tmp_path / "run.npz", angle=np.eye(3), speed=np.eye(3), torque=np.eye(3))
     with pytest.raises(RecordingError, match=words):

@@ -14,11 +14,16 @@ def motion(late: float = 0.0, seed: int = 0, ratio: float = 1.0) -> np.ndarray:
     """(600, 2) rad."""
     rng, t = np.random.default_rng(seed), STAMPS * 1e-9 - late
     phases = rng.uniform(0, 6, (4, 2))
-    return ratio * sum(np.sin(np.outer(t, [w, 1.3 * w]) + p) for w, p in zip((1.0, 2.2, 3.1, 4.7), phases, strict=True))
+    return ratio * sum(
+        np.sin(np.outer(t, [w, 1.3 * w]) + p)
+        for w, p in zip((1.0, 2.2, 3.1, 4.7), phases, strict=True)
+    )
 
 
 def recording(position: np.ndarray, command: np.ndarray) -> Recording:
-    return Recording(("a", "b"), link=Side(STAMPS, position=position), reference=Side(STAMPS, position=command))
+    return Recording(
+        ("a", "b"), link=Side(STAMPS, position=position), reference=Side(STAMPS, position=command)
+    )
 
 
 def found(position: np.ndarray, command: np.ndarray) -> dict[str, str]:
@@ -30,7 +35,10 @@ def test_lag_and_rates_of_commands_are_stated() -> None:
     """An arm that follows is 60 ms behind, at its commands' size; nothing is wrong."""
     seen = found(motion(0.06) + 1e-3 * np.random.default_rng(1).normal(size=(600, 2)), motion())
     assert set(seen) == {"commands"}
-    assert "are 60 ms behind" in seen["commands"] and "commands come at 50 Hz, positions at 50 Hz" in seen["commands"]
+    assert (
+        "are 60 ms behind" in seen["commands"]
+        and "commands come at 50 Hz, positions at 50 Hz" in seen["commands"]
+    )
 
 
 def test_commands_of_something_else_are_named() -> None:

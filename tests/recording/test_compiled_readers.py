@@ -19,7 +19,14 @@ from elastic_arm.recording.foreign.array_files import load_arrays
 @pytest.fixture
 def file(tmp_path: Path) -> Path:
     path = tmp_path / "run.mat"
-    scipy.io.savemat(path, {"q": np.arange(6.0).reshape(3, 2), "s": {"x": {"y": 3.0}}, "c": np.array([1, "a"], object)})
+    scipy.io.savemat(
+        path,
+        {
+            "q": np.arange(6.0).reshape(3, 2),
+            "s": {"x": {"y": 3.0}},
+            "c": np.array([1, "a"], object),
+        },
+    )
     return path
 
 
@@ -31,7 +38,9 @@ def test_arrays_and_fields_of_structs_come_back(file: Path) -> None:
     assert found["c"].dtype.kind == "U"
 
 
-def test_a_file_that_ends_its_reader_is_refused_in_one_line(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_file_that_ends_its_reader_is_refused_in_one_line(
+    file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The signal is named; this process lives."""
     crash = file.with_name("crash.py")
     crash.write_text("import os, signal\nos.kill(os.getpid(), signal.SIGSEGV)\n")
@@ -49,11 +58,15 @@ def test_modules_beside_the_files_are_not_run(file: Path) -> None:
     script += "print(load_arrays(Path('run.mat'))['q'].sum())"
     environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}
     command = [sys.executable, "-P", "-c", script]
-    done = subprocess.run(command, cwd=file.parent, env=environment, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        command, cwd=file.parent, env=environment, capture_output=True, text=True, check=False
+    )
     assert done.stdout.strip() == "15.0", done.stderr
 
 
-def test_claimed_sizes_do_not_take_this_process_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_claimed_sizes_do_not_take_this_process_memory(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """An array that claims 400 MB, with 100 allowed, is refused, and nothing of it was taken here."""
     monkeypatch.setenv("ELASTIC_ARM_MAX_UNPACKED_MB", "100")
     header = b"MATLAB 5.0 MAT-file".ljust(116) + bytes(8) + b"\x00\x01IM"
@@ -95,7 +108,9 @@ def test_a_file_is_read_where_the_user_s_own_limit_is_lower(tmp_path: Path) -> N
 @pytest.mark.parametrize("name", ["run.parquet", "run.h5"])
 def test_damaged_bytes_end_in_one_line_and_never_this_process(tmp_path: Path, name: str) -> None:
     """Five files with bytes changed at random, as episodes of a dataset: what their libraries abort on is named."""
-    pa, pq, h5py = (pytest.importorskip(library) for library in ("pyarrow", "pyarrow.parquet", "h5py"))
+    pa, pq, h5py = (
+        pytest.importorskip(library) for library in ("pyarrow", "pyarrow.parquet", "h5py")
+    )
     numbers = np.arange(60.0).reshape(30, 2)
     if name.endswith("h5"):
         with h5py.File(tmp_path / name, "w") as file:

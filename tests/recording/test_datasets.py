@@ -48,7 +48,9 @@ def lerobot(root: Path, version: int) -> Path:
     """A dataset as LeRobot's versions lay it out: a file an episode, or files of several."""
     (root / "meta" / "episodes").mkdir(parents=True)
     (root / "meta" / "info.json").write_text("{}")
-    pq.write_table(pa.table({"length": [LENGTH] * EPISODES}), root / "meta" / "episodes" / "file-000.parquet")
+    pq.write_table(
+        pa.table({"length": [LENGTH] * EPISODES}), root / "meta" / "episodes" / "file-000.parquet"
+    )
     (root / "data" / "chunk-000").mkdir(parents=True)
     parts = [[0], [1], [2]] if version == 2 else [[0, 1], [2]]
     for k, part in enumerate(parts):
@@ -67,13 +69,21 @@ def test_the_episodes_of_a_lerobot_dataset_are_recordings(tmp_path: Path, versio
     assert list(runs) == [f"episode_index_{k}" for k in range(EPISODES)]
     for k, run in enumerate(runs.values()):
         np.testing.assert_allclose(run.link.position, np.deg2rad(motion(k)), rtol=0, atol=1e-6)
-        np.testing.assert_allclose(run.reference.position, np.deg2rad(motion(k) + 1.0), rtol=0, atol=1e-6)
-        np.testing.assert_allclose(run.link.stamp_ns, np.arange(LENGTH) / 30.0 * 1e9, rtol=0, atol=1000)
+        np.testing.assert_allclose(
+            run.reference.position, np.deg2rad(motion(k) + 1.0), rtol=0, atol=1e-6
+        )
+        np.testing.assert_allclose(
+            run.link.stamp_ns, np.arange(LENGTH) / 30.0 * 1e9, rtol=0, atol=1000
+        )
         again = read_recording(write_recording(tmp_path / f"bag_{k}", run))
         assert_equal(again, run)
-    with pytest.raises(RecordingError, match=r"holds 3 runs\. Give the number of one under rows\.value"):
+    with pytest.raises(
+        RecordingError, match=r"holds 3 runs\. Give the number of one under rows\.value"
+    ):
         import_arrays(root, tmp_path / "map.yaml")
-    one = draft.to_yaml().replace("rows: {key: episode_index}", "rows: {key: episode_index, value: 1}")
+    one = draft.to_yaml().replace(
+        "rows: {key: episode_index}", "rows: {key: episode_index, value: 1}"
+    )
     (tmp_path / "map.yaml").write_text(one)
     assert_equal(import_arrays(root, tmp_path / "map.yaml"), runs["episode_index_1"])
     (tmp_path / "map.yaml").write_text(one.replace("value: 1", "value: 7"))
@@ -85,8 +95,14 @@ def test_hdf5_files_of_aloha_kind_are_recordings(tmp_path: Path) -> None:
     """Groups become dots, pictures are no arrays, and the files of a folder are runs in the order of their numbers."""
     for k in (2, 10):
         with h5py.File(tmp_path / f"episode_{k}.hdf5", "w") as file:
-            file["observations/qpos"], file["observations/effort"] = np.radians(motion(k)), 3.0 * motion(k)
-            file["action"], file["observations/images/top"] = np.radians(motion(k)) + 0.1, np.zeros((LENGTH, 4, 4, 3))
+            file["observations/qpos"], file["observations/effort"] = (
+                np.radians(motion(k)),
+                3.0 * motion(k),
+            )
+            file["action"], file["observations/images/top"] = (
+                np.radians(motion(k)) + 0.1,
+                np.zeros((LENGTH, 4, 4, 3)),
+            )
             file["compress_len"] = np.ones((2, LENGTH + k))
     draft = guess_mapping(load_arrays(tmp_path), JOINTS)
     assert draft.missing == ["times.rate"]
@@ -121,10 +137,17 @@ def test_files_that_name_others_are_refused(tmp_path: Path) -> None:
         file["same"] = h5py.SoftLink("/t")
     found = load_arrays(tmp_path / "virtual.h5")
     assert found["t"].tolist() == [0.0, 1.0, 2.0]
-    assert found["linked"][0].startswith("a link to q of ") and "source.h5, which is not" in found["linked"][0]
+    assert (
+        found["linked"][0].startswith("a link to q of ")
+        and "source.h5, which is not" in found["linked"][0]
+    )
     assert found["same"].tolist() == ["a link to /t, which is not followed"]
-    (tmp_path / "map.yaml").write_text("times: {key: t}\njoints: [j]\nlink: {position: {key: linked}}")
-    with pytest.raises(RecordingError, match=r"linked is no table of numbers, but of str[0-9]*: \['a link to q of "):
+    (tmp_path / "map.yaml").write_text(
+        "times: {key: t}\njoints: [j]\nlink: {position: {key: linked}}"
+    )
+    with pytest.raises(
+        RecordingError, match=r"linked is no table of numbers, but of str[0-9]*: \['a link to q of "
+    ):
         import_runs(tmp_path / "virtual.h5", tmp_path / "map.yaml")
     (tmp_path / "set").mkdir()
     for k in range(2):
@@ -149,9 +172,15 @@ def test_a_small_file_of_equal_numbers_is_not_unpacked_beyond_the_limit(
 
 def test_holes_texts_and_truths_refuse_no_parquet_file(tmp_path: Path) -> None:
     """A null is no number, a list that is missing a row of them."""
-    columns = {"q": [1.0, None, 3.0], "n": [1, 2, None], "x": [[1.0, 2.0], None, [3.0, 4.0]], "ok": [True, False, None]}
+    columns = {
+        "q": [1.0, None, 3.0],
+        "n": [1, 2, None],
+        "x": [[1.0, 2.0], None, [3.0, 4.0]],
+        "ok": [True, False, None],
+    }
     pq.write_table(
-        pa.table({**columns, "name": ["a", "b", None], "ragged": [[1.0], [], [1.0]]}), tmp_path / "a.parquet"
+        pa.table({**columns, "name": ["a", "b", None], "ragged": [[1.0], [], [1.0]]}),
+        tmp_path / "a.parquet",
     )
     arrays = load_arrays(tmp_path / "a.parquet")
     np.testing.assert_array_equal(arrays["q"], [1.0, np.nan, 3.0])
@@ -170,25 +199,36 @@ def recording() -> Recording:
     command = Side(stamps(20, 2_000_003), *rng.normal(size=(4, 20, 3)))
     link = Side(stamps(13, 4_000_001), position[:13], effort=whole.link.effort[:13])
     names = ("a,b [mNm] ", 'the "second"\njoint', "c")
-    return Recording(names, link, whole.motor, command, "<robot name='x'/>\n", currents=("motor_torque",))
+    return Recording(
+        names, link, whole.motor, command, "<robot name='x'/>\n", currents=("motor_torque",)
+    )
 
 
 @pytest.mark.parametrize("name", ["run.csv", "run.npz", "run.parquet", "run.h5"])
 @pytest.mark.parametrize("sides", ["all", "motor"])
-def test_a_bag_as_arrays_and_back_is_the_same_bag(tmp_path: Path, name: str, sides: str, recording: Recording) -> None:
+def test_a_bag_as_arrays_and_back_is_the_same_bag(
+    tmp_path: Path, name: str, sides: str, recording: Recording
+) -> None:
     """Stamps and numbers of all sides to the bit, by the mapping that the export writes."""
     if sides == "motor":
         recording = replace(recording, link=None, reference=None)
     first = read_recording(write_recording(tmp_path / "first", recording))
     said = export_arrays(first, tmp_path / name)
-    assert "50 samples of the motor side" in "\n".join(said) and f"bag import {tmp_path / name} --map" in said[-1]
+    assert (
+        "50 samples of the motor side" in "\n".join(said)
+        and f"bag import {tmp_path / name} --map" in said[-1]
+    )
     again = import_arrays(tmp_path / name, tmp_path / "run.yaml")
     second = read_recording(write_recording(tmp_path / "second", again))
     assert_equal(second, first)
-    assert second.currents == first.currents and all("mNm by its name" in note for note in again.notes)
+    assert second.currents == first.currents and all(
+        "mNm by its name" in note for note in again.notes
+    )
 
 
-def test_sides_are_joined_on_request_alone_and_with_a_word(tmp_path: Path, recording: Recording) -> None:
+def test_sides_are_joined_on_request_alone_and_with_a_word(
+    tmp_path: Path, recording: Recording
+) -> None:
     """One time base is that of the slower side, which is said with the numbers of samples."""
     recording = replace(recording, joints=("a", "b", "c"))
     said = export_arrays(recording, tmp_path / "run.csv", joined=True)
@@ -196,7 +236,10 @@ def test_sides_are_joined_on_request_alone_and_with_a_word(tmp_path: Path, recor
     arrays = load_arrays(tmp_path / "run.csv")
     np.testing.assert_array_equal(arrays["time"], samples.t)
     np.testing.assert_array_equal(arrays["tau_m.b"], samples.tau_m[:, 1])
-    assert f"{len(samples)} samples on one time base of 13 of the link side and 50 of the motor side" in said[0]
+    assert (
+        f"{len(samples)} samples on one time base of 13 of the link side and 50 of the motor side"
+        in said[0]
+    )
     assert any("interpolated" in line for line in said) and "the commands are not in it" in said[-1]
 
 

@@ -42,9 +42,14 @@ def recorded(
     rng, n = np.random.default_rng(5), robot.n
     t = np.arange(round(seconds * RATE))[:, None] / RATE
     w, phase = speed * rng.uniform(0.5, 2.0, (2, n)), rng.uniform(-3.0, 3.0, (2, n))
-    rates = [sum(0.6 * w[k] ** d * np.sin(w[k] * t + phase[k] + d * np.pi / 2) for k in range(2)) for d in range(3)]
+    rates = [
+        sum(0.6 * w[k] ** d * np.sin(w[k] * t + phase[k] + d * np.pi / 2) for k in range(2))
+        for d in range(3)
+    ]
     true = robot.with_(gravity=gravity)
-    rows = build_model(true, "mod3").inverse_dynamics(*(np.hstack([r, r]) if robot.elastic else r for r in rates))
+    rows = build_model(true, "mod3").inverse_dynamics(
+        *(np.hstack([r, r]) if robot.elastic else r for r in rates)
+    )
     torque = 1.2 * (rows[:, :n] + (rows[:, n:] if robot.elastic and side == "motor" else 0.0))
     friction = 0.1 * np.std(torque, axis=0) * np.sign(rates[1])
     torque += friction + rng.normal(0.0, noise, torque.shape) + rng.normal(0.0, 0.5, n)
@@ -67,7 +72,9 @@ def test_samples_lost_in_a_pattern_are_no_other_gravity(of: int, kept: int) -> N
     left = np.arange(len(whole.link or ())) % of < kept
     lossy = replace(whole, **{name: side.at(left) for name, side in whole.sides().items()})  # type: ignore[arg-type]
     assert contradicted_gravity(lossy, arm()) == []
-    for (_, motion), (_, true) in zip(side_motions(lossy, arm()), side_motions(whole, arm()), strict=True):
+    for (_, motion), (_, true) in zip(
+        side_motions(lossy, arm()), side_motions(whole, arm()), strict=True
+    ):
         if len(motion.q):
             assert motion.ddq.std(axis=0) == pytest.approx(true.ddq.std(axis=0), rel=0.1)
 
@@ -79,7 +86,9 @@ def test_right_signs_are_not_blamed(seed: int, speed: float) -> None:
     assert contradicted_gravity(recorded(arm(seed), speed=speed), arm(seed)) == []
 
 
-@pytest.mark.parametrize(("side", "elastic"), [("link", False), ("motor", False), ("link", True), ("motor", True)])
+@pytest.mark.parametrize(
+    ("side", "elastic"), [("link", False), ("motor", False), ("link", True), ("motor", True)]
+)
 def test_a_joint_of_the_wrong_sign_is_named(side: str, elastic: bool) -> None:
     """With the factor of its gravity, and the joints whose sign is right; of rigid and of elastic arms."""
     robot = arm(elastic=elastic)
@@ -130,7 +139,11 @@ def test_check_and_the_commands_that_fit_say_so(tmp_path: Path) -> None:
     """One finding of `bag check --robot`, and a note of the recording that `identify` and `diagnose` read."""
     robot = arm()
     bag = write_recording(tmp_path / "bag", recorded(robot, flipped=[1]))
-    (finding,) = [finding for finding in check_bag(bag, robot=robot).findings if finding.code == "gravity_sign"]
+    (finding,) = [
+        finding
+        for finding in check_bag(bag, robot=robot).findings
+        if finding.code == "gravity_sign"
+    ]
     assert not check_bag(bag, robot=robot).ok
     notes = read_by_clock(bag, None, robot, ClockChoice.auto).notes
     assert f"{bag}: {finding.message}." in notes
@@ -155,16 +168,24 @@ def test_angles_taken_for_degrees_show_in_gravity() -> None:
     link = recording.link
     small = replace(link, position=np.radians(link.position), velocity=np.radians(link.velocity))
     (finding,) = contradicted_gravity(replace(recording, link=small), robot)
-    assert finding.code == "gravity_size" and "angles in radians taken for degrees" in finding.message
+    assert (
+        finding.code == "gravity_size" and "angles in radians taken for degrees" in finding.message
+    )
 
 
-def arranged(recording: Recording, side: str, order: Sequence[int], signs: Sequence[float], which: str) -> Recording:
+def arranged(
+    recording: Recording, side: str, order: Sequence[int], signs: Sequence[float], which: str
+) -> Recording:
     """The recording with columns of its torques, of its angles, or of all channels in another order and with signs."""
     changed = {}
     for name, one in recording.measured().items():
         of_torque = ("effort",) if which != "angles" else ()
         of_angle = ("position", "velocity") if which != "torques" else ()
-        kept = {k: v[:, list(order)] * signs for k, v in one.channels().items() if k in (*of_torque, *of_angle)}
+        kept = {
+            k: v[:, list(order)] * signs
+            for k, v in one.channels().items()
+            if k in (*of_torque, *of_angle)
+        }
         changed[name] = replace(one, **kept)
     return replace(recording, **changed)
 
@@ -172,9 +193,12 @@ def arranged(recording: Recording, side: str, order: Sequence[int], signs: Seque
 def heavier(robot: Robot) -> Robot:
     """The arm with masses that are half as large again: descriptions are never right."""
     links = [
-        replace(joint.link, mass=1.5 * joint.link.mass, inertia=1.5 * joint.link.inertia) for joint in robot.joints
+        replace(joint.link, mass=1.5 * joint.link.mass, inertia=1.5 * joint.link.inertia)
+        for joint in robot.joints
     ]
-    return robot.with_(joints=tuple(replace(j, link=link) for j, link in zip(robot.joints, links, strict=True)))
+    return robot.with_(
+        joints=tuple(replace(j, link=link) for j, link in zip(robot.joints, links, strict=True))
+    )
 
 
 ONES = (1.0, 1.0, 1.0, 1.0)
@@ -189,22 +213,55 @@ def test_mirrored_joints_of_a_noisy_arm_of_six_are_named(wrong: tuple[int, ...])
     found = contradicted_gravity(given, heavier(robot))
     assert {finding.code for finding in found} <= {"mirrored"}
     names = ("every joint",) if len(wrong) == 6 else tuple(robot.joint_names[k] for k in wrong)
-    assert [f.message.partition(" turns")[0] for f in found] == [f"link side: {name}" for name in names]
+    assert [f.message.partition(" turns")[0] for f in found] == [
+        f"link side: {name}" for name in names
+    ]
 
 
 @pytest.mark.parametrize(("side", "elastic", "seed"), [("link", False, 2), ("motor", True, 3)])
 @pytest.mark.parametrize(
     ("order", "signs", "which", "code", "words"),
     [
-        ((0, 2, 1, 3), ONES, "torques", "exchanged", "efforts of joint_2 and joint_3 seem to be exchanged"),
-        ((3, 1, 2, 0), ONES, "all", "exchanged", "all channels of joint_1 and joint_4 seem to be exchanged"),
+        (
+            (0, 2, 1, 3),
+            ONES,
+            "torques",
+            "exchanged",
+            "efforts of joint_2 and joint_3 seem to be exchanged",
+        ),
+        (
+            (3, 1, 2, 0),
+            ONES,
+            "all",
+            "exchanged",
+            "all channels of joint_1 and joint_4 seem to be exchanged",
+        ),
         ((3, 2, 1, 0), ONES, "all", "exchanged", "all channels are in the reversed order"),
-        ((0, 1, 2, 3), (1.0, 1.0, -1.0, 1.0), "all", "mirrored", "joint_3 turns the other way than described"),
-        ((0, 1, 2, 3), (1.0, 1.0, -1.0, 1.0), "angles", "mirrored", "the angle of joint_3 has the other sign"),
+        (
+            (0, 1, 2, 3),
+            (1.0, 1.0, -1.0, 1.0),
+            "all",
+            "mirrored",
+            "joint_3 turns the other way than described",
+        ),
+        (
+            (0, 1, 2, 3),
+            (1.0, 1.0, -1.0, 1.0),
+            "angles",
+            "mirrored",
+            "the angle of joint_3 has the other sign",
+        ),
     ],
 )
 def test_joints_and_channels_that_were_confused_are_named(
-    side: str, elastic: bool, seed: int, order: Sequence[int], signs: Sequence[float], which: str, code: str, words: str
+    side: str,
+    elastic: bool,
+    seed: int,
+    order: Sequence[int],
+    signs: Sequence[float],
+    which: str,
+    code: str,
+    words: str,
 ) -> None:
     """By the geometry: whatever the masses, and whether the joint carries any gravity."""
     robot = arm(seed, elastic=elastic)
@@ -213,16 +270,24 @@ def test_joints_and_channels_that_were_confused_are_named(
     assert finding.code == code and words in finding.message
 
 
-@pytest.mark.parametrize(("left", "words"), [(0.0, "holds no gravity"), (0.3, "holds a part only of the gravity")])
+@pytest.mark.parametrize(
+    ("left", "words"), [(0.0, "holds no gravity"), (0.3, "holds a part only of the gravity")]
+)
 def test_torques_without_gravity_are_named_with_the_correlation(left: float, words: str) -> None:
     """Where the compensation of the arm's weight was subtracted, wholly or in part."""
     robot = arm()
     (finding,) = contradicted_gravity(recorded(robot, left * DOWN), robot)
-    assert finding.code == "gravity_missing" and words in finding.message and "correlation" in finding.message
+    assert (
+        finding.code == "gravity_missing"
+        and words in finding.message
+        and "correlation" in finding.message
+    )
 
 
 @pytest.mark.parametrize(("share", "joints"), [(0.7, [1]), (0.4, [0, 1, 2, 3])])
-def test_a_share_of_gravity_that_was_taken_is_named_with_its_size(share: float, joints: list[int]) -> None:
+def test_a_share_of_gravity_that_was_taken_is_named_with_its_size(
+    share: float, joints: list[int]
+) -> None:
     """Of one joint, or less than half of all joints' weight, where the torques have a gain of 1.2."""
     robot = arm()
     whole, without = (recorded(robot, down, speed=2.0) for down in (DOWN, 0.0 * DOWN))
@@ -230,13 +295,17 @@ def test_a_share_of_gravity_that_was_taken_is_named_with_its_size(share: float, 
     effort[:, joints] += share * (without.link.effort - whole.link.effort)[:, joints]
     given = replace(whole, link=replace(whole.link, effort=effort))
     (finding,) = contradicted_gravity(given, robot)
-    assert finding.code == "gravity_missing" and ("all joints" if len(joints) > 1 else "joint_2") in finding.message
+    assert (
+        finding.code == "gravity_missing"
+        and ("all joints" if len(joints) > 1 else "joint_2") in finding.message
+    )
     size, _, std = finding.message.partition("share of ")[2].split()[:3]
     assert abs(float(size) - share) < 4.0 * float(std) + 0.2 * share
 
 
 @pytest.mark.parametrize(
-    ("side", "elastic", "seed", "joint"), [("link", False, 2, 1), ("motor", False, 3, 0), ("motor", True, 2, 0)]
+    ("side", "elastic", "seed", "joint"),
+    [("link", False, 2, 1), ("motor", False, 3, 0), ("motor", True, 2, 0)],
 )
 def test_a_joint_whose_zero_is_elsewhere_is_named_with_the_angle(
     side: str, elastic: bool, seed: int, joint: int
@@ -249,7 +318,9 @@ def test_a_joint_whose_zero_is_elsewhere_is_named_with_the_angle(
 
     def found(j: int) -> list[Finding]:
         position = link.position + 0.08 * np.eye(4)[j]
-        return contradicted_gravity(replace(recording, link=replace(link, position=position)), heavier(robot))
+        return contradicted_gravity(
+            replace(recording, link=replace(link, position=position)), heavier(robot)
+        )
 
     (finding,) = found(joint)
     assert finding.code == "other_zero" and f"the zero of joint_{joint + 1}" in finding.message

@@ -12,11 +12,19 @@ from elastic_arm.recording.inspection.differences import differences
 RATE = 500.0
 
 
-def recording(begin: float, end: float, *, start_ns: int = 0, offset: float = 0.0, late: float = 0.0) -> Recording:
+def recording(
+    begin: float, end: float, *, start_ns: int = 0, offset: float = 0.0, late: float = 0.0
+) -> Recording:
     """Two joints on a motion that is a function of time; the torque of the second is `offset` more, all are `late`."""
     t = np.arange(begin, end, 1.0 / RATE)
     true = t - late
-    q = np.stack([np.sin(1.3 * true) + 0.4 * np.sin(3.1 * true), np.cos(0.9 * true) + 0.2 * np.sin(4.0 * true)], axis=1)
+    q = np.stack(
+        [
+            np.sin(1.3 * true) + 0.4 * np.sin(3.1 * true),
+            np.cos(0.9 * true) + 0.2 * np.sin(4.0 * true),
+        ],
+        axis=1,
+    )
     stamps = start_ns + np.round((t - begin) * 1e9).astype(np.int64)
     return Recording(("a", "b"), motor=Side(stamps, position=q, effort=10.0 * q + [0.0, offset]))
 
@@ -47,6 +55,8 @@ def test_other_commands_are_refused() -> None:
     real = recording(0.0, 12.0)
     t = np.arange(0.0, 12.0, 1.0 / RATE)
     other = np.stack([np.sin(17.0 * t), np.sin(23.0 * t)], axis=1)
-    simulated = Recording(("a", "b"), motor=Side(np.round(t * 1e9).astype(np.int64), position=other, effort=other))
+    simulated = Recording(
+        ("a", "b"), motor=Side(np.round(t * 1e9).astype(np.int64), position=other, effort=other)
+    )
     with pytest.raises(RecordingError, match="do not move alike"):
         differences(real, simulated)

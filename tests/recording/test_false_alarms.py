@@ -39,7 +39,9 @@ def motion(*channels: str, phase: float = 0.0) -> tuple[Side, Side]:
     noise = np.random.default_rng(3)
     q, dq = np.sin(angle), np.cos(angle) * np.array([2.2, 1.4])
     tau = 16.0 * np.sign(dq) + 3.0 * dq + 5.0 * np.cos(q) + 0.05 * noise.normal(size=q.shape)
-    link = Side(TIME_NS, q + 2e-6 * noise.normal(size=q.shape), dq + 1e-3 * noise.normal(size=q.shape))
+    link = Side(
+        TIME_NS, q + 2e-6 * noise.normal(size=q.shape), dq + 1e-3 * noise.normal(size=q.shape)
+    )
     return link, Side(TIME_NS, effort=tau)
 
 
@@ -54,7 +56,9 @@ def episodes(folder: str, name: str) -> Sequence[Recording]:
 def test_clean_recordings_are_not_warned_of() -> None:
     """Excitation, points, creeping, joint by joint and servos: `benchmarks.false_alarms` counts more of them."""
     wrong = {
-        recording.source: found for robot, recording in clean_recordings(16, 1) if (found := alarms(robot, recording))
+        recording.source: found
+        for robot, recording in clean_recordings(16, 1)
+        if (found := alarms(robot, recording))
     }
     assert not wrong
 
@@ -94,7 +98,9 @@ def test_a_torque_of_zero_at_rest_is_measured() -> None:
     speed = np.gradient(way, TIMES)
     tau = np.round((4.0 * np.sign(np.round(speed, 9)) + 30.0 * speed) / 0.1) * 0.1
     one_way = Recording(
-        NAMES, Side(TIME_NS, np.outer(way, [1.0, 1.5])), Side(TIME_NS, effort=np.outer(tau, [1.0, 1.0]))
+        NAMES,
+        Side(TIME_NS, np.outer(way, [1.0, 1.5])),
+        Side(TIME_NS, effort=np.outer(tau, [1.0, 1.0])),
     )
     assert "zeros_between" not in codes(one_way)
     tau[::50] = 0.0
@@ -137,7 +143,10 @@ def test_clocks_that_are_apart_are_joined() -> None:
     np.testing.assert_array_equal(joined.link.stamp_ns, TIME_NS)
     np.testing.assert_array_equal(joined.motor.stamp_ns, TIME_NS)
     other = motion(phase=2.0)[0]
-    strange = Side(other.stamp_ns + 10**12, np.random.default_rng(0).normal(size=other.position.shape).cumsum(axis=0))
+    strange = Side(
+        other.stamp_ns + 10**12,
+        np.random.default_rng(0).normal(size=other.position.shape).cumsum(axis=0),
+    )
     assert "not one motion" in cleared(Recording(NAMES, link, reference=strange))[1][0].message
 
 
@@ -152,7 +161,9 @@ def test_sides_that_are_apart_by_a_tenth_of_a_second_are_named(late: float) -> N
     assert sizes == pytest.approx([1e3 * abs(late)] * len(sizes), rel=0.05)
 
 
-@pytest.mark.parametrize(("shift", "words"), [(0, "themselves"), (1, "of 1 sample later"), (-2, "of 2 samples before")])
+@pytest.mark.parametrize(
+    ("shift", "words"), [(0, "themselves"), (1, "of 1 sample later"), (-2, "of 2 samples before")]
+)
 def test_commands_that_are_the_positions_are_no_commands(shift: int, words: str) -> None:
     """Made-up commands follow too well, whichever sample they are taken from, and beside torques, too."""
     link, motor = motion()
@@ -166,8 +177,15 @@ def test_per_cent_of_a_range_is_no_angle() -> None:
     """Steps of one kind of encoder that differ from joint to joint show their ranges."""
     for run in episodes("percent_units", "le_percent"):
         (found,) = said(run)
-        assert found.code == "percent" and "shoulder_pan 220, shoulder_lift 200, elbow_flex 190" in found.message
+        assert (
+            found.code == "percent"
+            and "shoulder_pan 220, shoulder_lift 200, elbow_flex 190" in found.message
+        )
     tick, way = 360.0 / 4096, np.sin(np.outer(TIMES, [1.0, 1.3]))
-    for ranges, expected in (((150.0, 270.0), ["percent"]), ((200.0, 200.0), []), ((200.0, 100.0), [])):
+    for ranges, expected in (
+        ((150.0, 270.0), ["percent"]),
+        ((200.0, 200.0), []),
+        ((200.0, 100.0), []),
+    ):
         percent = np.round(way * 20.0 / tick) * tick * 200.0 / np.array(ranges)
         assert codes(Recording(NAMES, Side(TIME_NS, np.deg2rad(percent)))) == expected

@@ -24,7 +24,13 @@ TAU = np.random.default_rng(1).normal(0.0, 20.0, Q.shape)
 
 def test_a_draft_of_named_arrays_is_imported_as_it_is(tmp_path: Path) -> None:
     """Degrees and rpm are recognised by the derivative, the times by their rate, and the import has SI units."""
-    np.savez(tmp_path / "run.npz", stamps=T * 1e3, angles=np.degrees(Q), speeds=DQ * 30 / np.pi, torques=TAU)
+    np.savez(
+        tmp_path / "run.npz",
+        stamps=T * 1e3,
+        angles=np.degrees(Q),
+        speeds=DQ * 30 / np.pi,
+        torques=TAU,
+    )
     draft = guess_mapping(load_arrays(tmp_path / "run.npz"), JOINTS)
     (tmp_path / "map.yaml").write_text(draft.to_yaml())
     taken = import_arrays(tmp_path / "run.npz", tmp_path / "map.yaml")
@@ -63,12 +69,20 @@ def test_columns_are_grouped_by_the_joints_names(tmp_path: Path) -> None:
     """Columns called by joint and quantity are tables in the robot's order, whatever the order in the file."""
     joints = ("lift", "arm_1", "arm_10")
     tables = {"position": Q, "velocity": DQ, "effort": TAU}
-    columns = {f"{name}_{what}": v[:, k] for what, v in tables.items() for k, name in [*enumerate(joints)][::-1]}
+    columns = {
+        f"{name}_{what}": v[:, k]
+        for what, v in tables.items()
+        for k, name in [*enumerate(joints)][::-1]
+    }
     draft = guess_mapping({"t": T, **columns}, joints)
     assert {guess.channel: guess.table.keys for guess in draft.channels} == {
         what: tuple(f"{name}_{what}" for name in joints) for what in tables
     }
-    assert [guess.table.name for guess in draft.channels] == ["*_position", "*_velocity", "*_effort"]
+    assert [guess.table.name for guess in draft.channels] == [
+        "*_position",
+        "*_velocity",
+        "*_effort",
+    ]
     assert not draft.ignored
 
 
@@ -77,9 +91,15 @@ def test_a_torque_that_follows_the_velocity_is_no_velocity() -> None:
     friction = 9.0 * np.sign(DQ) + 2.0 * DQ
     draft = guess_mapping({"times": T, "q": Q, "dq": DQ, "motor": friction}, JOINTS)
     found = {(guess.side, guess.channel): guess.table.name for guess in draft.channels}
-    assert found == {("link", "position"): "q", ("link", "velocity"): "dq", ("motor", "effort"): "motor"}
+    assert found == {
+        ("link", "position"): "q",
+        ("link", "velocity"): "dq",
+        ("motor", "effort"): "motor",
+    }
     draft = guess_mapping({"times": T, "q": Q, "dq": DQ, "torque": TAU, "motor": friction}, JOINTS)
-    assert not any(guess.side == "motor" and guess.channel == "velocity" for guess in draft.channels)
+    assert not any(
+        guess.side == "motor" and guess.channel == "velocity" for guess in draft.channels
+    )
     assert draft.ignored == (("motor", "motor effort too; torque was chosen"),)
 
 
@@ -100,7 +120,11 @@ def test_one_table_in_two_forms_is_used_once(tmp_path: Path) -> None:
         np.savetxt(tmp_path / "run" / f"{name}.txt", values)
     draft = guess_mapping(load_arrays(tmp_path / "run"), JOINTS)
     found = {(guess.side, guess.channel): guess.table.name for guess in draft.channels}
-    assert found == {("link", "position"): "C_data", ("link", "velocity"): "B_rates", ("motor", "effort"): "A_cur"}
+    assert found == {
+        ("link", "position"): "C_data",
+        ("link", "velocity"): "B_rates",
+        ("motor", "effort"): "A_cur",
+    }
     assert "as well" not in draft.to_yaml()
     assert "- B_rates.*    # the same numbers as B_rates" in draft.to_yaml()
 
@@ -115,7 +139,13 @@ def test_large_angles_alone_may_be_a_rotors() -> None:
 def test_rotor_angles_get_their_ratio_and_currents_ask_for_theirs(tmp_path: Path) -> None:
     """The ratio and sign follow from both sides' angles; a torque constant is left open and named."""
     ratio = np.array([121.0, -101.0, 80.0])
-    arrays = {"time": T, "q_link": Q, "theta_motor": Q * ratio, "dtheta_motor": DQ * ratio, "motor_current": TAU}
+    arrays = {
+        "time": T,
+        "q_link": Q,
+        "theta_motor": Q * ratio,
+        "dtheta_motor": DQ * ratio,
+        "motor_current": TAU,
+    }
     draft = guess_mapping(arrays, JOINTS)
     motor = next(g for g in draft.channels if (g.side, g.channel) == ("motor", "position"))
     assert motor.scales == {"ratio": [121.0, 101.0, 80.0], "sign": [1.0, -1.0, 1.0]}
@@ -143,11 +173,22 @@ def test_joints_that_slide_have_lengths_and_forces(tmp_path: Path) -> None:
 
 def test_a_single_axis_has_columns_of_one_name_each() -> None:
     """A log of a linear drive: position, speed and force are told by their names."""
-    arrays = {"time": T, "position": 0.1 * Q[:, 0], "speed": 0.1 * DQ[:, 0], "motor_force": TAU[:, 0]}
+    arrays = {
+        "time": T,
+        "position": 0.1 * Q[:, 0],
+        "speed": 0.1 * DQ[:, 0],
+        "motor_force": TAU[:, 0],
+    }
     draft = guess_mapping(arrays, ("axis",), prismatic=("axis",))
     found = {(guess.side, guess.channel): guess.unit for guess in draft.channels}
-    assert found == {("link", "position"): "m", ("link", "velocity"): "m/s", ("motor", "effort"): "N"}
-    (stated,) = guess_mapping({"time": T, "position [mm]": Q[:, 0]}, ("axis",), prismatic=("axis",)).channels
+    assert found == {
+        ("link", "position"): "m",
+        ("link", "velocity"): "m/s",
+        ("motor", "effort"): "N",
+    }
+    (stated,) = guess_mapping(
+        {"time": T, "position [mm]": Q[:, 0]}, ("axis",), prismatic=("axis",)
+    ).channels
     assert stated.unit == "mm"
 
 
@@ -165,7 +206,13 @@ def test_columns_without_a_sensor_are_left_out(tmp_path: Path) -> None:
     """Zeros of a joint that turns by its motor's encoder; one that stands on both sides keeps its columns."""
     link, motor = Q * [1.0, 1.0, 0.0], Q * [1.0, 0.0, 1.0]
     link[:, 1] = motor[:, 1]
-    arrays = {"time": T, "link_pos": link, "link_vel": DQ * [1.0, 0.0, 0.0], "motor_pos": motor, "motor_torque": TAU}
+    arrays = {
+        "time": T,
+        "link_pos": link,
+        "link_vel": DQ * [1.0, 0.0, 0.0],
+        "motor_pos": motor,
+        "motor_torque": TAU,
+    }
     draft = guess_mapping(arrays, JOINTS)
     places = {(guess.side, guess.channel): guess.places for guess in draft.channels}
     assert places[("link", "position")] == (0, 1) and places[("motor", "position")] is None
@@ -173,7 +220,10 @@ def test_columns_without_a_sensor_are_left_out(tmp_path: Path) -> None:
     (tmp_path / "map.yaml").write_text(draft.to_yaml())
     taken = import_arrays(tmp_path / "run.npz", tmp_path / "map.yaml")
     np.testing.assert_array_equal(np.isnan(taken.link.position).all(axis=0), [False, False, True])
-    assert "column 2 is constant while its joint moves: no sensor there, and left out" in draft.to_yaml()
+    assert (
+        "column 2 is constant while its joint moves: no sensor there, and left out"
+        in draft.to_yaml()
+    )
 
 
 def test_a_torque_by_the_current_comes_before_one_without_a_side() -> None:
@@ -181,7 +231,9 @@ def test_a_torque_by_the_current_comes_before_one_without_a_side() -> None:
     columns = {"Torque": TAU, "TorqueSensor": TAU + 1.0, "TorqueCur": TAU + 2.0, "Cur": 0.1 * TAU}
     arrays = {f"{name}{k + 1}": values[:, k] for name, values in columns.items() for k in range(3)}
     draft = guess_mapping({"time": T, "pos": Q, **arrays}, JOINTS)
-    taken = {guess.side: guess.table.keys[0] for guess in draft.channels if guess.channel == "effort"}
+    taken = {
+        guess.side: guess.table.keys[0] for guess in draft.channels if guess.channel == "effort"
+    }
     assert taken == {"link": "TorqueSensor1", "motor": "TorqueCur1"}
 
 
@@ -196,7 +248,11 @@ def test_columns_beyond_the_joints_are_said() -> None:
 @pytest.mark.parametrize(
     ("file", "n", "expected"),
     [
-        ("kuka_lwr4/measurements_1.npz", 7, {"position": "positions", "velocity": "velocities", "effort": "torques"}),
+        (
+            "kuka_lwr4/measurements_1.npz",
+            7,
+            {"position": "positions", "velocity": "velocities", "effort": "torques"},
+        ),
         ("kinova_gen3/opti_traj_testing1.csv", 7, {"position": "Position1", "effort": "TorqueSm1"}),
         ("kuka_kr300/run_A.mat", 3, {"position": "rec.act_pos_se_deg"}),
     ],
@@ -204,7 +260,10 @@ def test_columns_beyond_the_joints_are_said() -> None:
 def test_files_of_real_robots(file: str, n: int, expected: dict[str, str]) -> None:
     """The measured arrays are found among commands, models and temperatures."""
     draft = guess_mapping(load_arrays(SHARED / file), [f"joint_{k}" for k in range(n)])
-    first = {channel: next(g for g in draft.channels if g.channel == channel).table.keys[0] for channel in expected}
+    first = {
+        channel: next(g for g in draft.channels if g.channel == channel).table.keys[0]
+        for channel in expected
+    }
     assert first == expected
 
 
@@ -236,9 +295,14 @@ def test_a_number_that_is_missing_makes_no_degrees(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("decimal", [".", ","])
-def test_names_with_brackets_and_units_give_a_mapping_that_is_read(tmp_path: Path, decimal: str) -> None:
+def test_names_with_brackets_and_units_give_a_mapping_that_is_read(
+    tmp_path: Path, decimal: str
+) -> None:
     """As a spreadsheet writes them, with decimal commas too: no name is taken for YAML or for a pattern."""
-    columns = {"Time [ms]": T * 1e3, **{f"Pos {j}: [deg]": np.degrees(Q[:, k]) for k, j in enumerate(JOINTS)}}
+    columns = {
+        "Time [ms]": T * 1e3,
+        **{f"Pos {j}: [deg]": np.degrees(Q[:, k]) for k, j in enumerate(JOINTS)},
+    }
     columns |= {"Temp [°C]": T, "# {note}": T}
     rows = [";".join(f"{values[k]:.9f}" for values in columns.values()) for k in range(len(T))]
     text = ";".join(columns) + "\n" + "\n".join(rows).replace(".", decimal) + "\n"
@@ -269,13 +333,19 @@ def test_folders_of_one_number_a_line(tmp_path: Path, layout: str) -> None:
 
 
 @pytest.mark.parametrize(("own", "written"), [("fer_", "panda_"), ("fer_", ""), ("", "panda_")])
-def test_names_with_and_without_a_prefix_are_those_of_one_arm(tmp_path: Path, own: str, written: str) -> None:
+def test_names_with_and_without_a_prefix_are_those_of_one_arm(
+    tmp_path: Path, own: str, written: str
+) -> None:
     """In columns of a table, in a recording and in a bag, which notes it."""
     joints = [f"{own}joint{k + 1}" for k in range(3)]
     columns = {f"{written}joint{k + 1}.pos": Q[:, k] for k in (2, 0, 1)}
     draft = guess_mapping({"t": T, **columns}, joints)
-    assert [guess.table.keys for guess in draft.channels] == [tuple(f"{written}joint{k}.pos" for k in (1, 2, 3))]
-    recorded = Recording(tuple(f"{written}joint{k + 1}" for k in (2, 0, 1)), Side(np.arange(len(T)), Q[:, [2, 0, 1]]))
+    assert [guess.table.keys for guess in draft.channels] == [
+        tuple(f"{written}joint{k}.pos" for k in (1, 2, 3))
+    ]
+    recorded = Recording(
+        tuple(f"{written}joint{k + 1}" for k in (2, 0, 1)), Side(np.arange(len(T)), Q[:, [2, 0, 1]])
+    )
     read = read_recording(write_recording(tmp_path / "bag", recorded), joints=joints)
     for taken in (recorded.select(joints), read):
         assert taken.joints == tuple(joints) and taken.link is not None
@@ -292,6 +362,10 @@ def test_units_after_an_underscore_name_the_channel() -> None:
     """`turn_Ist_deg` is an angle in degrees and `turn_Strom_A` a current, in a table of other languages, too."""
     t = np.linspace(0.0, 10.0, 2001)
     angle, current = 60.0 * np.sin(t), np.cos(t)
-    arrays = {"Zeit": t, **{f"{j}_Ist_deg": angle for j in "ab"}, **{f"{j}_Strom_A": current for j in "ab"}}
+    arrays = {
+        "Zeit": t,
+        **{f"{j}_Ist_deg": angle for j in "ab"},
+        **{f"{j}_Strom_A": current for j in "ab"},
+    }
     found = {(g.side, g.channel): g.unit for g in guess_mapping(arrays, ["a", "b"]).channels}
     assert found == {("link", "position"): "deg", ("motor", "effort"): "A"}

@@ -45,7 +45,8 @@ def test_a_recording_beyond_the_stamps_of_ros_is_not_written(tmp_path: Path) -> 
     """Nor is one that began before and ends after."""
     recording = imported(tmp_path, t=np.arange(5.0) + 2**31 - 5)
     later = type(recording)(
-        recording.joints, type(recording.link)(recording.link.stamp_ns + 10**9, recording.link.position)
+        recording.joints,
+        type(recording.link)(recording.link.stamp_ns + 10**9, recording.link.position),
     )  # type: ignore[attr-defined]
     with pytest.raises(RecordingError, match="2038"):
         write_recording(tmp_path / "bag", later)
@@ -55,7 +56,9 @@ def test_a_recording_beyond_the_stamps_of_ros_is_not_written(tmp_path: Path) -> 
 def test_a_million_names_are_cut(tmp_path: Path) -> None:
     """An error that would list every array shows the first and the last ones."""
     (tmp_path / "map.yaml").write_text(MAP % ("s", ""))
-    (tmp_path / "a.csv").write_text(",".join(f"name_{i}" for i in range(100_000)) + "\n" + ",".join(["1"] * 100_000))
+    (tmp_path / "a.csv").write_text(
+        ",".join(f"name_{i}" for i in range(100_000)) + "\n" + ",".join(["1"] * 100_000)
+    )
     with pytest.raises(RecordingError) as caught:
         import_arrays(tmp_path / "a.csv", tmp_path / "map.yaml")
     assert len(str(caught.value)) < 2300
@@ -63,7 +66,11 @@ def test_a_million_names_are_cut(tmp_path: Path) -> None:
 
 HEAD = b"{'descr': '<f8', 'fortran_order': False, 'shape': (1125899906842624,), }"
 FILES: dict[str, tuple[str, bytes, str]] = {
-    "2^50 numbers": ("a.npy", b"\x93NUMPY\x01\x00" + bytes([len(HEAD), 0]) + HEAD + bytes(100), "cannot be read"),
+    "2^50 numbers": (
+        "a.npy",
+        b"\x93NUMPY\x01\x00" + bytes([len(HEAD), 0]) + HEAD + bytes(100),
+        "cannot be read",
+    ),
     "two columns of one name": ("a.csv", b"t,q,q\n1,2,3\n", "two columns are called 'q'"),
     "names and comments alone": ("a.csv", b"t,q\n# none\n", "no numbers below the first line"),
 }
@@ -167,7 +174,9 @@ def test_names_that_no_file_can_have_are_refused(tmp_path: Path, name: str) -> N
         ("}}\ncoupling: {a: {b: true}}\nmotor: {effort: {key: q", "coupling.a.b: is yes or no"),
     ],
 )
-def test_truths_and_lists_of_nothing_are_no_numbers(tmp_path: Path, more: str, problem: str) -> None:
+def test_truths_and_lists_of_nothing_are_no_numbers(
+    tmp_path: Path, more: str, problem: str
+) -> None:
     """Python takes true for 1, and counts negative columns from the end."""
     assert re.search(problem, refused(tmp_path, more=more))
 

@@ -23,7 +23,9 @@ from tests.helpers.bags import stamps, states, two_sided, write_sqlite
 from tests.helpers.hostile_mcap import HUGE, chunk, index, mcap, message, quickly, record, text
 
 ZSTD = zstandard.ZstdCompressor().compress(message())
-CLAIMS = b"\x28\xb5\x2f\xfd" + b"\xe0" + struct.pack("<Q", 2**40) + ZSTD[-20:]  # a frame header of 2^40 bytes
+CLAIMS = (
+    b"\x28\xb5\x2f\xfd" + b"\xe0" + struct.pack("<Q", 2**40) + ZSTD[-20:]
+)  # a frame header of 2^40 bytes
 MCAP_FILES: dict[str, bytes] = {
     "a chunk that claims 2^63 bytes, zstd": mcap(chunk(ZSTD, HUGE, "zstd")),
     "a chunk that claims 2^63 bytes, lz4": mcap(chunk(lz4.frame.compress(message()), HUGE, "lz4")),
@@ -38,13 +40,17 @@ MCAP_FILES: dict[str, bytes] = {
     "a record that claims 2^63 bytes": mcap(record(Opcode.MESSAGE, b"abc", HUGE)),
     "a record in a chunk that does": mcap(chunk(record(Opcode.MESSAGE, b"abc", HUGE), 12)),
     "an index of odd length": mcap(chunk(message(), len(message())), index(b"odd")),
-    "an index beyond the chunk": mcap(chunk(message(), len(message())), index(struct.pack("<QQ", 1, 2**40))),
+    "an index beyond the chunk": mcap(
+        chunk(message(), len(message())), index(struct.pack("<QQ", 1, 2**40))
+    ),
     "an index of 2^63": mcap(chunk(message(), len(message())), index(struct.pack("<QQ", 1, HUGE))),
     "a torn channel": mcap(record(Opcode.CHANNEL, struct.pack("<HH", 2, 1) + text("/u", 2**31))),
     "statistics of 2^60 messages": mcap(
         chunk(message(data=bytes([0, 1]) + bytes(10)), 43),
         record(
-            Opcode.STATISTICS, struct.pack("<QHIIIIQQI", 2**60, 1, 1, 0, 0, 1, 0, 0, 10) + struct.pack("<HQ", 1, 2**60)
+            Opcode.STATISTICS,
+            struct.pack("<QHIIIIQQI", 2**60, 1, 1, 0, 0, 1, 0, 0, 10)
+            + struct.pack("<HQ", 1, 2**60),
         ),
     ),
 }
@@ -124,7 +130,9 @@ def test_fields_of_the_wrong_kind_are_damage(bag: Path, fields: dict[str, object
 
 
 @pytest.mark.parametrize("storage", ["mcap", "db3"])
-def test_the_limits_are_configurable(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, storage: str) -> None:
+def test_the_limits_are_configurable(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, storage: str
+) -> None:
     """A file that unpacks to more than $ELASTIC_ARM_MAX_UNPACKED_MB is refused, and read once that is raised."""
     bag = write_recording(tmp_path / "bag", two_sided(np.random.default_rng(0), 5000), "zstd")
     file = bag / "bag_0.mcap"
@@ -168,14 +176,20 @@ def test_tables_that_are_computed_are_refused(tmp_path: Path, table: str) -> Non
 
 @pytest.mark.parametrize("column", ["topic_id", "timestamp", "data"])
 @pytest.mark.parametrize("value", ["NULL", "'text'", "1.5"])
-def test_messages_with_a_column_of_another_type_are_left_out(tmp_path: Path, column: str, value: str) -> None:
+def test_messages_with_a_column_of_another_type_are_left_out(
+    tmp_path: Path, column: str, value: str
+) -> None:
     """Half of the rows have no number, or no bytes, where one belongs: the other half is read."""
     folder = write_sqlite(tmp_path / "bag", states("/joint_states", stamps(10)))
     file = next(folder.glob("*.db3"))
     with sqlite3.connect(file) as database:
-        sql = database.execute("SELECT sql FROM sqlite_master WHERE name = 'messages'").fetchone()[0]
+        sql = database.execute("SELECT sql FROM sqlite_master WHERE name = 'messages'").fetchone()[
+            0
+        ]
         database.execute("ALTER TABLE messages RENAME TO old")
-        database.execute(sql.replace("NOT NULL", "").replace("INTEGER PRIMARY KEY", "").replace("INTEGER", ""))
+        database.execute(
+            sql.replace("NOT NULL", "").replace("INTEGER PRIMARY KEY", "").replace("INTEGER", "")
+        )
         database.execute("INSERT INTO messages SELECT * FROM old")
         database.execute(f"UPDATE messages SET {column} = {value} WHERE id % 2")
     database.close()
@@ -197,7 +211,9 @@ def test_pipes_are_refused(tmp_path: Path, name: str) -> None:
 def test_a_repair_leaves_out_times_that_cannot_be_and_quality_that_is_none(tmp_path: Path) -> None:
     """A message of the year 2400 is not copied, and hostile quality of service is replaced by none."""
     qos = text("offered_qos_profiles") + text("\0" + "[" * 5000)
-    described = struct.pack("<HH", 2, 1) + text("/u") + text("cdr") + struct.pack("<I", len(qos)) + qos
+    described = (
+        struct.pack("<HH", 2, 1) + text("/u") + text("cdr") + struct.pack("<I", len(qos)) + qos
+    )
     late = record(Opcode.MESSAGE, struct.pack("<HIQQ", 1, 0, HUGE, HUGE))
     file = tmp_path / "a.mcap"
     file.write_bytes(mcap(record(Opcode.CHANNEL, described), message(2), late))

@@ -20,9 +20,7 @@ from tests.helpers.bags import JOINT_STATE, START_NS, joint_state, stamps, state
 from tests.helpers.hostile_mcap import at, channel, chunk, file, mcap, quickly, record, schema, text
 
 DEFINITION, _ = message_types.definition(JOINT_STATE)
-HEADERS = (
-    "std_msgs/Header header\nfloat64 data\n{line}\nMSG: std_msgs/Header\na/Stamp stamp\n{line}\nMSG: a/Stamp\n{{}}"
-)
+HEADERS = "std_msgs/Header header\nfloat64 data\n{line}\nMSG: std_msgs/Header\na/Stamp stamp\n{line}\nMSG: a/Stamp\n{{}}"
 HEADERS = HEADERS.format(line="=" * 80)
 
 
@@ -53,14 +51,30 @@ def with_empty_names(count: int) -> bytes:
 
 
 REFUSED: dict[str, tuple[Callable[[], bytes], str]] = {
-    "three million empty names": (lambda: packed(with_empty_names(3_000_000)), "3000000 texts, 10000 are the limit"),
-    "four million positions": (lambda: packed(with_numbers(4_000_000)), "4000000 numbers, 10000 are the limit"),
-    "records of nine bytes": (lambda: file(record(0x80, b"") * 260_000), "records that are no messages"),
-    "such records in a chunk": (
-        lambda: mcap(chunk(zstandard.ZstdCompressor().compress(record(0x80, b"") * 210_000), 1_890_000, "zstd")),
+    "three million empty names": (
+        lambda: packed(with_empty_names(3_000_000)),
+        "3000000 texts, 10000 are the limit",
+    ),
+    "four million positions": (
+        lambda: packed(with_numbers(4_000_000)),
+        "4000000 numbers, 10000 are the limit",
+    ),
+    "records of nine bytes": (
+        lambda: file(record(0x80, b"") * 260_000),
         "records that are no messages",
     ),
-    "a channel again and again": (lambda: file(channel(1, "/t") * 201_000), "descriptions of channels"),
+    "such records in a chunk": (
+        lambda: mcap(
+            chunk(
+                zstandard.ZstdCompressor().compress(record(0x80, b"") * 210_000), 1_890_000, "zstd"
+            )
+        ),
+        "records that are no messages",
+    ),
+    "a channel again and again": (
+        lambda: file(channel(1, "/t") * 201_000),
+        "descriptions of channels",
+    ),
     "channels without end": (
         lambda: file(*(channel(number, f"/t{number}") for number in range(65_535))),
         "more than 5000 channels",
@@ -85,7 +99,10 @@ def test_a_table_is_reserved_by_its_bytes(tmp_path: Path) -> None:
     """A thousand messages as long as the longest would not fit into the memory."""
     bag = tmp_path / "a.mcap"
     fields = "".join(f"float64[] x{number}\n" for number in range(500))
-    data = bytes([0, 1, 0, 0]) + (struct.pack("<II", limits.COLUMNS, 0) + bytes(8 * limits.COLUMNS)) * 500
+    data = (
+        bytes([0, 1, 0, 0])
+        + (struct.pack("<II", limits.COLUMNS, 0) + bytes(8 * limits.COLUMNS)) * 500
+    )
     rows = at(START_NS, data) + at(START_NS + 1, data)
     whole = chunk(zstandard.ZstdCompressor().compress(rows), len(rows), "zstd")
     bag.write_bytes(file(schema("a/msg/T", fields), channel(1, "/x"), whole))
@@ -99,7 +116,9 @@ def test_a_table_is_reserved_by_its_bytes(tmp_path: Path) -> None:
     assert decoder.series().width("x499") == limits.COLUMNS
 
 
-@pytest.mark.parametrize("names", [("9" * 5000, "1", "2"), ("1" * 300_000 + "x", "j1", "j2"), ("j²", "j1", "j3")])
+@pytest.mark.parametrize(
+    "names", [("9" * 5000, "1", "2"), ("1" * 300_000 + "x", "j1", "j2"), ("j²", "j1", "j3")]
+)
 def test_names_of_many_digits_are_names(tmp_path: Path, names: tuple[str, ...]) -> None:
     """They count no joints, so the order is that of the messages; and no digit is looked at twice."""
     bag = tmp_path / "a.mcap"
@@ -114,7 +133,11 @@ def test_many_names_in_two_orders_are_matched_at_once(tmp_path: Path) -> None:
     bag = tmp_path / "a.mcap"
     rows = (named(names[:: 1 - 2 * (row % 2)], row) for row in range(4))
     bag.write_bytes(
-        packed(*rows, *(named(names[::-1], row, 2) for row in range(4)), topics=("/joint_states", "/motor_states"))
+        packed(
+            *rows,
+            *(named(names[::-1], row, 2) for row in range(4)),
+            topics=("/joint_states", "/motor_states"),
+        )
     )
     recording = quickly(lambda: read_recording(bag))
     np.testing.assert_array_equal(recording.link.position[0], recording.link.position[1][::-1])  # type: ignore[attr-defined]
@@ -125,7 +148,9 @@ def test_thousands_of_channels_are_read_in_one_pass(tmp_path: Path) -> None:
     """Each message is looked at once, not once for every channel."""
     topics = [f"/t{number}" for number in range(limits.CHANNELS)]
     bag = tmp_path / "a.mcap"
-    bag.write_bytes(packed(*(named(("a",), 0, number + 1) for number in range(len(topics))), topics=topics))
+    bag.write_bytes(
+        packed(*(named(("a",), 0, number + 1) for number in range(len(topics))), topics=topics)
+    )
     assert len(quickly(lambda: bag_info(bag)).topics) == len(topics)  # type: ignore[attr-defined]
     report = quickly(lambda: check_bag(bag))
     assert all(len(finding.message) < 1100 for finding in report.findings)  # type: ignore[attr-defined]
@@ -156,7 +181,9 @@ def test_messages_without_a_byte_are_refused(tmp_path: Path) -> None:
         quickly(lambda bag=bag: check_bag(bag))  # type: ignore[misc]
 
 
-def test_a_long_message_of_a_database_is_damage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_long_message_of_a_database_is_damage(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """It is never read: SQLite tells its length."""
     folder = write_sqlite(tmp_path / "bag", states("/joint_states", stamps(10)))
     database_file = next(folder.glob("*.db3"))
@@ -168,7 +195,9 @@ def test_a_long_message_of_a_database_is_damage(tmp_path: Path, monkeypatch: pyt
     assert not check_bag(database_file).ok
 
 
-@pytest.mark.parametrize("scalar", ["!!bool perhaps", "0x" + "f" * 100_000, ":".join(["59"] * 3000), "!!int ''"])
+@pytest.mark.parametrize(
+    "scalar", ["!!bool perhaps", "0x" + "f" * 100_000, ":".join(["59"] * 3000), "!!int ''"]
+)
 def test_yaml_within_a_bag_that_is_none_counts_as_none(tmp_path: Path, scalar: str) -> None:
     """Quality of service in a channel, and rosbag2's metadata within the file."""
     qos = channel(1, "/joint_states", offered_qos_profiles=f"- {{depth: {scalar}}}")

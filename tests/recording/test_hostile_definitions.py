@@ -31,7 +31,11 @@ module a_msgs { module msg {
 }; };
 """
 HOSTILE_IDL = {
-    "nested brackets in a constant": "const long A = " + "(" * 40 + "1" + ")" * 40 + "; struct T { double x[A]; };",
+    "nested brackets in a constant": "const long A = "
+    + "(" * 40
+    + "1"
+    + ")" * 40
+    + "; struct T { double x[A]; };",
     "a shift by 60000": "const long A = 1 << 60000; struct T { double x[A]; };",
     "a type that contains itself": "struct T { T t; };",
     "types that contain each other": "struct A { B b; }; struct B { sequence<A> a; };",
@@ -105,7 +109,9 @@ def test_hostile_msg_is_refused_at_once(name: str) -> None:
     refused("ros2msg", HOSTILE_MSG[name])
 
 
-@pytest.mark.parametrize("type_name", ["1a/msg/X", "a/msg/X\nfloat64 y", "a/msg/X'); import os #", "", "a" * 10**6])
+@pytest.mark.parametrize(
+    "type_name", ["1a/msg/X", "a/msg/X\nfloat64 y", "a/msg/X'); import os #", "", "a" * 10**6]
+)
 def test_a_name_that_is_no_type_is_refused(type_name: str) -> None:
     """The name of the type itself follows the grammar, too."""
     assert "is no name of a type" in refused("ros2msg", "float64 x", type_name)

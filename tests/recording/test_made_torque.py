@@ -10,7 +10,11 @@ from elastic_arm.recording import Recording, Side
 from elastic_arm.recording.made_torque import with_made_torque
 from elastic_arm.robot import JointController, Robot, load_robot
 
-RATE, W, LAG = 50.0, 2 * np.pi * 0.8, 0.06  # Hz, rad/s, s by which the arm of these tests is behind its command
+RATE, W, LAG = (
+    50.0,
+    2 * np.pi * 0.8,
+    0.06,
+)  # Hz, rad/s, s by which the arm of these tests is behind its command
 STEP = 1.0 / RATE
 
 
@@ -34,7 +38,9 @@ def recording(shift: float = 0.0) -> Recording:
     rate = W * np.cos(W * t)[:, None].repeat(3, axis=1)
     names = ("joint_1", "joint_2", "joint_3")
     later = stamps + round(1e9 * shift)
-    return Recording(names, link=Side(later, position=q), reference=Side(stamps, position=r, velocity=rate))
+    return Recording(
+        names, link=Side(later, position=q), reference=Side(stamps, position=r, velocity=rate)
+    )
 
 
 def made(arm: Robot, **numbers: object) -> tuple[np.ndarray, np.ndarray]:
@@ -89,7 +95,9 @@ def test_gravity_is_fed_forward_of_the_command(arm: Robot) -> None:
     """A controller with gravity makes that of the described arm at its commands, where no gain adds any."""
     both = arm
     for name in arm.joint_names:
-        both = both.with_joint(name, controller=JointController(feedforward="gravity", between="interpolated"))
+        both = both.with_joint(
+            name, controller=JointController(feedforward="gravity", between="interpolated")
+        )
     found = with_made_torque(recording(), both)
     r = found.reference.position
     weight = build_model(arm).inverse_dynamics(r, 0.0 * r, 0.0 * r)
@@ -108,7 +116,9 @@ def test_what_is_known_otherwise_is_left_as_it_is(arm: Robot) -> None:
 
 def test_the_command_is_known_at_the_samples_that_are_left(arm: Robot) -> None:
     """Samples before the first command has arrived are left out; `r` of the samples is the command as it is taken."""
-    found = with_made_torque(recording(), controlled(arm, kp=20.0, delay=0.1, between="interpolated"))
+    found = with_made_torque(
+        recording(), controlled(arm, kp=20.0, delay=0.1, between="interpolated")
+    )
     samples = found.samples()
     assert samples.r is not None and found.start_ns >= 100_000_000
     t = samples.stamp_ns * 1e-9

@@ -18,7 +18,11 @@ W = np.array([1.0, 1.5, 2.0])
 def arm() -> Robot:
     """Three joints, the last of which turns without limits."""
     robot = random_arm(3, np.random.default_rng(1), elastic=False)
-    bounds = [Limits(-2.0, 2.0, velocity=2.0), Limits(-1.0, 2.5, velocity=2.0), Limits(velocity=2.0)]
+    bounds = [
+        Limits(-2.0, 2.0, velocity=2.0),
+        Limits(-1.0, 2.5, velocity=2.0),
+        Limits(velocity=2.0),
+    ]
     for joint, limits in zip(robot.joints, bounds, strict=True):
         robot = robot.with_joint(joint.name, limits=limits)
     return robot
@@ -27,7 +31,10 @@ def arm() -> Robot:
 def recorded(size: float = 1.0, zero: float = 0.0, step_ns: int = 5_000_000) -> Recording:
     """Sines of 1 rad, with their velocities."""
     stamp_ns = 10**18 + step_ns * np.arange(len(T), dtype=np.int64)
-    return Recording(arm().joint_names, link=Side(stamp_ns, size * np.sin(W * T) + zero, size * W * np.cos(W * T)))
+    return Recording(
+        arm().joint_names,
+        link=Side(stamp_ns, size * np.sin(W * T) + zero, size * W * np.cos(W * T)),
+    )
 
 
 @pytest.mark.parametrize("zero", [0.0, 2 * np.pi, -4 * np.pi])
@@ -40,8 +47,14 @@ def test_degrees_taken_as_radians_are_beyond_all_limits() -> None:
     """The positions of joints with a range, and the velocities of all."""
     position, velocity = beyond_limits(recorded(180 / np.pi), arm())
     assert position.message.startswith("link position of joint_1, joint_2 is beyond the limits")
-    assert "divided by 57.3 all are within: check the unit (degrees taken as radians)" in position.message
-    assert "velocity of all joints" in velocity.message and "degrees taken as radians" in velocity.message
+    assert (
+        "divided by 57.3 all are within: check the unit (degrees taken as radians)"
+        in position.message
+    )
+    assert (
+        "velocity of all joints" in velocity.message
+        and "degrees taken as radians" in velocity.message
+    )
 
 
 def test_a_zero_that_is_off_is_no_unit() -> None:
@@ -57,7 +70,9 @@ def test_a_rail_in_millimetres_is_named() -> None:
     recording = recorded()
     given = replace(recording.link, position=recording.link.position * [1000.0, 1.0, 1.0])
     (finding,) = beyond_limits(replace(recording, link=given), robot)
-    assert "to 1e+03 m, its limits are -2 to 2" in finding.message and "millimetres" in finding.message
+    assert (
+        "to 1e+03 m, its limits are -2 to 2" in finding.message and "millimetres" in finding.message
+    )
 
 
 def test_a_recording_that_can_hardly_be_used_says_so() -> None:

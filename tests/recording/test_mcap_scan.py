@@ -8,11 +8,16 @@ from hypothesis import strategies as st
 from elastic_arm.recording.spans import column, progression
 from elastic_arm.recording.storage.mcap_scan import McapBlock, Record, indexed, repeated, scan
 
-RECORDS = st.lists(st.tuples(st.sampled_from([3, 4, 5, 5, 5, 5]), st.integers(1, 3), st.integers(0, 40)), max_size=300)
+RECORDS = st.lists(
+    st.tuples(st.sampled_from([3, 4, 5, 5, 5, 5]), st.integers(1, 3), st.integers(0, 40)),
+    max_size=300,
+)
 
 
 @given(RECORDS, st.integers(1, 30), st.integers(0, 60))
-def test_every_record_is_found_once(kinds: list[tuple[int, int, int]], repeats: int, torn: int) -> None:
+def test_every_record_is_found_once(
+    kinds: list[tuple[int, int, int]], repeats: int, torn: int
+) -> None:
     """Any run of records, however often it repeats and wherever it is torn, is found whole, in order, and no more."""
     content, begins, others = b"", [], []
     for opcode, channel, extra in kinds * repeats:
@@ -24,11 +29,16 @@ def test_every_record_is_found_once(kinds: list[tuple[int, int, int]], repeats: 
             body = bytes(extra)
         content += bytes([opcode]) + len(body).to_bytes(8, "little") + body
     end = max(len(content) - torn, 0)
-    ends = {begin: begin + 9 + int.from_bytes(content[begin + 1 : begin + 9], "little") for begin in begins}
+    ends = {
+        begin: begin + 9 + int.from_bytes(content[begin + 1 : begin + 9], "little")
+        for begin in begins
+    }
     whole = [begin for begin in begins if ends[begin] <= end]
     found = scan(np.frombuffer(content, np.uint8), 0, end)
     assert found.messages.tolist() == whole
-    assert [(r.opcode, r.begin) for r in found.others] == [o for o in others if o[1] <= found.end and o[1] <= end]
+    assert [(r.opcode, r.begin) for r in found.others] == [
+        o for o in others if o[1] <= found.end and o[1] <= end
+    ]
 
 
 @given(st.lists(st.integers(0, 50), min_size=1, max_size=20))
@@ -51,7 +61,9 @@ def by_channel(content: bytes) -> McapBlock:
     plain = np.frombuffer(content, np.uint8)
     found = scan(plain, 0, len(plain)).messages
     channels = column(plain, "<u2", found, 9)
-    return McapBlock(plain, {int(c): found[channels == c] for c in dict.fromkeys(channels.tolist())})
+    return McapBlock(
+        plain, {int(c): found[channels == c] for c in dict.fromkeys(channels.tolist())}
+    )
 
 
 @given(
@@ -86,7 +98,10 @@ def test_a_chunk_like_the_one_before_has_the_messages_that_a_walk_finds(
         }
         for channel in found.messages:
             np.testing.assert_array_equal(found.spans(channel).size, expected.spans(channel).size)
-            assert found.where(channel) == expected.where(channel) or len(expected.messages[channel]) < 2
+            assert (
+                found.where(channel) == expected.where(channel)
+                or len(expected.messages[channel]) < 2
+            )
 
 
 def by_indexes(plain: bytes, offsets: dict[int, list[int]]) -> McapBlock | None:
@@ -94,13 +109,21 @@ def by_indexes(plain: bytes, offsets: dict[int, list[int]]) -> McapBlock | None:
     file, indexes = b"", []
     for channel, where in offsets.items():
         pairs = np.stack([np.zeros(len(where), "<u8"), np.array(where, "<u8")], axis=1).tobytes()
-        begin, file = len(file), file + channel.to_bytes(2, "little") + len(pairs).to_bytes(4, "little") + pairs
+        begin, file = (
+            len(file),
+            file + channel.to_bytes(2, "little") + len(pairs).to_bytes(4, "little") + pairs,
+        )
         indexes.append(Record(7, begin, len(file)))
     return indexed(np.frombuffer(file, np.uint8), indexes, np.frombuffer(plain, np.uint8), 0)
 
 
-@given(st.lists(st.tuples(st.integers(1, 3), st.integers(0, 40)), min_size=1, max_size=50), st.integers(0, 49))
-def test_indexes_are_believed_if_every_byte_is_a_records(kinds: list[tuple[int, int]], missing: int) -> None:
+@given(
+    st.lists(st.tuples(st.integers(1, 3), st.integers(0, 40)), min_size=1, max_size=50),
+    st.integers(0, 49),
+)
+def test_indexes_are_believed_if_every_byte_is_a_records(
+    kinds: list[tuple[int, int]], missing: int
+) -> None:
     """The messages that a walk finds; none if one is missing from the indexes."""
     content = b"".join(message(*kind) for kind in kinds)
     offsets = {c: where.tolist() for c, where in by_channel(content).messages.items()}

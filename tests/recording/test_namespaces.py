@@ -46,11 +46,15 @@ def test_the_only_arm_of_a_bag_is_found_in_its_namespace(tmp_path: Path) -> None
 def test_of_several_arms_one_is_chosen_by_its_namespace(tmp_path: Path, wanted: str) -> None:
     """Two arms in one bag are never mixed: without a choice it is refused, with one its samples alone are read."""
     bag = bag_of(tmp_path, left=1, right=2)
-    with pytest.raises(RecordingError, match=r"holds 2 arms: /left, /right\. Choose one: --namespace"):
+    with pytest.raises(
+        RecordingError, match=r"holds 2 arms: /left, /right\. Choose one: --namespace"
+    ):
         read_recording(bag)
     recording = read_recording(bag, namespace=wanted)
     np.testing.assert_array_equal(recording.link.position, angles(tmp_path, 1))
-    with pytest.raises(RecordingError, match=r"no arm in the namespace /middle\. There are: /left, /right"):
+    with pytest.raises(
+        RecordingError, match=r"no arm in the namespace /middle\. There are: /left, /right"
+    ):
         read_recording(bag, namespace="middle")
 
 

@@ -19,8 +19,12 @@ TAKEN = stamps(COUNT)
 def recorded(folder: Path, stamp_ns: np.ndarray, names: Sequence[str] = JOINTS) -> Path:
     """A bag of both sides whose messages arrive in turn, whatever their stamps are: the numbers tell which is which."""
     arrival = stamps(len(stamp_ns))
-    both = [m for topic in ("/joint_states", "/motor_states") for m in states(topic, stamp_ns, names)]
-    return write_foreign(folder, [(t, k, int(arrival[i % len(arrival)]), d) for i, (t, k, _, d) in enumerate(both)])
+    both = [
+        m for topic in ("/joint_states", "/motor_states") for m in states(topic, stamp_ns, names)
+    ]
+    return write_foreign(
+        folder, [(t, k, int(arrival[i % len(arrival)]), d) for i, (t, k, _, d) in enumerate(both)]
+    )
 
 
 def rows(recording: Recording) -> np.ndarray:
@@ -55,7 +59,10 @@ def test_a_clock_that_was_set_back_is_named_as_that(tmp_path: Path, back: float)
     assert codes(bag) == {"clock_set_back"}
     np.testing.assert_array_equal(recording.motor.stamp_ns, TAKEN)  # type: ignore[union-attr]
     np.testing.assert_array_equal(rows(recording), np.arange(COUNT))
-    assert any(f"the clock was set back by {back:.4g} s after 1.800000 s" in note for note in recording.notes)
+    assert any(
+        f"the clock was set back by {back:.4g} s after 1.800000 s" in note
+        for note in recording.notes
+    )
 
 
 def test_a_clock_set_back_while_nothing_came_leaves_a_hole_of_a_second(tmp_path: Path) -> None:
@@ -99,8 +106,13 @@ def test_of_messages_with_one_stamp_one_is_taken(tmp_path: Path) -> None:
     twice[77] = twice[76]
     bag = recorded(tmp_path / "bag", twice)
     np.testing.assert_array_equal(rows(read_recording(bag)), np.delete(np.arange(COUNT), 77))
-    (finding,) = [f for f in check_bag(bag).findings if f.code == "duplicate" and f.topic == "/motor_states"]
-    assert finding.severity == "warning" and "repeats a stamp 1 times, first that of 0.076" in finding.message
+    (finding,) = [
+        f for f in check_bag(bag).findings if f.code == "duplicate" and f.topic == "/motor_states"
+    ]
+    assert (
+        finding.severity == "warning"
+        and "repeats a stamp 1 times, first that of 0.076" in finding.message
+    )
 
 
 def test_equal_stamps_are_said_to_be_equal_and_arrival_is_believed(tmp_path: Path) -> None:
@@ -112,7 +124,9 @@ def test_equal_stamps_are_said_to_be_equal_and_arrival_is_believed(tmp_path: Pat
     np.testing.assert_array_equal(read_recording(bag, arrival=True).motor.stamp_ns, TAKEN)  # type: ignore[union-attr]
     file = tmp_path / "map.yaml"
     motor = "{position: {topic: /motor_states}, effort: {topic: /motor_states}}"
-    file.write_text("time: arrival\njoints:\n" + "".join(f"  {joint}: {{motor: {motor}}}\n" for joint in JOINTS))
+    file.write_text(
+        "time: arrival\njoints:\n" + "".join(f"  {joint}: {{motor: {motor}}}\n" for joint in JOINTS)
+    )
     np.testing.assert_array_equal(rows(read_recording(bag, file)), np.arange(COUNT))
     assert check_bag(bag, load_channels(file)).usable
 
@@ -121,21 +135,33 @@ def test_equal_stamps_are_said_to_be_equal_and_arrival_is_believed(tmp_path: Pat
 def test_half_messages_of_one_arm_are_joined(tmp_path: Path, late_ns: int) -> None:
     """Two publishers of some joints each, stamped alike or apart: one recording of all joints, for reader and check."""
     parts = [
-        (topic, JOINT_STATE, int(t) + late, joint_state(int(t) + late, names, [1e-9 * (t + late - TAKEN[0])] * n))
+        (
+            topic,
+            JOINT_STATE,
+            int(t) + late,
+            joint_state(int(t) + late, names, [1e-9 * (t + late - TAKEN[0])] * n),
+        )
         for topic in ("/joint_states", "/motor_states")
         for names, n, late in ((JOINTS[:1], 1, 0), (JOINTS[1:], 2, late_ns))
         for t in TAKEN
     ]
     bag = write_foreign(tmp_path / "bag", sorted(parts, key=lambda message: message[2]))
     recording = read_recording(bag)
-    assert recording.joints == JOINTS and recording.motor is not None and recording.motor.position is not None
+    assert (
+        recording.joints == JOINTS
+        and recording.motor is not None
+        and recording.motor.position is not None
+    )
     seconds = 1e-9 * (recording.motor.stamp_ns - TAKEN[0])
-    np.testing.assert_allclose(recording.motor.position, np.tile(seconds[:, None], 3), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(
+        recording.motor.position, np.tile(seconds[:, None], 3), rtol=0, atol=1e-9
+    )
     assert len(seconds) >= COUNT - 1
     assert check_bag(bag).usable and any("they are joined" in note for note in recording.notes)
     file = tmp_path / "map.yaml"
     file.write_text(
-        "joints:\n" + "".join(f"  {j}: {{motor: {{position: {{topic: /motor_states}}}}}}\n" for j in JOINTS)
+        "joints:\n"
+        + "".join(f"  {j}: {{motor: {{position: {{topic: /motor_states}}}}}}\n" for j in JOINTS)
     )
     mapped = read_recording(bag, file)
     np.testing.assert_allclose(mapped.motor.position, recording.motor.position, rtol=0, atol=1e-9)
@@ -146,10 +172,20 @@ def test_half_messages_of_one_arm_are_joined(tmp_path: Path, late_ns: int) -> No
 
 @pytest.mark.parametrize("bad", JOINTS)
 @pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_a_number_that_is_none_in_half_a_message_is_named(tmp_path: Path, bad: str, value: float) -> None:
+def test_a_number_that_is_none_in_half_a_message_is_named(
+    tmp_path: Path, bad: str, value: float
+) -> None:
     """In whichever half it is, and though the halves are brought to one time."""
     halves = [
-        (int(t) + late, ("/motor_states", JOINT_STATE, int(t) + late, joint_state(int(t) + late, names, numbers)))
+        (
+            int(t) + late,
+            (
+                "/motor_states",
+                JOINT_STATE,
+                int(t) + late,
+                joint_state(int(t) + late, names, numbers),
+            ),
+        )
         for t in TAKEN
         for names, late in ((JOINTS[:1], 0), (JOINTS[1:], 300_000))
         if (numbers := [value if name == bad and t == TAKEN[900] else 0.1 for name in names])
@@ -162,14 +198,22 @@ def test_a_number_that_is_none_in_half_a_message_is_named(tmp_path: Path, bad: s
 def test_a_second_publisher_of_positions_alone_is_left_out(tmp_path: Path) -> None:
     """Its messages lack what the arm's have; one of other joints is joined, whatever it fills."""
     given = states("/motor_states", TAKEN)
-    other = [(topic, kind, t + 400_000, joint_state(t + 400_000, JOINTS, [0.0] * 3)) for topic, kind, t, _ in given]
+    other = [
+        (topic, kind, t + 400_000, joint_state(t + 400_000, JOINTS, [0.0] * 3))
+        for topic, kind, t, _ in given
+    ]
     bag = write_foreign(tmp_path / "bag", sorted(given + other, key=lambda message: message[2]))
     file = tmp_path / "map.yaml"
-    file.write_text("joints:\n" + "".join(f"  {j}: {{motor: {{effort: {{topic: /motor_states}}}}}}\n" for j in JOINTS))
+    file.write_text(
+        "joints:\n"
+        + "".join(f"  {j}: {{motor: {{effort: {{topic: /motor_states}}}}}}\n" for j in JOINTS)
+    )
     for recording in (read_recording(bag), read_recording(bag, file)):
         np.testing.assert_array_equal(recording.motor.stamp_ns, TAKEN)  # type: ignore[union-attr]
         assert any("effort empty, which others fill" in note for note in recording.notes)
-    (finding,) = [finding for finding in check_bag(bag).findings if finding.code == "second_publisher"]
+    (finding,) = [
+        finding for finding in check_bag(bag).findings if finding.code == "second_publisher"
+    ]
     assert finding.severity == "warning" and f"{COUNT} of {2 * COUNT} messages" in finding.message
 
 
@@ -178,4 +222,6 @@ def test_messages_of_a_gripper_are_no_fault(tmp_path: Path) -> None:
     gripper = states("/motor_states", TAKEN + 300_000, ["finger"])
     both = sorted(states("/motor_states", TAKEN) + gripper, key=lambda message: message[2])
     report = check_bag(write_foreign(tmp_path / "bag", both))
-    assert report.usable and not [finding for finding in report.findings if "finite" in finding.message]
+    assert report.usable and not [
+        finding for finding in report.findings if "finite" in finding.message
+    ]

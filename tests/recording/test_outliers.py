@@ -32,7 +32,9 @@ def recording() -> Recording:
     return read_recording(ROOT / "bags" / "excitation")
 
 
-def spoiled(recording: Recording, side: str, channel: str, value: float, rows: object = 5000) -> Recording:
+def spoiled(
+    recording: Recording, side: str, channel: str, value: float, rows: object = 5000
+) -> Recording:
     """Set samples of joint_2 to a value."""
     whole = getattr(recording, side)
     values = getattr(whole, channel).copy()
@@ -63,7 +65,9 @@ def test_absurd_numbers_are_found_and_left_out(
 
 @pytest.mark.parametrize("every", [60, 100, 200, 1000])
 @pytest.mark.parametrize("value", [1e4, 1e5, -1e12])
-def test_impulses_at_regular_intervals_are_outliers(recording: Recording, every: int, value: float) -> None:
+def test_impulses_at_regular_intervals_are_outliers(
+    recording: Recording, every: int, value: float
+) -> None:
     """So many samples that they lie within the range of nearly all; their neighbours have nothing of them."""
     spoilt = spoiled(recording, "motor", "effort", value, slice(0, None, every))
     (found,) = find_outliers(spoilt)
@@ -81,20 +85,44 @@ def test_a_joint_without_a_channel_has_no_outliers(recording: Recording) -> None
 
 
 IMPOSSIBLE = {
-    "angles": ("link", "position", lambda values: values + 1e12, "link position of all joints reaches 1e.12 rad"),
-    "torques": ("motor", "effort", lambda values: values * 1e150, "motor effort of all joints reaches .*e.15. Nm"),
-    "no torques": ("motor", "effort", lambda values: 0.0 * values + 5e-324, "motor effort is 4.94e-324 Nm at most"),
-    "speeds": ("motor", "velocity", lambda values: values - 1e9, "motor velocity of all joints reaches 1e.09 rad/s"),
+    "angles": (
+        "link",
+        "position",
+        lambda values: values + 1e12,
+        "link position of all joints reaches 1e.12 rad",
+    ),
+    "torques": (
+        "motor",
+        "effort",
+        lambda values: values * 1e150,
+        "motor effort of all joints reaches .*e.15. Nm",
+    ),
+    "no torques": (
+        "motor",
+        "effort",
+        lambda values: 0.0 * values + 5e-324,
+        "motor effort is 4.94e-324 Nm at most",
+    ),
+    "speeds": (
+        "motor",
+        "velocity",
+        lambda values: values - 1e9,
+        "motor velocity of all joints reaches 1e.09 rad/s",
+    ),
 }
 
 
 @pytest.mark.parametrize("what", IMPOSSIBLE)
 @pytest.mark.filterwarnings("error")
-def test_a_channel_that_is_of_no_arm_throughout_is_refused(tmp_path: Path, recording: Recording, what: str) -> None:
+def test_a_channel_that_is_of_no_arm_throughout_is_refused(
+    tmp_path: Path, recording: Recording, what: str
+) -> None:
     """By the check, and by all that computes with it."""
     name, channel, change, words = IMPOSSIBLE[what]
     side = getattr(recording, name)
-    spoilt = replace(recording, **{name: replace(side, **{channel: change(side.channels()[channel])})})
+    spoilt = replace(
+        recording, **{name: replace(side, **{channel: change(side.channels()[channel])})}
+    )
     with pytest.raises(RecordingError, match=words):
         without_outliers(spoilt)
     with pytest.raises(RecordingError, match=words):
@@ -131,7 +159,9 @@ def test_joints_that_rest_have_no_outliers_by_resolution() -> None:
 def test_a_single_sample_within_the_range_of_others_is_said_to_be_off_its_neighbours() -> None:
     """It is no sample beyond the range of nearly all others, and nothing of the kind is said."""
     t = np.arange(4000) / 200.0
-    torque = 50.0 * np.sin(np.outer(t, [1.0, 1.3])) + 0.3 * np.random.default_rng(2).standard_normal((4000, 2))
+    torque = 50.0 * np.sin(np.outer(t, [1.0, 1.3])) + 0.3 * np.random.default_rng(
+        2
+    ).standard_normal((4000, 2))
     torque[2000, 1] = 20.0 if torque[2000, 1] < 0.0 else -20.0
     stamp_ns = np.rint(1e9 * t).astype(np.int64)
     (found,) = find_outliers(
@@ -142,7 +172,10 @@ def test_a_single_sample_within_the_range_of_others_is_said_to_be_off_its_neighb
         f"1 sample of the motor effort of b up to {torque[2000, 1]:.3g}, off the curve through its neighbours by up to"
         in words
     )
-    off, kept = float(words.split("neighbours by up to ")[1].split(",")[0]), float(words.split("within ")[1])
+    off, kept = (
+        float(words.split("neighbours by up to ")[1].split(",")[0]),
+        float(words.split("within ")[1]),
+    )
     assert off > 10.0 > 3.0 > kept
     assert "others lie between" not in words
 
@@ -168,12 +201,18 @@ def turning(noise: float = 2e-5, hold: int = 1) -> Recording:
     """Two joints with torques: one goes to and fro, the other on and on."""
     rng = np.random.default_rng(4)
     q = np.stack([np.sin(1.3 * T) + 0.5 * np.sin(3.1 * T), 2.0 * T + 0.3 * np.sin(2.0 * T)], axis=1)
-    effort = 5.0 * np.sin(q) + 0.3 * np.sign(np.gradient(q, axis=0)) + 0.02 * rng.standard_normal(q.shape)
+    effort = (
+        5.0 * np.sin(q)
+        + 0.3 * np.sign(np.gradient(q, axis=0))
+        + 0.02 * rng.standard_normal(q.shape)
+    )
     q = (q + noise * rng.standard_normal(q.shape))[hold * (np.arange(len(q)) // hold)]
     return Recording(("a", "b"), motor=Side(STAMPS, q, effort=effort))
 
 
-def moved(recording: Recording, change: Callable[[np.ndarray], np.ndarray], effort: bool = False) -> Recording:
+def moved(
+    recording: Recording, change: Callable[[np.ndarray], np.ndarray], effort: bool = False
+) -> Recording:
     """The recording with other positions, and torques of them."""
     motor = recording.motor
     position = change(motor.position.copy())
@@ -188,7 +227,14 @@ def within(turn: float) -> Callable[[np.ndarray], np.ndarray]:
 
 @pytest.mark.parametrize("hold", [1, 3])
 @pytest.mark.parametrize(
-    ("turn", "noise"), [(2 * np.pi, 0.0), (2 * np.pi, 2e-5), (2 * np.pi, 3e-3), (0.4 * np.pi, 0.0), (0.4 * np.pi, 2e-5)]
+    ("turn", "noise"),
+    [
+        (2 * np.pi, 0.0),
+        (2 * np.pi, 2e-5),
+        (2 * np.pi, 3e-3),
+        (0.4 * np.pi, 0.0),
+        (0.4 * np.pi, 2e-5),
+    ],
 )
 def test_angles_within_a_turn_are_unwound(turn: float, noise: float, hold: int) -> None:
     """A joint's own turn, or that of its motor over the gear ratio; with noise at its end, and held values; said."""
@@ -208,7 +254,10 @@ def test_an_encoder_whose_zero_is_set_runs_on(size: float) -> None:
     whole = turning()
     found = without_outliers(moved(whole, lambda q: q + size * np.outer(T > 9.995, [1.0, 0.0])))
     (note,) = found.notes
-    assert "motor position of a jumps as no joint moves, by" in note and "after sample 999, 9.990000 s" in note
+    assert (
+        "motor position of a jumps as no joint moves, by" in note
+        and "after sample 999, 9.990000 s" in note
+    )
     assert float(note.split(", by ")[1].split()[0]) == pytest.approx(size, abs=5e-3)
     kept = np.isin(whole.motor.stamp_ns, found.motor.stamp_ns)
     np.testing.assert_allclose(found.motor.position, whole.motor.position[kept], rtol=0, atol=5e-3)  # type: ignore[index]
@@ -218,7 +267,9 @@ def test_joined_recordings_are_parted() -> None:
     """Where angles and torques jump nothing is bridged: a hole is left, and the angles stay as they are."""
     joined = moved(turning(), lambda q: np.vstack([q[:1200], q[400:1200]]), effort=True)
     found = without_outliers(joined)
-    assert len(found.notes) == 2 and all("joined recordings? It is parted there" in note for note in found.notes)
+    assert len(found.notes) == 2 and all(
+        "joined recordings? It is parted there" in note for note in found.notes
+    )
     kept = np.isin(joined.motor.stamp_ns, found.motor.stamp_ns)
     assert 5 < np.count_nonzero(~kept) < 12 and not kept[1200:1206].any()
     assert without_outliers(found) is found
@@ -229,7 +280,9 @@ def test_what_forces_do_is_no_jump() -> None:
     """An impact changes the speed at once, a held channel goes by steps, a joint starts and stops: nothing is said."""
     whole = turning()
     impact = moved(whole, lambda q: q + np.outer(np.maximum(T - 8.0, 0.0), [0.5, -0.6]))
-    stop = moved(whole, lambda q: np.where((T > 5.0)[:, None] & (T < 9.0)[:, None], q[500], q) + 0.0 * q)
+    stop = moved(
+        whole, lambda q: np.where((T > 5.0)[:, None] & (T < 9.0)[:, None], q[500], q) + 0.0 * q
+    )
     for one in (whole, impact):
         assert without_outliers(one) is one
     for hold in (10, 50):
@@ -238,7 +291,9 @@ def test_what_forces_do_is_no_jump() -> None:
 
 
 @pytest.mark.parametrize(("same_stamp", "pose"), [(False, 0.0), (True, 0.0), (False, 2.5)])
-def test_a_second_publisher_of_one_pose_is_left_out(tmp_path: Path, same_stamp: bool, pose: float) -> None:
+def test_a_second_publisher_of_one_pose_is_left_out(
+    tmp_path: Path, same_stamp: bool, pose: float
+) -> None:
     """Between the samples of the arm, or zeros at their stamps: the arm's alone are left, and that is said."""
     whole = turning()
     later = STAMPS + (0 if same_stamp else 2_000_000)

@@ -30,7 +30,9 @@ def partial(angles: np.ndarray) -> Recording:
     return Recording(JOINTS, Side(STAMPS, link), Side(STAMPS, angles, effort=10 * angles))
 
 
-def test_a_joint_without_an_encoder_takes_the_angle_of_its_other_side(partial: Recording, angles: np.ndarray) -> None:
+def test_a_joint_without_an_encoder_takes_the_angle_of_its_other_side(
+    partial: Recording, angles: np.ndarray
+) -> None:
     """Samples hold a number for every joint, and state which of them no sensor gave."""
     samples = partial.samples()
     assert samples.lacking == {("q", 1)}
@@ -65,16 +67,22 @@ def test_a_joint_that_appears_later_is_said_to(tmp_path: Path, apart: bool) -> N
             for names in kinds:
                 at = stamp + 200_000 * (names[0] == ARM[2])
                 numbers = [np.sin(0.01 * k)] * len(names)
-                messages.append((topic, JOINT_STATE, at, joint_state(at, names, numbers, numbers, numbers)))
+                messages.append(
+                    (topic, JOINT_STATE, at, joint_state(at, names, numbers, numbers, numbers))
+                )
     found = read_recording(write_foreign(tmp_path / "bag", messages))
     assert found.motor is not None and len(found.motor) == pytest.approx(300, abs=1)
     said = (
-        "101 samples are left out that these do not cover" if apart else "100 messages on /motor_states without joint_3"
+        "101 samples are left out that these do not cover"
+        if apart
+        else "100 messages on /motor_states without joint_3"
     )
     assert any(said in note for note in found.notes), found.notes
 
 
-def test_a_mapping_of_arrays_names_the_joints_of_a_channel(tmp_path: Path, angles: np.ndarray) -> None:
+def test_a_mapping_of_arrays_names_the_joints_of_a_channel(
+    tmp_path: Path, angles: np.ndarray
+) -> None:
     """Columns and scales are given for the joints that have the channel."""
     np.savez(tmp_path / "run.npz", theta=angles, q=angles[:, [0, 2]], tau=angles)
     q = {"key": "q", "joints": ["a", "c"], "unit": "rad", "sign": [1, -1]}
@@ -83,15 +91,27 @@ def test_a_mapping_of_arrays_names_the_joints_of_a_channel(tmp_path: Path, angle
     assert np.isnan(found.link.position[:, 1]).all()
     np.testing.assert_allclose(found.link.position[:, [0, 2]], angles[:, [0, 2]] * [1.0, -1.0])
     with pytest.raises(RecordingError, match="there is no joint d"):
-        imported(tmp_path / "run.npz", JOINTS, 250.0, link={"position": {**q, "joints": ["a", "d"]}}, motor=motor)
+        imported(
+            tmp_path / "run.npz",
+            JOINTS,
+            250.0,
+            link={"position": {**q, "joints": ["a", "d"]}},
+            motor=motor,
+        )
 
 
-def test_a_channel_map_may_leave_a_channel_out_at_some_joints(partial: Recording, tmp_path: Path) -> None:
+def test_a_channel_map_may_leave_a_channel_out_at_some_joints(
+    partial: Recording, tmp_path: Path
+) -> None:
     """Each joint of the map has the channels that it has in the bag."""
     write_recording(tmp_path / "bag", partial)
     motor = {channel: {"topic": "/motor_states"} for channel in ("position", "effort")}
     link = {"position": {"topic": "/joint_states"}}
-    joints = {"a": {"link": link, "motor": motor}, "b": {"motor": motor}, "c": {"link": link, "motor": motor}}
+    joints = {
+        "a": {"link": link, "motor": motor},
+        "b": {"motor": motor},
+        "c": {"link": link, "motor": motor},
+    }
     (tmp_path / "channels.yaml").write_text(yaml.safe_dump({"joints": joints}))
     found = read_recording(tmp_path / "bag", load_channels(tmp_path / "channels.yaml"))
     assert found.samples().lacking == {("q", 1)}

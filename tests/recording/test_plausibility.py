@@ -26,10 +26,16 @@ def motion(t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     phase = np.array([[0.0, 1.0, 2.0], [0.5, 0.1, 0.9]])
     angle = w[:, None] * t[:, None] + phase[:, None]
     q, dq = np.sum(0.4 * np.sin(angle), axis=0), np.sum(0.4 * w[:, None] * np.cos(angle), axis=0)
-    return q, dq, 30 * np.cos(q) + 2 * np.tanh(dq) - 3 * np.sum(w[:, None] ** 2 * np.sin(angle), axis=0)
+    return (
+        q,
+        dq,
+        30 * np.cos(q) + 2 * np.tanh(dq) - 3 * np.sum(w[:, None] ** 2 * np.sin(angle), axis=0),
+    )
 
 
-def arm(stamped: np.ndarray | None = None, taken: np.ndarray | None = None, seed: int = 0) -> Recording:
+def arm(
+    stamped: np.ndarray | None = None, taken: np.ndarray | None = None, seed: int = 0
+) -> Recording:
     """Both sides of an arm with ordinary sensors: 18-bit encoders, noisy rates and torques."""
     rng = np.random.default_rng(seed)
     even = np.arange(COUNT) / RATE
@@ -51,7 +57,9 @@ def changed(recording: Recording, side: str, **channels: np.ndarray) -> Recordin
 
 def backward(recording: Recording) -> list[str]:
     """What is said of torques that take energy out of the motion."""
-    return [finding.message for finding in implausible(recording) if finding.code == "backward_torque"]
+    return [
+        finding.message for finding in implausible(recording) if finding.code == "backward_torque"
+    ]
 
 
 def codes(recording: Recording) -> set[str]:
@@ -80,7 +88,9 @@ def test_a_velocity_in_another_unit_is_found_with_its_factor() -> None:
 def test_a_velocity_of_another_joint_is_found() -> None:
     """Exchanged columns are no derivative of the position."""
     recording = arm()
-    (finding,) = implausible(changed(recording, "motor", velocity=recording.motor.velocity[:, [1, 0, 2]]))
+    (finding,) = implausible(
+        changed(recording, "motor", velocity=recording.motor.velocity[:, [1, 0, 2]])
+    )
     assert finding.code == "velocity"
     assert "joint_1, joint_2 is not the derivative" in finding.message
 
@@ -113,7 +123,9 @@ def test_a_motor_torque_of_the_wrong_sign_is_found_beside_the_encoders_of_the_li
     torque = recording.motor.effort + 30.0 * np.sign(recording.motor.velocity)
     alone = Side(recording.motor.stamp_ns[:-7] + 300_000, effort=torque[:-7])
     assert not backward(replace(recording, motor=alone))
-    (words,) = backward(replace(recording, motor=replace(alone, effort=alone.effort * [1.0, 1.0, -1.0])))
+    (words,) = backward(
+        replace(recording, motor=replace(alone, effort=alone.effort * [1.0, 1.0, -1.0]))
+    )
     assert "effort of joint_3 takes energy" in words
     assert not backward(replace(recording, link=None, motor=replace(alone, effort=-alone.effort)))
 
@@ -121,7 +133,9 @@ def test_a_motor_torque_of_the_wrong_sign_is_found_beside_the_encoders_of_the_li
 def test_an_axis_that_brakes_the_others_is_not_of_the_wrong_sign() -> None:
     """A coupled axis that moves with the one before it feels more of that one's friction than it has of its own."""
     motor = arm().motor
-    position, rates = (one + 0.9 * one[:, [1]] * [0.0, 0.0, 1.0] for one in (motor.position, motor.velocity))
+    position, rates = (
+        one + 0.9 * one[:, [1]] * [0.0, 0.0, 1.0] for one in (motor.position, motor.velocity)
+    )
     torque = motor.effort + 30.0 * np.sign(rates)
     torque[:, 2] -= 90.0 * np.sign(rates[:, 1]) + 60.0 * rates[:, 1]
     assert not backward(changed(arm(), "motor", position=position, velocity=rates, effort=torque))
@@ -130,13 +144,17 @@ def test_an_axis_that_brakes_the_others_is_not_of_the_wrong_sign() -> None:
 def test_regular_stamps_on_samples_taken_irregularly_are_made_up() -> None:
     """Samples taken 0.2 ms (std) beside their perfectly regular stamps: all joints tell of the same times."""
     even = np.arange(COUNT) / RATE
-    assert codes(arm(even, even + np.random.default_rng(3).normal(scale=2e-4, size=COUNT))) == {"made_up_stamps"}
+    assert codes(arm(even, even + np.random.default_rng(3).normal(scale=2e-4, size=COUNT))) == {
+        "made_up_stamps"
+    }
 
 
 def test_stamps_of_arrival_are_found() -> None:
     """Stamps that jitter while the samples were taken regularly do not belong to the motion."""
     even = np.arange(COUNT) / RATE
-    assert codes(arm(even + np.random.default_rng(3).normal(scale=2e-4, size=COUNT), even)) == {"arrival_stamps"}
+    assert codes(arm(even + np.random.default_rng(3).normal(scale=2e-4, size=COUNT), even)) == {
+        "arrival_stamps"
+    }
 
 
 def test_a_smoothed_torque_is_found_with_its_band() -> None:
@@ -154,7 +172,9 @@ def test_a_smoothed_torque_is_found_with_its_band() -> None:
 def test_a_model_in_the_place_of_a_sensor_is_found() -> None:
     """A torque computed from filtered encoders has less noise than any converter."""
     recording = arm()
-    computed = motion(np.arange(COUNT) / RATE)[2] + 1e-4 * np.random.default_rng(1).normal(size=(COUNT, 3))
+    computed = motion(np.arange(COUNT) / RATE)[2] + 1e-4 * np.random.default_rng(1).normal(
+        size=(COUNT, 3)
+    )
     (finding,) = implausible(changed(recording, "link", effort=computed))
     assert (finding.severity, finding.code) == ("warning", "computed_torque")
 
@@ -171,10 +191,14 @@ def test_one_encoder_given_twice_is_found() -> None:
 def test_the_check_of_a_bag_lists_them(tmp_path: Path) -> None:
     """`bag check` ends with a warning and the joint's name."""
     recording = arm()
-    folder = write_recording(tmp_path / "bag", changed(recording, "link", velocity=-recording.link.velocity))
+    folder = write_recording(
+        tmp_path / "bag", changed(recording, "link", velocity=-recording.link.velocity)
+    )
     report = check_bag(folder)
     assert report.usable and not report.ok
-    assert any(finding.code == "velocity" and "-1 times" in finding.message for finding in report.findings)
+    assert any(
+        finding.code == "velocity" and "-1 times" in finding.message for finding in report.findings
+    )
 
 
 @pytest.mark.skipif(not SHARED.is_dir(), reason="needs the recordings of real robots")
@@ -191,7 +215,10 @@ def test_velocities_beside_stamps_of_a_wrong_unit_are_compared() -> None:
     recording = arm()
     slow = replace(recording.link, stamp_ns=1000 * (recording.link.stamp_ns - 10**18))
     (finding,) = implausible(Recording(JOINTS, link=slow))
-    assert finding.code == "velocity" and "1000 times the derivative of the position" in finding.message
+    assert (
+        finding.code == "velocity"
+        and "1000 times the derivative of the position" in finding.message
+    )
     assert "the unit of the times: the samples come at 0.5 Hz" in finding.message
 
 
@@ -226,6 +253,8 @@ def test_a_torque_with_noise_has_no_knee() -> None:
 @pytest.mark.skipif(not SHARED.is_dir(), reason="needs the recordings of real robots")
 def test_the_low_pass_of_a_real_robot_is_found() -> None:
     """The UR10's currents were low-passed at 2 Hz, as its recording's source states."""
-    (found,) = torque_spectra(read_recording(SHARED / "ur10" / "ur10_exciting_trajectory.db3")).values()
+    (found,) = torque_spectra(
+        read_recording(SHARED / "ur10" / "ur10_exciting_trajectory.db3")
+    ).values()
     assert np.median(found.knee) == pytest.approx(2.0, rel=0.15)
     assert 1.0 < found.band < np.median(found.knee)

@@ -11,7 +11,16 @@ from rosbags.rosbag2.enums import CompressionFormat, CompressionMode
 
 from elastic_arm.recording import Recording, message_types, read_recording, write_recording
 from elastic_arm.recording.inspection.info import bag_info
-from tests.helpers.bags import JOINT_STATE, JOINTS, assert_equal, joint_state, side, stamps, states, write_foreign
+from tests.helpers.bags import (
+    JOINT_STATE,
+    JOINTS,
+    assert_equal,
+    joint_state,
+    side,
+    stamps,
+    states,
+    write_foreign,
+)
 
 
 def _packed(writer: Writer) -> None:
@@ -22,13 +31,17 @@ def _filed(writer: Writer) -> None:
     writer.set_compression(CompressionMode.FILE, CompressionFormat.ZSTD)
 
 
-@pytest.mark.parametrize("configure", [None, _packed, _filed], ids=["plain", "zstd chunks", "zstd file"])
+@pytest.mark.parametrize(
+    "configure", [None, _packed, _filed], ids=["plain", "zstd chunks", "zstd file"]
+)
 def test_bags_of_another_writer_are_read(tmp_path: Path, configure) -> None:
     """Bags by rosbags are read, plain, with compressed chunks and compressed as a file."""
     link, motor = (states(topic, stamps(300)) for topic in ("/joint_states", "/motor_states"))
     both = [message for pair in zip(link, motor, strict=True) for message in pair]
     recording = read_recording(write_foreign(tmp_path / "bag", both, configure))
-    np.testing.assert_allclose(recording.link.position, np.arange(300)[:, None] + [0, 0.1, 0.2], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(
+        recording.link.position, np.arange(300)[:, None] + [0, 0.1, 0.2], rtol=0, atol=1e-12
+    )
     np.testing.assert_array_equal(recording.link.stamp_ns, stamps(300))
     np.testing.assert_array_equal(recording.motor.effort, recording.link.effort)
 
@@ -41,10 +54,19 @@ def test_joint_order_may_change_within_a_bag(tmp_path: Path) -> None:
         names = list(rng.permutation(JOINTS))
         base = [row + JOINTS.index(name) / 10 for name in names]
         frame = "base" * int(rng.integers(0, 3))
-        messages.append(("/joint_states", JOINT_STATE, int(stamp), joint_state(stamp, names, base, base, base, frame)))
+        messages.append(
+            (
+                "/joint_states",
+                JOINT_STATE,
+                int(stamp),
+                joint_state(stamp, names, base, base, base, frame),
+            )
+        )
     recording = read_recording(write_foreign(tmp_path / "bag", messages))
     assert recording.joints == JOINTS
-    np.testing.assert_allclose(recording.link.position, np.arange(400)[:, None] + [0, 0.1, 0.2], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(
+        recording.link.position, np.arange(400)[:, None] + [0, 0.1, 0.2], rtol=0, atol=1e-12
+    )
 
 
 def test_topics_in_irregular_turn_are_told_apart(tmp_path: Path) -> None:
@@ -62,7 +84,9 @@ def test_topics_in_irregular_turn_are_told_apart(tmp_path: Path) -> None:
     recording = read_recording(write_foreign(tmp_path / "bag", messages))
     np.testing.assert_array_equal(recording.link.stamp_ns, stamps(2000))
     np.testing.assert_array_equal(recording.motor.stamp_ns, stamps(1500))
-    np.testing.assert_allclose(recording.motor.velocity[:, 0], np.arange(1500) + 0.01, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(
+        recording.motor.velocity[:, 0], np.arange(1500) + 0.01, rtol=0, atol=1e-12
+    )
 
 
 @pytest.mark.parametrize(
@@ -82,7 +106,13 @@ def test_files_of_the_mcap_library_are_read(
     text, _ = message_types.definition(JOINT_STATE)
     file = tmp_path / "run.mcap"
     with open(file, "wb") as stream:
-        writer = McapWriter(stream, chunk_size=20_000, use_chunking=chunked, index_types=index, compression=compression)
+        writer = McapWriter(
+            stream,
+            chunk_size=20_000,
+            use_chunking=chunked,
+            index_types=index,
+            compression=compression,
+        )
         writer.start(profile="ros2", library="test")
         schema = writer.register_schema(JOINT_STATE, "ros2msg", text.encode())
         for topic in ("/joint_states", "/motor_states"):
@@ -92,7 +122,9 @@ def test_files_of_the_mcap_library_are_read(
         writer.finish()
     recording = read_recording(file)
     np.testing.assert_array_equal(recording.link.stamp_ns, stamps(1000))
-    np.testing.assert_allclose(recording.motor.velocity[:, 1], np.arange(1000) + 0.11, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(
+        recording.motor.velocity[:, 1], np.arange(1000) + 0.11, rtol=0, atol=1e-12
+    )
     assert bag_info(file).compression == [compression.name.lower() if chunked else "unchunked"]
 
 
@@ -100,7 +132,9 @@ def test_several_bags_make_one_recording(tmp_path: Path) -> None:
     """Two bags of one run, and a folder of several files, read as if never split."""
     first, second = stamps(200), stamps(200, start_ns=int(stamps(201)[-1]))
     bags = [
-        write_foreign(tmp_path / name, states("/joint_states", part) + states("/motor_states", part))
+        write_foreign(
+            tmp_path / name, states("/joint_states", part) + states("/motor_states", part)
+        )
         for name, part in (("a", first), ("b", second))
     ]
     joined = read_recording(bags)
@@ -113,7 +147,9 @@ def test_several_bags_make_one_recording(tmp_path: Path) -> None:
 
 def test_one_side_alone_is_read_with_its_effort_as_motor_torque(tmp_path: Path) -> None:
     """Without /motor_states the effort of /joint_states is the motor's torque, and the result says so."""
-    recording = read_recording(write_foreign(tmp_path / "bag", states("/joint_states", stamps(100))))
+    recording = read_recording(
+        write_foreign(tmp_path / "bag", states("/joint_states", stamps(100)))
+    )
     samples = recording.samples()
     assert samples.tau_J is None
     assert samples.theta is None
@@ -123,7 +159,9 @@ def test_one_side_alone_is_read_with_its_effort_as_motor_torque(tmp_path: Path) 
 
 def test_motor_side_alone_is_read(tmp_path: Path) -> None:
     """A bag with /motor_states alone, the commonest industrial arm, gives theta and tau_m and nothing else."""
-    samples = read_recording(write_foreign(tmp_path / "bag", states("/motor_states", stamps(100)))).samples()
+    samples = read_recording(
+        write_foreign(tmp_path / "bag", states("/motor_states", stamps(100)))
+    ).samples()
     assert samples.q is None
     assert samples.theta is not None
     assert samples.tau_m is not None
@@ -148,16 +186,22 @@ def test_a_gripper_on_the_same_topic_is_set_aside(tmp_path: Path) -> None:
         ("/joint_states", JOINT_STATE, int(t), joint_state(t, ["finger"], [0.1], [0.0], [0.0]))
         for t in stamps(100) + 300_000
     ]
-    messages = sorted(states("/joint_states", stamps(100)) + gripper, key=lambda message: message[2])
+    messages = sorted(
+        states("/joint_states", stamps(100)) + gripper, key=lambda message: message[2]
+    )
     recording = read_recording(write_foreign(tmp_path / "bag", messages), joints=JOINTS)
     np.testing.assert_array_equal(recording.link.stamp_ns, stamps(100))
     assert any("other joints" in note for note in recording.notes)
 
 
-def test_joints_follow_the_robot_description_in_the_bag(tmp_path: Path, rng: np.random.Generator) -> None:
+def test_joints_follow_the_robot_description_in_the_bag(
+    tmp_path: Path, rng: np.random.Generator
+) -> None:
     """Columns stand in the order of the URDF in the bag, whatever the messages say."""
     urdf = "<robot name='r'><joint name='wrist' type='revolute'/><joint name='arm' type='revolute'/></robot>"
-    given = Recording(("arm", "wrist"), side(rng, stamps(50), 2), side(rng, stamps(50), 2), robot_description=urdf)
+    given = Recording(
+        ("arm", "wrist"), side(rng, stamps(50), 2), side(rng, stamps(50), 2), robot_description=urdf
+    )
     recording = read_recording(write_recording(tmp_path / "bag", given))
     assert recording.joints == ("wrist", "arm")
     np.testing.assert_array_equal(recording.link.position, given.link.position[:, ::-1])
@@ -166,7 +210,10 @@ def test_joints_follow_the_robot_description_in_the_bag(tmp_path: Path, rng: np.
 def test_numbered_joints_are_in_the_order_of_their_numbers(tmp_path: Path) -> None:
     """joint_10 comes after joint_9, though the messages sort by letters."""
     names = [f"joint_{i}" for i in (1, 10, 2, 9)]
-    messages = [("/motor_states", JOINT_STATE, int(t), joint_state(t, names, [1, 10, 2, 9])) for t in stamps(20)]
+    messages = [
+        ("/motor_states", JOINT_STATE, int(t), joint_state(t, names, [1, 10, 2, 9]))
+        for t in stamps(20)
+    ]
     recording = read_recording(write_foreign(tmp_path / "bag", messages))
     assert recording.joints == ("joint_1", "joint_2", "joint_9", "joint_10")
     assert recording.motor.position[0].tolist() == [1, 2, 9, 10]

@@ -16,7 +16,9 @@ def test_parts_and_joints_can_be_taken(rng: np.random.Generator) -> None:
     np.testing.assert_array_equal(part.link.velocity, recording.link.velocity[200:500])
     chosen = recording.select(["joint_3", "joint_1"])
     np.testing.assert_array_equal(chosen.motor.effort, recording.motor.effort[:, [2, 0]])
-    with pytest.raises(RecordingError, match="has no joint joint_9; it has joint_1, joint_2, joint_3"):
+    with pytest.raises(
+        RecordingError, match="has no joint joint_9; it has joint_1, joint_2, joint_3"
+    ):
         recording.select(["joint_9"])
 
 
@@ -40,7 +42,9 @@ def test_stamps_that_are_none_are_refused(stamp_ns: object) -> None:
         Recording(("a",), Side(stamp_ns, np.zeros((4, 1)))).samples()  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("values", [np.zeros((4, 1)) + 1j, np.full((4, 1), "a"), [[0.0]] * 3 + [[0.0, 1.0]]])
+@pytest.mark.parametrize(
+    "values", [np.zeros((4, 1)) + 1j, np.full((4, 1), "a"), [[0.0]] * 3 + [[0.0, 1.0]]]
+)
 def test_values_that_are_no_real_numbers_are_refused(values: object) -> None:
     """The imaginary part would be lost."""
     with pytest.raises(RecordingError, match="no real numbers"):

@@ -55,8 +55,14 @@ def test_a_repair_never_drops_a_good_message(tmp_path: Path) -> None:
     taken = stamps(400)
     swapped = taken.reshape(-1, 2)[:, ::-1].ravel()
     swapped[77] = swapped[76]
-    halves = [m for part in (JOINTS[:1], JOINTS[1:], ["finger"]) for m in states("/joint_states", swapped, part)]
-    bag = write_foreign(tmp_path / "bag", [(t, k, int(taken[i % 400]), d) for i, (t, k, _, d) in enumerate(halves)])
+    halves = [
+        m
+        for part in (JOINTS[:1], JOINTS[1:], ["finger"])
+        for m in states("/joint_states", swapped, part)
+    ]
+    bag = write_foreign(
+        tmp_path / "bag", [(t, k, int(taken[i % 400]), d) for i, (t, k, _, d) in enumerate(halves)]
+    )
     mended = repair_bag(bag)
     assert (mended.kept, mended.dropped) == (1200, [])
 
@@ -65,7 +71,12 @@ def test_arms_in_namespaces_are_repaired(tmp_path: Path) -> None:
     """Of each arm the messages with numbers that are none are left out."""
     given = [m for arm in ("/left", "/right") for m in states(f"{arm}/joint_states", stamps(100))]
     topic, kind, log, _ = given[130]
-    given[130] = (topic, kind, log, joint_state(log, JOINTS, [0.0, np.nan, 0.0], [0.0] * 3, [0.0] * 3))
+    given[130] = (
+        topic,
+        kind,
+        log,
+        joint_state(log, JOINTS, [0.0, np.nan, 0.0], [0.0] * 3, [0.0] * 3),
+    )
     mended = repair_bag(write_foreign(tmp_path / "bag", given))
     assert mended.kept == 199 and "1 of 100 messages on /right/joint_states" in mended.dropped[0]
 
@@ -81,12 +92,17 @@ def test_topics_of_a_channel_map_are_repaired(tmp_path: Path) -> None:
     channels = ChannelMap.model_validate({"joints": dict.fromkeys(JOINTS, source)})
     mended = repair_bag(bag, channels=channels)
     assert mended.kept == 99 and "1 of 100 messages on /drives" in mended.dropped[0]
-    assert check_bag(mended.path, channels=channels).usable and not check_bag(bag, channels=channels).usable
+    assert (
+        check_bag(mended.path, channels=channels).usable
+        and not check_bag(bag, channels=channels).usable
+    )
 
 
 def test_repair_copies_everything_else(tmp_path: Path, rng: np.random.Generator) -> None:
     """A repaired copy of a sound bag holds every message, topic and type of it."""
-    given = Recording(JOINTS, side(rng, stamps(500)), side(rng, stamps(500)), robot_description="<robot/>")
+    given = Recording(
+        JOINTS, side(rng, stamps(500)), side(rng, stamps(500)), robot_description="<robot/>"
+    )
     bag = write_recording(tmp_path / "bag", given)
     mended = repair_bag(bag, tmp_path / "copy")
     assert_equal(read_recording(mended.path), given)
@@ -95,7 +111,9 @@ def test_repair_copies_everything_else(tmp_path: Path, rng: np.random.Generator)
 
 
 @pytest.mark.parametrize("share", [0.3, 0.9, 0.999])
-def test_a_truncated_bag_is_read_up_to_the_tear(tmp_path: Path, rng: np.random.Generator, share: float) -> None:
+def test_a_truncated_bag_is_read_up_to_the_tear(
+    tmp_path: Path, rng: np.random.Generator, share: float
+) -> None:
     """A file cut off anywhere gives all whole chunks before the cut, says so, and can be made whole."""
     given = two_sided(rng, 20_000)
     file = write_recording(tmp_path / "bag", given) / "bag_0.mcap"
@@ -110,7 +128,9 @@ def test_a_truncated_bag_is_read_up_to_the_tear(tmp_path: Path, rng: np.random.G
 
 
 @pytest.mark.parametrize("compression", ["none", "lz4", "zstd"])
-def test_a_torn_chunk_is_read_up_to_the_tear(tmp_path: Path, rng: np.random.Generator, compression: str) -> None:
+def test_a_torn_chunk_is_read_up_to_the_tear(
+    tmp_path: Path, rng: np.random.Generator, compression: str
+) -> None:
     """A file that has one chunk, cut off within it, gives the messages before the cut, and can be made whole."""
     given = two_sided(rng, 2_000)
     file = write_recording(tmp_path / "bag", given, compression) / "bag_0.mcap"  # type: ignore[arg-type]

@@ -50,19 +50,27 @@ def test_a_recording_that_does_not_fit_is_refused(disk: Path, rng: np.random.Gen
         repair_bag(disk.parent / "sound", disk / "mended")
 
 
-def test_nothing_is_made_on_a_disk_that_may_only_be_read(disk: Path, rng: np.random.Generator) -> None:
+def test_nothing_is_made_on_a_disk_that_may_only_be_read(
+    disk: Path, rng: np.random.Generator
+) -> None:
     """Both writers are refused by path and reason."""
     make_read_only(disk)
     for write in (lambda path: write_recording(path, two_sided(rng, 20)), StreamWriter):
-        with pytest.raises(RecordingError, match=r"disk/bag.* cannot be written: Read-only file system"):
+        with pytest.raises(
+            RecordingError, match=r"disk/bag.* cannot be written: Read-only file system"
+        ):
             write(disk / "bag")
 
 
 def test_bags_are_read_where_nothing_can_be_written(disk: Path, rng: np.random.Generator) -> None:
     """MCAP, SQLite and packed SQLite bags on a disk that may only be read are read, checked and summed up."""
     write_recording(disk / "mcap", two_sided(rng, 120))
-    database = next(write_sqlite(disk / "sqlite", states("/joint_states", stamps(60))).glob("*.db3"))
-    (disk / "packed.db3.zstd").write_bytes(zstandard.ZstdCompressor().compress(database.read_bytes()))
+    database = next(
+        write_sqlite(disk / "sqlite", states("/joint_states", stamps(60))).glob("*.db3")
+    )
+    (disk / "packed.db3.zstd").write_bytes(
+        zstandard.ZstdCompressor().compress(database.read_bytes())
+    )
     make_read_only(disk)
     for name, count in (("mcap", 120), ("sqlite", 60), ("packed.db3.zstd", 60)):
         recording = read_recording(disk / name)

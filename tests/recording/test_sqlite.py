@@ -15,7 +15,15 @@ from elastic_arm.recording.inspection.check import check_bag
 from elastic_arm.recording.inspection.info import bag_info
 from elastic_arm.recording.inspection.repair import repair_bag
 from elastic_arm.recording.storage.messages import read_messages, read_topics
-from tests.helpers.bags import JOINT_STATE, assert_equal, both, stamps, states, write_foreign, write_sqlite
+from tests.helpers.bags import (
+    JOINT_STATE,
+    assert_equal,
+    both,
+    stamps,
+    states,
+    write_foreign,
+    write_sqlite,
+)
 
 SHARED = Path(__file__).parents[3] / "shared" / "data" / "ur10"
 
@@ -33,10 +41,15 @@ def older(file: Path) -> None:
 def test_the_same_recording_comes_from_both_storages(tmp_path: Path) -> None:
     """A bag of 18 000 messages in a .db3 gives the very arrays that the same messages in an MCAP file give."""
     messages = both(stamps(9_000))
-    one, other = write_foreign(tmp_path / "mcap", messages), write_sqlite(tmp_path / "sqlite", messages)
+    one, other = (
+        write_foreign(tmp_path / "mcap", messages),
+        write_sqlite(tmp_path / "sqlite", messages),
+    )
     assert_equal(read_recording(other), read_recording(one))
     assert list(read_messages(other)) == list(read_messages(one))
-    assert [t[:3] for t in map(vars_of, read_topics(other))] == [t[:3] for t in map(vars_of, read_topics(one))]
+    assert [t[:3] for t in map(vars_of, read_topics(other))] == [
+        t[:3] for t in map(vars_of, read_topics(one))
+    ]
     assert check_bag(other).ok
 
 
@@ -53,11 +66,15 @@ def test_an_old_bag_without_metadata_or_definitions_is_read(tmp_path: Path, bare
     older(folder / "bag.db3")
     path = folder / "bag.db3" if bare else folder
     recording = read_recording(path)
-    np.testing.assert_allclose(recording.link.position, np.arange(300)[:, None] + [0, 0.1, 0.2], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(
+        recording.link.position, np.arange(300)[:, None] + [0, 0.1, 0.2], rtol=0, atol=1e-12
+    )
     assert (bag_info(path).messages, bag_info(path).compression) == (600, ["none"])
     assert check_bag(path).usable
     # Said once: that reading notes it as well is no second finding.
-    assert [finding.code for finding in check_bag(path).findings] == ([] if bare else ["missing_metadata"])
+    assert [finding.code for finding in check_bag(path).findings] == (
+        [] if bare else ["missing_metadata"]
+    )
     mended = repair_bag(path)
     assert mended.path.name == "bag_repaired"
     assert_equal(read_recording(mended.path), recording)
@@ -73,7 +90,9 @@ def test_a_file_compressed_as_a_whole_is_read(tmp_path: Path) -> None:
 
     folder = write_sqlite(tmp_path / "bag", both(stamps(300)), packed)
     assert (folder / "bag.db3.zstd").exists()
-    assert_equal(read_recording(folder), read_recording(write_sqlite(tmp_path / "plain", both(stamps(300)))))
+    assert_equal(
+        read_recording(folder), read_recording(write_sqlite(tmp_path / "plain", both(stamps(300))))
+    )
     assert bag_info(folder).compression == ["zstd"]
 
 
@@ -103,7 +122,10 @@ def test_rows_in_a_write_ahead_log_are_read(tmp_path: Path) -> None:
     live.execute("PRAGMA journal_mode=WAL")
     (topic,) = live.execute("SELECT id FROM topics").fetchone()
     for _, _, log_ns, data in states("/motor_states", stamps(150)[100:]):
-        live.execute("INSERT INTO messages (topic_id, timestamp, data) VALUES (?, ?, ?)", (topic, log_ns, data))
+        live.execute(
+            "INSERT INTO messages (topic_id, timestamp, data) VALUES (?, ?, ?)",
+            (topic, log_ns, data),
+        )
     live.commit()
     assert len(read_recording(folder / "bag.db3").motor) == 150
     live.close()

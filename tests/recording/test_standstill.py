@@ -32,7 +32,9 @@ def test_standstill_is_left_out_but_for_some_seconds_around_motion() -> None:
     hole = int(np.argmax(np.diff(t)))
     assert 5.0 + KEPT <= t[hole] + 0.01 < 6.1 + KEPT and 63.9 - KEPT < t[hole + 1] <= 65.0 - KEPT
     assert np.sum(np.diff(t) > 1.5 / RATE) == 1
-    assert found.notes[-1].startswith("run: 5") and found.notes[-1].endswith("as the arm stands still there")
+    assert found.notes[-1].startswith("run: 5") and found.notes[-1].endswith(
+        "as the arm stands still there"
+    )
 
 
 def test_an_absurd_sample_is_no_motion() -> None:
@@ -48,14 +50,20 @@ def test_short_rests_and_arms_that_never_move_keep_all() -> None:
     short = arm(rest=4.0)
     assert without_standstill(short) is short
     whole = arm()
-    still = Recording(("b",), motor=Side(whole.motor.stamp_ns, position=whole.motor.position[:, 1:]))
+    still = Recording(
+        ("b",), motor=Side(whole.motor.stamp_ns, position=whole.motor.position[:, 1:])
+    )
     assert without_standstill(still) is still
 
 
-@pytest.mark.skipif(not Path("/proc/self/smaps").exists(), reason="Linux says what of a file stands in memory")
+@pytest.mark.skipif(
+    not Path("/proc/self/smaps").exists(), reason="Linux says what of a file stands in memory"
+)
 def test_of_a_bag_that_was_read_next_to_nothing_stays_in_memory(tmp_path: Path) -> None:
     """Its chunks are given back one after another: a day's bag would fill the memory."""
-    path = write_recording(tmp_path / "bag", two_sided(np.random.default_rng(0), 20_000), compression="none")
+    path = write_recording(
+        tmp_path / "bag", two_sided(np.random.default_rng(0), 20_000), compression="none"
+    )
     (bag,) = open_bag(path).files
     for _ in bag.blocks():
         pass

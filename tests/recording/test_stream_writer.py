@@ -37,7 +37,9 @@ while True:
 def test_a_killed_recorder_leaves_all_but_the_last_second(tmp_path: Path) -> None:
     """SIGKILL in the middle of writing loses less than a second; the rest is read and repaired."""
     bag = tmp_path / "bag"
-    with subprocess.Popen([sys.executable, "-c", RECORDER, str(bag)], stdout=subprocess.PIPE, cwd=ROOT) as process:
+    with subprocess.Popen(
+        [sys.executable, "-c", RECORDER, str(bag)], stdout=subprocess.PIPE, cwd=ROOT
+    ) as process:
         written = [int(process.stdout.readline())]
         while written[-1] - written[0] < 2_500_000_000:
             written.append(int(process.stdout.readline()))
@@ -63,7 +65,9 @@ def test_the_stream_writer_keeps_every_byte(tmp_path: Path) -> None:
         for topic, _, log_ns, data in given:
             writer.write(topic, data, log_ns, log_ns - 5)
         assert writer.counts == {"/joint_states": 1500, "/motor_states": 1500}
-    assert [tuple(m) for m in read_messages(tmp_path / "bag")] == [(s, s - 5, t, k, d) for t, k, s, d in given]
+    assert [tuple(m) for m in read_messages(tmp_path / "bag")] == [
+        (s, s - 5, t, k, d) for t, k, s, d in given
+    ]
     assert check_bag(tmp_path / "bag").ok
 
 

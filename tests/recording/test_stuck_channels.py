@@ -35,7 +35,9 @@ def recording(noise: float = 0.3, step: float = 0.5, limit: float = np.inf) -> R
 def found(samples: Recording, code: str) -> list[Finding]:
     """Findings of one code, or of all that begin like it."""
     whole = at_updates(samples, slow := list[Finding]())
-    return [finding for finding in [*slow, *channel_findings(whole)] if finding.code.startswith(code)]
+    return [
+        finding for finding in [*slow, *channel_findings(whole)] if finding.code.startswith(code)
+    ]
 
 
 def held(samples: Recording, rows: slice, begin: int | None = None) -> Recording:
@@ -52,12 +54,17 @@ def held(samples: Recording, rows: slice, begin: int | None = None) -> Recording
 
 @pytest.mark.parametrize("noise", [0.0, 0.3])
 @pytest.mark.parametrize("step", [0.0, 0.05, 0.5])
-def test_a_torque_at_the_end_of_its_range_is_named_with_its_share(noise: float, step: float) -> None:
+def test_a_torque_at_the_end_of_its_range_is_named_with_its_share(
+    noise: float, step: float
+) -> None:
     """Of the joint whose drive saturates, with the torque at which it does; peaks of the others are none."""
     assert found(recording(noise, step), "clipped") == []
     (finding,) = found(recording(noise, step, limit=50.0), "clipped")
     assert finding.code == "clipped"
-    assert "motor effort sits at an end of its range while the joint moves: joint_2 for 1" in finding.message
+    assert (
+        "motor effort sits at an end of its range while the joint moves: joint_2 for 1"
+        in finding.message
+    )
     assert "% (-50): the drive" in finding.message and "joint_1" not in finding.message
 
 
@@ -76,7 +83,11 @@ def test_an_arm_at_rest_neither_freezes_nor_saturates() -> None:
     still = held(resting, slice(2000, 3000), turning)
     velocity, effort = still.link.velocity.copy(), np.array(still.motor.effort)
     velocity[2000:3000], effort[2000:3000] = 0.0, 80.0
-    still = replace(still, link=replace(still.link, velocity=velocity), motor=replace(still.motor, effort=effort))
+    still = replace(
+        still,
+        link=replace(still.link, velocity=velocity),
+        motor=replace(still.motor, effort=effort),
+    )
     assert frozen(still) == channel_findings(still) == []
 
 
@@ -92,7 +103,9 @@ def test_a_recording_of_one_sample_throughout_holds_no_motion(tmp_path: Path) ->
     assert "holds no motion" in words and "excite" in words
     moved = np.array(same.position)
     moved[200:, 1] += 0.01
-    one = write_recording(tmp_path / "one", Recording(("joint_1", "joint_2"), replace(same, position=moved), same))
+    one = write_recording(
+        tmp_path / "one", Recording(("joint_1", "joint_2"), replace(same, position=moved), same)
+    )
     assert not [f for f in check_bag(one).findings if f.code == "no_motion"]
 
 
@@ -105,15 +118,22 @@ def test_freezes_are_found_with_their_times() -> None:
     for frosty in (icy, replace(icy, link=replace(icy.link, velocity=None))):
         (finding,) = frozen(frosty)
         assert (finding.code, finding.time) == ("frozen", pytest.approx(5.0))
-        assert "3 times while the arm moves: 0.1 s from 5.00 s, 0.1 s from 15.00 s, 0.49 s from 29.5" in finding.message
+        assert (
+            "3 times while the arm moves: 0.1 s from 5.00 s, 0.1 s from 15.00 s, 0.49 s from 29.5"
+            in finding.message
+        )
     later = replace(icy, motor=replace(icy.motor, stamp_ns=icy.motor.stamp_ns + 100_000))
-    assert [finding.message.split(" stay")[0] for finding in frozen(later)] == ["all channels of the link side"]
+    assert [finding.message.split(" stay")[0] for finding in frozen(later)] == [
+        "all channels of the link side"
+    ]
     assert frozen(whole) == []
     for row in range(100, 5000, 100):
         whole = held(whole, slice(row, row + 2))
     assert frozen(whole) == []
     slow = np.repeat(np.arange(0, COUNT, 10), 10)
-    assert frozen(replace(whole, link=_taken(whole.link, slow), motor=_taken(whole.motor, slow))) == []
+    assert (
+        frozen(replace(whole, link=_taken(whole.link, slow), motor=_taken(whole.motor, slow))) == []
+    )
 
 
 def _taken(side: Side, rows: NDArray[np.int_]) -> Side:
@@ -137,8 +157,18 @@ STUCK = {
         0.7,
         "link position stays where it is while the joint moves: joint_2 at 0.7",
     ),
-    "a velocity": ("link", "velocity", 0.0, "link velocity stays where it is while the joint moves: joint_2 at 0:"),
-    "a torque of zero": ("motor", "effort", 0.0, "motor effort stays where it is while the joint moves: joint_2 at 0:"),
+    "a velocity": (
+        "link",
+        "velocity",
+        0.0,
+        "link velocity stays where it is while the joint moves: joint_2 at 0:",
+    ),
+    "a torque of zero": (
+        "motor",
+        "effort",
+        0.0,
+        "motor effort stays where it is while the joint moves: joint_2 at 0:",
+    ),
     "the zero below": ("motor", "effort", -0.0, "joint_2 at 0:"),
     "the smallest number": ("motor", "effort", 5e-324, "joint_2 at 4.94e-324:"),
     "any torque": ("motor", "effort", 31.5, "joint_2 at 31.5:"),
@@ -148,11 +178,15 @@ STUCK = {
 def with_motor_encoders() -> Recording:
     """A recording whose drives have encoders, too."""
     made = recording()
-    return replace(made, motor=replace(made.motor, position=made.link.position, velocity=made.link.velocity))
+    return replace(
+        made, motor=replace(made.motor, position=made.link.position, velocity=made.link.velocity)
+    )
 
 
 @pytest.mark.parametrize("what", STUCK)
-def test_a_channel_that_holds_one_number_while_its_joint_moves_is_named(what: str, tmp_path: Path) -> None:
+def test_a_channel_that_holds_one_number_while_its_joint_moves_is_named(
+    what: str, tmp_path: Path
+) -> None:
     """By the check, and as a note before anything is fitted; no channel of the recording as it was."""
     whole = with_motor_encoders()
     assert found(whole, "stuck") == []
@@ -163,7 +197,9 @@ def test_a_channel_that_holds_one_number_while_its_joint_moves_is_named(what: st
     spoilt = replace(whole, **{name: replace(side, **{channel: values})})
     write_recording(tmp_path / "bag", spoilt)
     assert any(words in finding.message for finding in check_bag(tmp_path / "bag").findings)
-    read = read_by_clock(tmp_path / "bag", None, random_arm(3, np.random.default_rng(1)), ClockChoice.auto)
+    read = read_by_clock(
+        tmp_path / "bag", None, random_arm(3, np.random.default_rng(1)), ClockChoice.auto
+    )
     assert any(words in note and "joint_1" not in note for note in read.notes), read.notes
 
 
@@ -195,7 +231,9 @@ def every(times: int, values: Array) -> Array:
 
 @pytest.mark.parametrize("step", [0.0, 0.05])
 @pytest.mark.parametrize("times", [2, 3, 20])
-@pytest.mark.parametrize(("side", "channel"), [("link", "position"), ("link", "velocity"), ("motor", "effort")])
+@pytest.mark.parametrize(
+    ("side", "channel"), [("link", "position"), ("link", "velocity"), ("motor", "effort")]
+)
 def test_a_channel_of_any_kind_that_is_held_is_named_with_its_period(
     side: str, channel: str, times: int, step: float
 ) -> None:
@@ -205,7 +243,10 @@ def test_a_channel_of_any_kind_that_is_held_is_named_with_its_period(
     own = getattr(whole, side)
     slow = replace(own, **{channel: every(times, own.channels()[channel])})
     (finding,) = found(replace(whole, **{side: slow}), "held")
-    assert f"{side} {channel} of all joints is held: a new value comes every {times} samples" in finding.message
+    assert (
+        f"{side} {channel} of all joints is held: a new value comes every {times} samples"
+        in finding.message
+    )
     assert f"{RATE / times:.3g} Hz in a recording of 200 Hz" in finding.message
 
 
@@ -215,7 +256,10 @@ def test_a_cycle_missed_now_and_then_is_named_with_its_share() -> None:
     effort = whole.motor.effort.copy()
     effort[50::50] = effort[49:-1:50]
     (finding,) = found(replace(whole, motor=replace(whole.motor, effort=effort)), "held")
-    assert "motor effort of all joints repeats the value before in 1.99 to 2.09 % of the samples" in finding.message
+    assert (
+        "motor effort of all joints repeats the value before in 1.99 to 2.09 % of the samples"
+        in finding.message
+    )
 
 
 def test_velocities_of_a_coarse_encoder_are_zero_by_right() -> None:
@@ -225,7 +269,9 @@ def test_velocities_of_a_coarse_encoder_are_zero_by_right() -> None:
     jitter = np.random.default_rng(0).integers(-100_000, 100_000, COUNT)
     q = 0.004 * np.rint(whole.link.position / 0.004)
     link = Side(whole.link.stamp_ns + jitter, q)
-    velocity = np.diff(q, axis=0, prepend=q[:1]) / (1e-9 * np.diff(link.stamp_ns, prepend=0))[:, None]
+    velocity = (
+        np.diff(q, axis=0, prepend=q[:1]) / (1e-9 * np.diff(link.stamp_ns, prepend=0))[:, None]
+    )
     assert np.mean(velocity == 0.0) > 0.2
     assert found(replace(whole, link=replace(link, velocity=velocity)), "zeros") == []
 

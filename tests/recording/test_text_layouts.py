@@ -26,7 +26,9 @@ NAMES = ("shoulder", "elbow")
 def long_by_signal(file: Path) -> None:
     """Write a row for each signal and time."""
     rows = [
-        f"{t:.3f},{name}/pos,{q:.9f}" for t, qs in zip(T, Q, strict=True) for name, q in zip(NAMES, qs, strict=True)
+        f"{t:.3f},{name}/pos,{q:.9f}"
+        for t, qs in zip(T, Q, strict=True)
+        for name, q in zip(NAMES, qs, strict=True)
     ]
     file.write_text("\n".join(["time,signal,value", *rows]))
 
@@ -34,7 +36,9 @@ def long_by_signal(file: Path) -> None:
 def long_by_joint(file: Path) -> None:
     """Write a row for each joint and time, with a column a quantity."""
     rows = [
-        f"{t:.3f};{n};{q:.9f};{2 * q:.9f}" for t, qs in zip(T, Q, strict=True) for n, q in zip(NAMES, qs, strict=True)
+        f"{t:.3f};{n};{q:.9f};{2 * q:.9f}"
+        for t, qs in zip(T, Q, strict=True)
+        for n, q in zip(NAMES, qs, strict=True)
     ]
     file.write_text("\n".join(["stamp;joint;pos;load", *rows]))
 
@@ -98,7 +102,9 @@ def test_the_same_numbers_come_of_every_layout(tmp_path: Path, kind: str) -> Non
     recording = import_arrays(file, draft)
     assert recording.link is not None
     np.testing.assert_allclose(recording.link.position, Q, atol=1e-9)
-    np.testing.assert_allclose((recording.link.stamp_ns - recording.link.stamp_ns[0]) * 1e-9, T, atol=2e-6)
+    np.testing.assert_allclose(
+        (recording.link.stamp_ns - recording.link.stamp_ns[0]) * 1e-9, T, atol=2e-6
+    )
 
 
 def test_the_reports_are_read() -> None:
@@ -161,12 +167,23 @@ def test_what_is_not_read_has_a_way_out(tmp_path: Path, suffix: str, words: str)
     file = tmp_path / f"a{suffix}"
     file.write_bytes(b"\x80\x04.")
     assert words in refusal(
-        "bag", "import", file, "--guess", "--robot", REPORTS / "guess_eff" / "b.urdf", "--out", tmp_path / "a.yaml"
+        "bag",
+        "import",
+        file,
+        "--guess",
+        "--robot",
+        REPORTS / "guess_eff" / "b.urdf",
+        "--out",
+        tmp_path / "a.yaml",
     )
 
 
-@pytest.mark.parametrize(("encoding", "words"), [("protobuf", "mcap cat --json"), ("ros1msg", "rosbags-convert")])
-def test_messages_of_others_are_refused_with_the_converter(tmp_path: Path, encoding: str, words: str) -> None:
+@pytest.mark.parametrize(
+    ("encoding", "words"), [("protobuf", "mcap cat --json"), ("ros1msg", "rosbags-convert")]
+)
+def test_messages_of_others_are_refused_with_the_converter(
+    tmp_path: Path, encoding: str, words: str
+) -> None:
     """Foxglove's protobuf, and ROS 1 within MCAP."""
     with (tmp_path / "a.mcap").open("wb") as file:
         writer = Writer(file)
@@ -211,13 +228,17 @@ def test_a_draft_goes_by_names_and_values() -> None:
         draft = guess_mapping(Arrays({"time": T, "q": Q, name: np.round(885.0 * Q)}), NAMES)
         (counts,) = [one for one in draft.channels if one.channel == "effort"]
         assert "factor" in counts.missing and "counts of a register" in " ".join(counts.reasons)
-    ticks = guess_mapping(Arrays({"time": T, "position": np.round(2048 + 900.0 * Q)}), NAMES).channels[0]
+    ticks = guess_mapping(
+        Arrays({"time": T, "position": np.round(2048 + 900.0 * Q)}), NAMES
+    ).channels[0]
     assert ticks.unit == "turns" and "1/4096" in ticks.missing["factor"]
 
 
 def test_an_order_that_is_assumed_is_said() -> None:
     """Columns by number are taken in the order of the arm; those by the joints' names are not assumed."""
-    numbered = guess_mapping(Arrays({"time": T, "position[0]": Q[:, 0], "position[1]": Q[:, 1]}), NAMES)
+    numbered = guess_mapping(
+        Arrays({"time": T, "position[0]": Q[:, 0], "position[1]": Q[:, 1]}), NAMES
+    )
     named = guess_mapping(Arrays({"time": T, "shoulder_pos": Q[:, 0], "elbow_pos": Q[:, 1]}), NAMES)
     assert "in the order of the arm's joints" in numbered.to_yaml()
     assert "in the order of the arm's joints" not in named.to_yaml()
@@ -228,7 +249,17 @@ def test_the_draft_of_the_report_has_its_efforts(tmp_path: Path) -> None:
     folder = REPORTS / "guess_eff"
     out = tmp_path / "map.yaml"
     assert (
-        run("bag", "import", folder / "log.csv", "--guess", "--robot", folder / "b.urdf", "--out", out).exit_code == 0
+        run(
+            "bag",
+            "import",
+            folder / "log.csv",
+            "--guess",
+            "--robot",
+            folder / "b.urdf",
+            "--out",
+            out,
+        ).exit_code
+        == 0
     )
     recording = import_arrays(folder / "log.csv", out)
     assert recording.motor is not None and recording.motor.effort is not None

@@ -32,7 +32,9 @@ def test_equal_stamps_are_joined_exactly(rng: np.random.Generator) -> None:
 def test_lost_messages_are_left_out_of_both_sides(rng: np.random.Generator) -> None:
     """A sample that one side lost is left out of the other too, and counted."""
     link, motor = side(rng, stamps(1000)), side(rng, stamps(1000))
-    samples = Recording(JOINTS, link.at(np.arange(1000) != 40), motor.at(np.arange(1000) != 70)).samples()
+    samples = Recording(
+        JOINTS, link.at(np.arange(1000) != 40), motor.at(np.arange(1000) != 70)
+    ).samples()
     keep = np.delete(np.arange(1000), [40, 70])
     np.testing.assert_array_equal(samples.q, link.position[keep])
     np.testing.assert_array_equal(samples.tau_m, motor.effort[keep])
@@ -53,8 +55,12 @@ def test_stamps_apart_are_interpolated_to_the_link_side() -> None:
     assert len(samples) == 1999  # the first link sample lies before the motor's first
 
 
-@pytest.mark.parametrize(("clock", "true"), [(None, False), (None, True), ("regular", False), ("stamps", True)])
-def test_each_side_has_its_own_jitter(rng: np.random.Generator, clock: ClockMode | None, true: bool) -> None:
+@pytest.mark.parametrize(
+    ("clock", "true"), [(None, False), (None, True), ("regular", False), ("stamps", True)]
+)
+def test_each_side_has_its_own_jitter(
+    rng: np.random.Generator, clock: ClockMode | None, true: bool
+) -> None:
     """Two drivers stamp apart: the jitter of stamps moves no sample that was taken regularly, and those that it does.
 
     By the stamps alone positions of regular samples would be off by 4e-3, the jitter of both times their velocity; the
@@ -64,7 +70,9 @@ def test_each_side_has_its_own_jitter(rng: np.random.Generator, clock: ClockMode
     late = [stamps(4000) + np.round(1e9 * own).astype(np.int64) for own in jitter]
     link, motor = (replace(wave(at if true else stamps(4000)), stamp_ns=at) for at in late)
     samples = Recording(JOINTS, link, motor, clock=clock).samples()
-    expected = wave(samples.stamp_ns if true else stamps(4000)[np.searchsorted(late[0], samples.stamp_ns)])
+    expected = wave(
+        samples.stamp_ns if true else stamps(4000)[np.searchsorted(late[0], samples.stamp_ns)]
+    )
     inner = slice(10, -10)
     np.testing.assert_allclose(samples.theta[inner], expected.position[inner], rtol=0, atol=1.5e-4)
     np.testing.assert_allclose(samples.tau_m[inner], expected.effort[inner], rtol=0, atol=3e-4)
@@ -74,7 +82,9 @@ def test_a_side_without_positions_goes_by_the_clock_of_the_other(rng: np.random.
     """Torques alone do not tell what their stamps mean."""
     late = [stamps(4000) + np.round(rng.normal(0.0, 3e4, 4000)).astype(np.int64) for _ in range(2)]
     link, motor = (replace(wave(stamps(4000)), stamp_ns=at) for at in late)
-    _, torques = pair(link, Side(motor.stamp_ns, effort=motor.effort), "the torques", "the link side", [])
+    _, torques = pair(
+        link, Side(motor.stamp_ns, effort=motor.effort), "the torques", "the link side", []
+    )
     inner = slice(10, -10)
     given = link.effort[np.searchsorted(late[0], torques.stamp_ns)]
     np.testing.assert_allclose(torques.effort[inner], given[inner], rtol=0, atol=3e-4)
@@ -123,10 +133,17 @@ def test_rates_that_last_are_told_apart(
         np.testing.assert_allclose([t[k] for k, _ in found], begins, atol=0.15)
 
 
-def test_neither_bunches_nor_lost_samples_nor_jitter_are_another_rate(rng: np.random.Generator) -> None:
+def test_neither_bunches_nor_lost_samples_nor_jitter_are_another_rate(
+    rng: np.random.Generator,
+) -> None:
     """One rate is told of samples that arrive in bunches of 20, of which a third is lost, or late by 2 ms."""
     t = np.arange(1, 20_000) * 1e-3
     bunched = np.ceil(t / 0.02) * 0.02 + np.arange(len(t)) * 1e-9
     short = np.arange(500) * 10_000_000 * 1e-9  # its bunches end where it ends
-    for stamped in (short, bunched, t[rng.random(len(t)) < 0.67], np.sort(t + rng.normal(0.0, 2e-3, len(t)))):
+    for stamped in (
+        short,
+        bunched,
+        t[rng.random(len(t)) < 0.67],
+        np.sort(t + rng.normal(0.0, 2e-3, len(t))),
+    ):
         assert len(rates_of(stamped, 2.5)) == 1

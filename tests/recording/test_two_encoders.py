@@ -21,7 +21,9 @@ def recorded() -> Recording:
     """Link encoders at two of three joints, 3 ms late, and motors with encoders and torques at all."""
     link = np.sin(W * (T[:, None] - LAG)) + np.array([0.01, 0.0, 0.0])
     link[:, 2] = np.nan
-    motor = Side(STAMPS, np.sin(W * T[:, None]), W * np.cos(W * T[:, None]), np.cos(T)[:, None] * np.ones(3))
+    motor = Side(
+        STAMPS, np.sin(W * T[:, None]), W * np.cos(W * T[:, None]), np.cos(T)[:, None] * np.ones(3)
+    )
     return Recording(RIGID.joint_names, link=Side(STAMPS, link), motor=motor)
 
 
@@ -29,13 +31,17 @@ def test_of_a_rigid_arm_the_encoders_of_the_motors_are_used_and_the_lag_is_state
     """Their zero is no lag; and nothing is left of a link side that no joint needs."""
     found = by_motor_encoders(recorded(), RIGID)
     assert found.link is None
-    assert "joint_1, joint_2: " in found.notes[-1] and "which are 3 ms behind them" in found.notes[-1]
+    assert (
+        "joint_1, joint_2: " in found.notes[-1] and "which are 3 ms behind them" in found.notes[-1]
+    )
 
 
 def test_link_encoders_stay_where_they_are_needed() -> None:
     """At a joint whose motor has no torque, beside joint torques, and of an elastic arm."""
     whole = recorded()
-    bare = replace(whole, motor=replace(whole.motor, effort=whole.motor.effort * [1.0, np.nan, 1.0]))
+    bare = replace(
+        whole, motor=replace(whole.motor, effort=whole.motor.effort * [1.0, np.nan, 1.0])
+    )
     found = by_motor_encoders(bare, RIGID)
     np.testing.assert_array_equal(np.isnan(found.link.position).all(axis=0), [True, False, True])
     sensed = replace(whole, link=replace(whole.link, effort=whole.motor.effort))
@@ -51,7 +57,9 @@ def elastic(zero: float = 0.0, ratio: float = 1.0, stiffness: float = 2e4) -> Re
     theta = q + load / stiffness + 2e-5 * rng.standard_normal(q.shape)
     theta[:, 1] = ratio * theta[:, 1] + zero
     effort = load + 0.3 * rng.standard_normal(q.shape)
-    return Recording(RIGID.joint_names, link=Side(STAMPS, q), motor=Side(STAMPS, theta, effort=effort))
+    return Recording(
+        RIGID.joint_names, link=Side(STAMPS, q), motor=Side(STAMPS, theta, effort=effort)
+    )
 
 
 def test_encoders_that_agree_but_for_the_wind_up_are_not_blamed() -> None:

@@ -22,18 +22,29 @@ COMPRESSIONS = ("none", "lz4", "zstd")
 
 @pytest.mark.parametrize("compression", COMPRESSIONS)
 @pytest.mark.parametrize("n", [1, 3, 7])
-def test_round_trip_is_exact(tmp_path: Path, rng: np.random.Generator, compression: str, n: int) -> None:
+def test_round_trip_is_exact(
+    tmp_path: Path, rng: np.random.Generator, compression: str, n: int
+) -> None:
     """What is written is read back bit by bit, over several chunks, for any number of joints and compression."""
     recording = two_sided(rng, 6000, n)
-    assert_equal(read_recording(write_recording(tmp_path / "bag", recording, compression)), recording)
+    assert_equal(
+        read_recording(write_recording(tmp_path / "bag", recording, compression)), recording
+    )
 
 
-def test_sides_with_stamps_of_their_own_round_trip(tmp_path: Path, rng: np.random.Generator) -> None:
+def test_sides_with_stamps_of_their_own_round_trip(
+    tmp_path: Path, rng: np.random.Generator
+) -> None:
     """Jittered stamps, other rates, missing channels, a reference with acceleration and a URDF all survive."""
     jitter = np.sort(stamps(5000) + rng.integers(-200_000, 200_000, 5000))
     link = Side(jitter, position=rng.normal(size=(5000, 3)))
     motor = side(rng, stamps(2500, 2_000_000))
-    reference = Side(stamps(5000), *(rng.normal(size=(5000, 3)) for _ in range(2)), None, rng.normal(size=(5000, 3)))
+    reference = Side(
+        stamps(5000),
+        *(rng.normal(size=(5000, 3)) for _ in range(2)),
+        None,
+        rng.normal(size=(5000, 3)),
+    )
     recording = Recording(JOINTS, link, motor, reference, robot_description="<robot name='a'/>")
     assert_equal(read_recording(write_recording(tmp_path / "bag", recording)), recording)
 
@@ -45,7 +56,9 @@ def test_joint_torques_alone_stay_joint_torques(tmp_path: Path, rng: np.random.G
 
 
 @pytest.mark.parametrize("compression", COMPRESSIONS)
-def test_rosbags_reads_the_same_numbers(tmp_path: Path, rng: np.random.Generator, compression: str) -> None:
+def test_rosbags_reads_the_same_numbers(
+    tmp_path: Path, rng: np.random.Generator, compression: str
+) -> None:
     """rosbags finds every message, in order of time, with the same numbers, names, types and hashes."""
     recording = two_sided(rng, 3000)
     folder = write_recording(tmp_path / "bag", recording, compression)
@@ -60,14 +73,20 @@ def test_rosbags_reads_the_same_numbers(tmp_path: Path, rng: np.random.Generator
             stamp_ns = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
             assert stamp_ns == log_ns >= last
             assert tuple(message.name) == JOINTS
-            rows[connection.topic].append(np.concatenate([message.position, message.velocity, message.effort]))
+            rows[connection.topic].append(
+                np.concatenate([message.position, message.velocity, message.effort])
+            )
             last = log_ns
     for topic, given in (("/joint_states", recording.link), ("/motor_states", recording.motor)):
-        np.testing.assert_array_equal(rows[topic], np.hstack([given.position, given.velocity, given.effort]))
+        np.testing.assert_array_equal(
+            rows[topic], np.hstack([given.position, given.velocity, given.effort])
+        )
 
 
 @pytest.mark.parametrize("compression", COMPRESSIONS)
-def test_mcap_library_reads_the_same_numbers(tmp_path: Path, rng: np.random.Generator, compression: str) -> None:
+def test_mcap_library_reads_the_same_numbers(
+    tmp_path: Path, rng: np.random.Generator, compression: str
+) -> None:
     """The MCAP project's own reader accepts checksums, indexes and summary, and decodes by the schemas in the file."""
     recording = two_sided(rng, 3000)
     folder = write_recording(tmp_path / "bag", recording, compression)
@@ -84,12 +103,16 @@ def test_mcap_library_reads_the_same_numbers(tmp_path: Path, rng: np.random.Gene
     np.testing.assert_array_equal(positions, recording.motor.position)
 
 
-def test_transforms_move_the_links_of_the_urdf_beside_them(tmp_path: Path, rng: np.random.Generator) -> None:
+def test_transforms_move_the_links_of_the_urdf_beside_them(
+    tmp_path: Path, rng: np.random.Generator
+) -> None:
     """What viewers draw: at every stamp of /tf Pinocchio puts the links of /robot_description at the same places."""
     robot = random_arm(6, rng, prismatic={3})
     q = rng.uniform(-2.0, 2.0, (100, 6))
     at = 10_000_000 * np.arange(1, 101)  # 100 Hz, of which half is drawn
-    folder = write_recording(tmp_path / "bag", Recording(robot.joint_names, Side(at, q)), drawn=robot)
+    folder = write_recording(
+        tmp_path / "bag", Recording(robot.joint_names, Side(at, q)), drawn=robot
+    )
     reader = make_reader((folder / "bag_0.mcap").open("rb"), decoder_factories=[DecoderFactory()])
     messages = [m for *_, m in reader.iter_decoded_messages(topics=["/tf"])]
     model = pinocchio.buildModelFromXML(read_recording(folder).robot_description)
@@ -100,7 +123,9 @@ def test_transforms_move_the_links_of_the_urdf_beside_them(tmp_path: Path, rng: 
         seen = {"world": np.eye(4)}
         for each in message.transforms:
             t, r = each.transform.translation, each.transform.rotation
-            inside = pinocchio.XYZQUATToSE3(np.array([t.x, t.y, t.z, r.x, r.y, r.z, r.w])).homogeneous
+            inside = pinocchio.XYZQUATToSE3(
+                np.array([t.x, t.y, t.z, r.x, r.y, r.z, r.w])
+            ).homogeneous
             seen[each.child_frame_id] = seen[each.header.frame_id] @ inside
             assert each.header.stamp.nanosec == at[2 * k] % 1_000_000_000
             frame = data.oMf[model.getFrameId(each.child_frame_id)].homogeneous
@@ -111,7 +136,10 @@ def test_transforms_move_the_links_of_the_urdf_beside_them(tmp_path: Path, rng: 
 def pinocchio_angles(model: pinocchio.Model, robot: Robot, q: np.ndarray) -> np.ndarray:
     """Return angles as Pinocchio takes them: cosine and sine of joints without limits."""
     values = dict(zip(robot.joint_names, q, strict=True))
-    each = ((values[name], joint.nq) for name, joint in zip(model.names[1:], model.joints[1:], strict=True))
+    each = (
+        (values[name], joint.nq)
+        for name, joint in zip(model.names[1:], model.joints[1:], strict=True)
+    )
     return np.concatenate([[v] if nq == 1 else [np.cos(v), np.sin(v)] for v, nq in each])
 
 
@@ -120,8 +148,22 @@ def test_metadata_is_what_rosbag2_of_jazzy_writes(tmp_path: Path, rng: np.random
     folder = write_recording(tmp_path / "bag", two_sided(rng, 100))
     told = yaml.safe_load((folder / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
     assert set(told) == {
-        *("version", "storage_identifier", "duration", "starting_time", "message_count", "topics_with_message_count"),
-        *("compression_format", "compression_mode", "relative_file_paths", "files", "custom_data", "ros_distro"),
+        *(
+            "version",
+            "storage_identifier",
+            "duration",
+            "starting_time",
+            "message_count",
+            "topics_with_message_count",
+        ),
+        *(
+            "compression_format",
+            "compression_mode",
+            "relative_file_paths",
+            "files",
+            "custom_data",
+            "ros_distro",
+        ),
     }
     assert (told["version"], told["storage_identifier"], told["message_count"]) == (9, "mcap", 200)
     assert told["duration"]["nanoseconds"] == 99_000_000
@@ -141,7 +183,9 @@ def test_nothing_is_overwritten(tmp_path: Path, rng: np.random.Generator) -> Non
     assert (folder / "bag_0.mcap").read_bytes() == before
 
 
-def test_names_that_no_disk_takes_are_refused_in_words(tmp_path: Path, rng: np.random.Generator) -> None:
+def test_names_that_no_disk_takes_are_refused_in_words(
+    tmp_path: Path, rng: np.random.Generator
+) -> None:
     """A name of 300 letters is too long for a folder, whoever asks for it."""
     folder = tmp_path / ("n" * 300)
     with pytest.raises(RecordingError, match="too long"):
@@ -180,14 +224,20 @@ def test_own_messages_match_their_ros_text() -> None:
     """Every .msg of elastic_arm_msgs parses, and an own message survives its round through CDR."""
     store = message_types.typestore()
     own = [name for name in store.fielddefs if name.startswith("elastic_arm_msgs/")]
-    assert {"JointTorques", "ParameterEstimate", "GapDiagnosis"} <= {name.split("/")[-1] for name in own}
+    assert {"JointTorques", "ParameterEstimate", "GapDiagnosis"} <= {
+        name.split("/")[-1] for name in own
+    }
     for name in own:
         text, type_hash = message_types.definition(name)
         assert type_hash.startswith("RIHS01_")
         assert text
     torques = store.types["elastic_arm_msgs/msg/JointTorques"]
-    header = store.types["std_msgs/msg/Header"](store.types["builtin_interfaces/msg/Time"](1, 2), "")
+    header = store.types["std_msgs/msg/Header"](
+        store.types["builtin_interfaces/msg/Time"](1, 2), ""
+    )
     given = torques(header, ["a"], np.array([1.0]), np.array([2.0]), np.zeros(0), np.array([0.26]))
-    again = store.deserialize_cdr(store.serialize_cdr(given, torques.__msgtype__), torques.__msgtype__)
+    again = store.deserialize_cdr(
+        store.serialize_cdr(given, torques.__msgtype__), torques.__msgtype__
+    )
     assert again.motor_torque.tolist() == [2.0]
     assert again.header.stamp.nanosec == 2

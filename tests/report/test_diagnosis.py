@@ -38,7 +38,10 @@ from tests.helpers.gap_recordings import ROBOT, gentle, motions, record
 
 pytestmark = pytest.mark.slow(40)
 
-FRICTION, ERROR = "coulomb_friction:joint_2:torque=6", "transmission_error:joint_1:amplitude=2e-5,phase=0.7"
+FRICTION, ERROR = (
+    "coulomb_friction:joint_2:torque=6",
+    "transmission_error:joint_1:amplitude=2e-5,phase=0.7",
+)
 PLAY = "backlash:joint_2:half_gap=1e-5"
 
 
@@ -46,19 +49,31 @@ PLAY = "backlash:joint_2:half_gap=1e-5"
 def two_causes() -> Diagnosis:
     recordings = [record(motion, FRICTION, ERROR, seed=k) for k, motion in enumerate(motions())]
     question = Question(ROBOT, effects=(EFFECTS["coulomb_friction"], EFFECTS["transmission_error"]))
-    return follow_up(diagnose([recordings[0]], question, [recordings[1]]), rng=np.random.default_rng(0))
+    return follow_up(
+        diagnose([recordings[0]], question, [recordings[1]]), rng=np.random.default_rng(0)
+    )
 
 
 @pytest.mark.browser
-def test_report_shows_verdict_map_causes_and_prediction_in_a_browser(two_causes: Diagnosis, tmp_path: Path) -> None:
+def test_report_shows_verdict_map_causes_and_prediction_in_a_browser(
+    two_causes: Diagnosis, tmp_path: Path
+) -> None:
     """A real browser shows verdict first, then where and each cause; all behind these is folded."""
-    page = rendered_page(write_gap_report(tmp_path / "report.html", two_causes), tmp_path / "profile")
+    page = rendered_page(
+        write_gap_report(tmp_path / "report.html", two_causes), tmp_path / "profile"
+    )
     folded = re.findall(r"<details><summary><h2>([^<]*)</h2>", page)
-    assert folded[0] == "Before and after" and folded[-1] == "What this rests on" and "Verdict" not in folded
+    assert (
+        folded[0] == "Before and after"
+        and folded[-1] == "What this rests on"
+        and "Verdict" not in folded
+    )
     titles = re.findall(r"<h2>([^<]*)</h2>", page)
     assert titles[:2] == ["Verdict", "Where the gap lies"]
     assert {"coulomb friction, joint_2", "transmission error, joint_1"} < set(titles)
-    assert {"Before and after", "How far ahead the model sees", "What the residuals follow"} < set(titles)
+    assert {"Before and after", "How far ahead the model sees", "What the residuals follow"} < set(
+        titles
+    )
     assert page.index("explained: ") < page.index("<svg")
     # Map, two causes, horizons are drawings; what is over time can be zoomed: two causes, and nine residuals.
     assert (page.count("<svg"), page.count("<canvas")) == (4, 2 + 9)
@@ -70,9 +85,13 @@ def test_report_shows_verdict_map_causes_and_prediction_in_a_browser(two_causes:
 
 def test_every_column_of_the_report_is_explained(two_causes: Diagnosis) -> None:
     """Below a table stands what each of its columns means, but for joints, times and what residuals follow."""
-    tables = [block for part in sections(two_causes) for block in part.blocks if isinstance(block, Table)]
+    tables = [
+        block for part in sections(two_causes) for block in part.blocks if isinstance(block, Table)
+    ]
     named = {"joint", *(regime.replace("_", " ") for regime in REGIMES)}
-    bare = [head for table in tables for head in table.header if not meaning(head) and head not in named]
+    bare = [
+        head for table in tables for head in table.header if not meaning(head) and head not in named
+    ]
     assert len(tables) >= 5 and not [head for head in bare if " ms" not in head]
 
 
@@ -87,7 +106,9 @@ def test_prediction_is_written_as_numbers(two_causes: Diagnosis, tmp_path: Path)
 def test_report_of_a_clean_arm_speaks_of_no_cause(tmp_path: Path) -> None:
     """Where there is no gap, the report shows residuals and noise, and nothing before and after."""
     recordings = [record(motion, seed=k) for k, motion in enumerate(motions())]
-    found = follow_up(diagnose([recordings[0]], Question(ROBOT, effects=()), [recordings[1]]), rng=None)
+    found = follow_up(
+        diagnose([recordings[0]], Question(ROBOT, effects=()), [recordings[1]]), rng=None
+    )
     page = write_gap_report(tmp_path / "report.html", found).read_text()
     titles = re.findall(r"<h2>([^<]*)</h2>", page)
     assert "none: recording and model agree" in page
@@ -118,15 +139,35 @@ def test_command_writes_the_motion_that_the_simulator_takes(tmp_path: Path) -> N
     for k in (1, 2):
         write_recording(tmp_path / f"bag_{k}", record(gentle(k), PLAY, seed=k))
     folder = tmp_path / "diagnosis"
-    bags, further = (tmp_path / "bag_1", "--validate", tmp_path / "bag_2"), ("--csv", "--mcap", tmp_path / "residuals")
+    bags, further = (
+        (tmp_path / "bag_1", "--validate", tmp_path / "bag_2"),
+        ("--csv", "--mcap", tmp_path / "residuals"),
+    )
     told = run("diagnose", *bags, "--out", folder, *further)
     assert told.exit_code == 0, told.output
     tables = {"causes.csv", "gap.csv", "parameters.csv", "residuals.csv"}
-    assert {p.name for p in folder.iterdir()} == {"diagnosis.json", "report.html", "robot.yaml", SEPARATING, *tables}
+    assert {p.name for p in folder.iterdir()} == {
+        "diagnosis.json",
+        "report.html",
+        "robot.yaml",
+        SEPARATING,
+        *tables,
+    }
     check_residuals(folder / "residuals.csv", tmp_path)
     words = " ".join(told.stdout.split())
-    assert f"told apart by: {SEPARATING}" in words and "prediction: Driven by the measured torque" in words
-    told = run("simulate", "--out", tmp_path / "next", "--trajectory", folder / SEPARATING, "--duration", 1.0)
+    assert (
+        f"told apart by: {SEPARATING}" in words
+        and "prediction: Driven by the measured torque" in words
+    )
+    told = run(
+        "simulate",
+        "--out",
+        tmp_path / "next",
+        "--trajectory",
+        folder / SEPARATING,
+        "--duration",
+        1.0,
+    )
     assert told.exit_code == 0, told.output
     assert read_recording(tmp_path / "next").duration == pytest.approx(1.0, abs=0.01)
 
@@ -135,9 +176,16 @@ def test_the_layout_of_residuals_shows_what_the_bag_holds(two_causes: Diagnosis)
     """Every curve of layouts/residuals.json is a residual of the bag, and every panel has its place."""
     layout = json.loads((Path(__file__).parents[2] / "layouts" / "residuals.json").read_text())
     panels = layout["configById"]
-    curves = [p["value"] for name, panel in panels.items() if name.startswith("Plot!") for p in panel["paths"]]
+    curves = [
+        p["value"]
+        for name, panel in panels.items()
+        if name.startswith("Plot!")
+        for p in panel["paths"]
+    ]
     topics = {
-        f"{topic}.effort[{k}]" for topic in two_causes.residual_sides(two_causes.validate[0], 0) for k in range(ROBOT.n)
+        f"{topic}.effort[{k}]"
+        for topic in two_causes.residual_sides(two_causes.validate[0], 0)
+        for k in range(ROBOT.n)
     }
     assert set(curves) == topics
     assert sorted(re.findall(r'"(\w+!\w+)"', json.dumps(layout["layout"]))) == sorted(panels)
@@ -147,16 +195,22 @@ def check_residuals(table: Path, folder: Path) -> None:
     """The bag of residuals is the recording that judged, and its topics hold at each time what the table has."""
     rows = list(csv.DictReader(table.read_text().splitlines()))
     messages = list(read_messages(folder / "residuals", {"/residuals/motor/before"}))
-    assert read_recording(folder / "residuals").duration == read_recording(folder / "bag_2").duration
+    assert (
+        read_recording(folder / "residuals").duration == read_recording(folder / "bag_2").duration
+    )
     assert len(messages) == len(rows)
-    states = [typestore().deserialize_cdr(m.data, "sensor_msgs/msg/JointState") for m in messages[::50]]
+    states = [
+        typestore().deserialize_cdr(m.data, "sensor_msgs/msg/JointState") for m in messages[::50]
+    ]
     effort = [float(row["joint_2.motor.before"]) for row in rows[::50]]
     np.testing.assert_allclose([state.effort[1] for state in states], effort, rtol=1e-6)
     stamps = [state.header.stamp.sec + 1e-9 * state.header.stamp.nanosec for state in states]
     np.testing.assert_allclose(stamps, [float(row["t"]) for row in rows[::50]], atol=1e-6)
 
 
-def shown(found: Diagnosis, folder: Path, monkeypatch: pytest.MonkeyPatch, **screen: Any) -> list[str]:
+def shown(
+    found: Diagnosis, folder: Path, monkeypatch: pytest.MonkeyPatch, **screen: Any
+) -> list[str]:
     """Return the lines that `elastic-arm diagnose` prints of a diagnosis."""
     console = Console(file=io.StringIO(), highlight=False, no_color=True, **screen)
     monkeypatch.setattr("elastic_arm.cli.diagnose.out", console)
@@ -164,10 +218,15 @@ def shown(found: Diagnosis, folder: Path, monkeypatch: pytest.MonkeyPatch, **scr
     return re.sub(r"\x1b\[[\d;]*m", "", console.file.getvalue()).splitlines()  # type: ignore[attr-defined]
 
 
-def test_causes_are_readable_on_a_narrow_screen(two_causes: Diagnosis, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_causes_are_readable_on_a_narrow_screen(
+    two_causes: Diagnosis, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """On 80 columns no line is longer, and a size as real arms have it stands on one line with deviation and unit."""
     offset = {"offset": ParameterEstimate(-0.6656, 0.02628, "Nm")}
-    tilt = {"x": ParameterEstimate(-0.01668, 0.001152, "rad"), "y": ParameterEstimate(-0.007061, 0.001386, "rad")}
+    tilt = {
+        "x": ParameterEstimate(-0.01668, 0.001152, "rad"),
+        "y": ParameterEstimate(-0.007061, 0.001386, "rad"),
+    }
     first, second = two_causes.causes
     causes = (
         replace(first, effect="joint_torque_offset", joint="lwr_0_joint", parameters=offset),
@@ -183,15 +242,22 @@ def test_causes_are_readable_on_a_narrow_screen(two_causes: Diagnosis, monkeypat
     assert "…" not in told
 
 
-def test_piped_causes_are_a_line_each(two_causes: Diagnosis, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_piped_causes_are_a_line_each(
+    two_causes: Diagnosis, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Where no screen ends the line, a cause stands on one with all its sizes, and no sentence is broken."""
     lines = shown(two_causes, Path("diagnosis"), monkeypatch, width=UNLIMITED)
     assert lines[:3] == summary(two_causes)
     first, second = two_causes.causes
-    assert lines[:2] == [f"explained: {cause_sentence(first, 'mod3')}", cause_sentence(second, "mod3")]
+    assert lines[:2] == [
+        f"explained: {cause_sentence(first, 'mod3')}",
+        cause_sentence(second, "mod3"),
+    ]
     for cause in two_causes.causes:
         (line,) = [line for line in lines if line.startswith(f"{cause.effect}  ")]
-        assert estimates_text(cause.parameters) in line and line.endswith(probability_text(cause.confidence))
+        assert estimates_text(cause.parameters) in line and line.endswith(
+            probability_text(cause.confidence)
+        )
     assert any(line.startswith("trust in the description: ") for line in lines)
 
 
@@ -200,7 +266,9 @@ def test_numbers_that_puzzle_are_explained_beside_them(
 ) -> None:
     """A cause that alone enlarges the gap, a certain one and a size of two values, on screen and in the report."""
     first, *others = two_causes.causes
-    change = Change("coulomb_friction", "joint_2", "torque", "Nm", (("a", 6.0, 0.1), ("b", 9.0, 0.1)), 0.99)
+    change = Change(
+        "coulomb_friction", "joint_2", "torque", "Nm", (("a", 6.0, 0.1), ("b", 9.0, 0.1)), 0.99
+    )
     causes = (replace(first, shrink=-0.048, confidence=0.9998), *others)
     found = replace(two_causes, causes=causes, changes=(change,))
     page = write_gap_report(tmp_path / "report.html", found).read_text()
@@ -208,7 +276,9 @@ def test_numbers_that_puzzle_are_explained_beside_them(
     for told in (html.unescape(page), screen):
         assert "-4.8 %" not in told and "only with others" in told
         assert "> 99.9 %" in told
-        assert "coulomb friction of joint_2 changed: 6.00 ± 0.10 Nm in a; 9.00 ± 0.10 Nm in b" in told
+        assert (
+            "coulomb friction of joint_2 changed: 6.00 ± 0.10 Nm in a; 9.00 ± 0.10 Nm in b" in told
+        )
 
 
 def test_files_of_an_earlier_diagnosis_do_not_stay(two_causes: Diagnosis, tmp_path: Path) -> None:
@@ -234,7 +304,10 @@ def test_help_says_what_is_written_and_how_it_ends() -> None:
     [
         ("a --validate b c", "a --validate b --validate c"),
         ("a b --validate c --out d e", "a b --validate c --out d e"),
-        ("a --refit --with x y --validate b c", "a --refit --with x --with y --validate b --validate c"),
+        (
+            "a --refit --with x y --validate b c",
+            "a --refit --with x --with y --validate b --validate c",
+        ),
         ("--validate b a", "--validate b a"),
     ],
 )
@@ -260,7 +333,11 @@ def test_sides_without_a_residual_are_not_drawn(two_causes: Diagnosis, tmp_path:
         context=None,
     )
     page = write_gap_report(tmp_path / "report.html", whole).read_text(encoding="utf-8")
-    assert shown_sides(whole) == ("motor",) and shown_sides(two_causes) == ("link", "drive", "motor")
+    assert shown_sides(whole) == ("motor",) and shown_sides(two_causes) == (
+        "link",
+        "drive",
+        "motor",
+    )
     assert "Each joint has one equation" in page and "all terms of (1)" in page
     assert "not recorded" not in page and "link side" not in page
 

@@ -25,7 +25,9 @@ def test_report_shows_its_text_tables_and_figures_in_a_browser(tmp_path):
         Section("Numbers", [Table(["joint", "rmse"], [["joint_1", 0.25], ["joint_2", None]])]),
         Section("Pictures", [_figure(), _figure()]),
     ]
-    page = rendered_page(write_report(tmp_path / "sub" / "report.html", "A report", sections), tmp_path / "profile")
+    page = rendered_page(
+        write_report(tmp_path / "sub" / "report.html", "A report", sections), tmp_path / "profile"
+    )
     assert "Nothing is &lt;wrong&gt;." in page
     assert page.count("<svg") == 2
     assert ">0.25<" in page and ">–<" in page
@@ -33,14 +35,18 @@ def test_report_shows_its_text_tables_and_figures_in_a_browser(tmp_path):
 
 def test_report_needs_no_network(tmp_path):
     """A report refers to nothing outside itself."""
-    page = write_report(tmp_path / "report.html", "A report", [Section("Pictures", [_figure()])]).read_text()
+    page = write_report(
+        tmp_path / "report.html", "A report", [Section("Pictures", [_figure()])]
+    ).read_text()
     references = re.findall(r'(?:src|href)="([^"]*)"', page)
     assert all(reference.startswith("#") for reference in references)
 
 
 def test_ids_of_two_equal_figures_differ(tmp_path):
     """Two drawings in one page do not share clip paths or markers."""
-    page = write_report(tmp_path / "report.html", "A report", [Section("P", [_figure(), _figure()])]).read_text()
+    page = write_report(
+        tmp_path / "report.html", "A report", [Section("P", [_figure(), _figure()])]
+    ).read_text()
     clips = re.findall(r'<clipPath id="([^"]*)"', page)
     assert clips and len(clips) == len(set(clips))
 

@@ -46,7 +46,9 @@ def test_right_angles_are_exact() -> None:
 def test_links_are_placed_by_their_rows() -> None:
     """after = Rz(offset) Tz(d) Tx(a) Rx(alpha), as in (3)."""
     joint = load_robot().joints[1]
-    np.testing.assert_allclose(joint.after, [[0, -1, 0, 0], [1, 0, 0, -0.75], [0, 0, 1, -0.16], [0, 0, 0, 1]])
+    np.testing.assert_allclose(
+        joint.after, [[0, -1, 0, 0], [1, 0, 0, -0.75], [0, 0, 1, -0.16], [0, 0, 0, 1]]
+    )
     np.testing.assert_array_equal(joint.before, np.eye(4))
 
 
@@ -67,7 +69,11 @@ def test_other_ratios_are_refused_with_the_known_ones(r_tot: float) -> None:
 
 @pytest.mark.parametrize(
     "robot",
-    [load_robot(), random_arm(7, np.random.default_rng(0)), random_arm(4, np.random.default_rng(1), elastic=False)],
+    [
+        load_robot(),
+        random_arm(7, np.random.default_rng(0)),
+        random_arm(4, np.random.default_rng(1), elastic=False),
+    ],
     ids=["arm file", "placed by matrices", "rigid"],
 )
 def test_a_saved_arm_loads_to_the_same_arm(robot: Robot, tmp_path: Path) -> None:
@@ -83,10 +89,16 @@ def test_a_saved_arm_loads_to_the_same_arm(robot: Robot, tmp_path: Path) -> None
 
 def test_effects_are_kept_as_plain_data(tmp_path: Path) -> None:
     """What an arm has beyond mod3 goes into its file and comes back."""
-    effect = {"effect": "coulomb_friction", "joint": "joint_2", "parameters": {"torque": np.float64(13.9)}}
+    effect = {
+        "effect": "coulomb_friction",
+        "joint": "joint_2",
+        "parameters": {"torque": np.float64(13.9)},
+    }
     robot = load_robot().with_(effects=(effect,))
     save_robot(robot, tmp_path / "saved.yaml")
-    assert load_robot(tmp_path / "saved.yaml").effects == ({**effect, "parameters": {"torque": 13.9}},)
+    assert load_robot(tmp_path / "saved.yaml").effects == (
+        {**effect, "parameters": {"torque": 13.9}},
+    )
 
 
 def test_an_unwritable_place_is_named(tmp_path: Path) -> None:
@@ -160,7 +172,9 @@ BAD: dict[str, tuple[Edit, str]] = {
 
 
 @pytest.mark.parametrize("what", BAD)
-def test_bad_arm_files_are_refused_by_field_and_reason(what: str, content: dict[str, Any], tmp_path: Path) -> None:
+def test_bad_arm_files_are_refused_by_field_and_reason(
+    what: str, content: dict[str, Any], tmp_path: Path
+) -> None:
     """The error names the file, the field and the reason, and ends with a remedy."""
     edit, message = BAD[what]
     changed = copy.deepcopy(content)
@@ -171,7 +185,9 @@ def test_bad_arm_files_are_refused_by_field_and_reason(what: str, content: dict[
     assert caught.value.remedy
 
 
-def test_a_mixture_of_elastic_and_rigid_joints_is_refused_by_name(content: dict[str, Any], tmp_path: Path) -> None:
+def test_a_mixture_of_elastic_and_rigid_joints_is_refused_by_name(
+    content: dict[str, Any], tmp_path: Path
+) -> None:
     """All joints have transmissions, or none has; the error names those without."""
     for name in ("rotor", "wave_generator", "spline", "stiffness", "damping", "bearing"):
         content["joints"][2].pop(name)
@@ -191,7 +207,9 @@ def test_a_mixture_of_elastic_and_rigid_joints_is_refused_by_name(content: dict[
         (None, r"broken\.yaml: no such file"),
     ],
 )
-def test_files_that_are_no_arm_files_are_refused(text: str | None, message: str, tmp_path: Path) -> None:
+def test_files_that_are_no_arm_files_are_refused(
+    text: str | None, message: str, tmp_path: Path
+) -> None:
     """Missing and empty files, lists, bytes and broken YAML give an error with the file's name, and the line."""
     path = tmp_path / "broken.yaml"
     if text is not None:

@@ -28,7 +28,8 @@ BOMB = "a: &a [x,x,x,x,x,x,x,x,x]\n" + "".join(
     f"{chr(98 + i)}: &{chr(98 + i)} [{','.join(['*' + chr(97 + i)] * 9)}]\n" for i in range(12)
 )
 MERGES = "a: &a {x: 1}\n" + "".join(
-    f"{chr(98 + i)}: &{chr(98 + i)} {{<<: [{','.join(['*' + chr(97 + i)] * 9)}]}}\n" for i in range(12)
+    f"{chr(98 + i)}: &{chr(98 + i)} {{<<: [{','.join(['*' + chr(97 + i)] * 9)}]}}\n"
+    for i in range(12)
 )
 TEXTS: dict[str, bytes] = {
     "a date that is none": b"name: 2001-99-99\njoints: {}",
@@ -93,11 +94,21 @@ def test_pipes_devices_folders_and_nul_are_refused(tmp_path: Path, reader: str) 
         quickly(lambda name=name: READERS[reader](tmp_path / name))  # type: ignore[misc]
 
 
-@pytest.mark.parametrize("value", ["x", None, [1], {"a": 1}, True, 10**400, "1e5", [[True]], [[["x"]]], float("nan")])
+@pytest.mark.parametrize(
+    "value", ["x", None, [1], {"a": 1}, True, 10**400, "1e5", [[True]], [[["x"]]], float("nan")]
+)
 @pytest.mark.parametrize("field", ["omega", "a", "q0", "duration", "joints"])
-def test_trajectories_with_wrong_types_are_refused(tmp_path: Path, field: str, value: object) -> None:
+def test_trajectories_with_wrong_types_are_refused(
+    tmp_path: Path, field: str, value: object
+) -> None:
     """Every field, with every kind of value that is not its own."""
-    content = {"schema": "elastic_arm/trajectory/1", "omega": 1.0, "a": [[1.0]], "b": [[1.0]], "q0": [0.0]}
+    content = {
+        "schema": "elastic_arm/trajectory/1",
+        "omega": 1.0,
+        "a": [[1.0]],
+        "b": [[1.0]],
+        "q0": [0.0],
+    }
     content |= {"duration": 10.0, "ramp": 1.0, "joints": ["a"], field: value}
     file = tmp_path / "a.yaml"
     file.write_text(yaml.safe_dump(content))
@@ -121,7 +132,8 @@ def chain(count: int, kind: str = "fixed") -> str:
     """A URDF of so many joints in a row, the last one revolute."""
     links = "".join(f"<link name='l{i}'/>" for i in range(count + 2))
     joints = "".join(
-        f"<joint name='j{i}' type='{kind}'><parent link='l{i}'/><child link='l{i + 1}'/></joint>" for i in range(count)
+        f"<joint name='j{i}' type='{kind}'><parent link='l{i}'/><child link='l{i + 1}'/></joint>"
+        for i in range(count)
     )
     return f"<robot name='r'>{links}{joints}</robot>"
 

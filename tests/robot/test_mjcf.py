@@ -39,7 +39,10 @@ def assert_same_torque(path: Path, chain: str | None = None, at: str | None = No
     ends = None if chain is None else tuple(chain.split(":"))
     arm = open_mjcf(path, ends, at)
     motion = random_motion(arm.robot.n)
-    ours, theirs = stated_torque(without_dry_friction(arm.robot), *motion), mujoco_torque(arm, *motion)
+    ours, theirs = (
+        stated_torque(without_dry_friction(arm.robot), *motion),
+        mujoco_torque(arm, *motion),
+    )
     assert np.abs(ours - theirs).max() < 1e-9 * max(1.0, np.abs(theirs).max())
 
 
@@ -127,13 +130,19 @@ def test_what_is_held_is_noted() -> None:
     """Fingers are held and named; a chain may begin and end anywhere."""
     robot = load_robot(MODELS / "arm.xml")
     assert robot.n == 7 and any("finger_left" in note for note in robot.notes)
-    assert load_robot(MODELS / "arm.xml", "link2:link5").joint_names == ("joint3", "joint4", "joint5")
+    assert load_robot(MODELS / "arm.xml", "link2:link5").joint_names == (
+        "joint3",
+        "joint4",
+        "joint5",
+    )
 
 
 def test_meshes_without_files_are_left_out_where_inertia_is_stated(tmp_path: Path) -> None:
     """A model whose meshes are not at hand is read all the same, unless a moving body's inertia comes from them."""
     text = (MODELS / "arm.xml").read_text()
-    text = text.replace("<worldbody>", '<asset><mesh name="shell" file="shell.stl"/></asset><worldbody>')
+    text = text.replace(
+        "<worldbody>", '<asset><mesh name="shell" file="shell.stl"/></asset><worldbody>'
+    )
     text = text.replace('<geom fromto="0 0 -0.2 0 0 0"/>', '<geom type="mesh" mesh="shell"/>')
     (tmp_path / "arm.xml").write_text(text)
     (tmp_path / "hand.xml").write_text((MODELS / "hand.xml").read_text())
@@ -153,16 +162,31 @@ CHILD = '<body name="b" pos="0.3 0 0"><joint name="k"/><geom size=".1"/></body>'
     ("joint", "inside", "rest", "words"),
     [
         ('type="ball"', CHILD, "", "is a ball joint"),
-        ("", CHILD + CHILD.replace('"b"', '"c"').replace('"k"', '"l"'), "", "branches .* --chain base:tip"),
+        (
+            "",
+            CHILD + CHILD.replace('"b"', '"c"').replace('"k"', '"l"'),
+            "",
+            "branches .* --chain base:tip",
+        ),
         ("", CHILD, '<equality><connect body1="b" anchor="0.1 0 0"/></equality>', "closes a loop"),
-        ("", CHILD, '<equality><joint joint1="j" joint2="k"/></equality>', "no hinge moves|couples joint"),
+        (
+            "",
+            CHILD,
+            '<equality><joint joint1="j" joint2="k"/></equality>',
+            "no hinge moves|couples joint",
+        ),
         (
             "",
             CHILD,
             '<tendon><fixed name="t"><joint joint="j" coef="1"/><joint joint="k" coef="1"/></fixed></tendon>',
             "tendon 't'",
         ),
-        ("", CHILD, '<actuator><muscle name="m" joint="j" lengthrange="0 1"/></actuator>', "is a muscle"),
+        (
+            "",
+            CHILD,
+            '<actuator><muscle name="m" joint="j" lengthrange="0 1"/></actuator>',
+            "is a muscle",
+        ),
         ('damping="1 2"', CHILD, "", "higher order"),
     ],
 )
@@ -171,7 +195,9 @@ def test_what_no_serial_arm_has_is_refused_by_name(
 ) -> None:
     """Ball joints, branches, loops, tendons, muscles: one line names what it is, and what to do."""
     path = tmp_path / "model.xml"
-    path.write_text(f"<mujoco><worldbody>{BODY.format(joint=joint, inside=inside)}</worldbody>{rest}</mujoco>")
+    path.write_text(
+        f"<mujoco><worldbody>{BODY.format(joint=joint, inside=inside)}</worldbody>{rest}</mujoco>"
+    )
     with pytest.raises(RobotError, match=words) as error:
         load_robot(path)
     assert "\n" not in str(error.value) and str(path) in str(error.value)
@@ -186,7 +212,9 @@ def test_what_no_serial_arm_has_is_refused_by_name(
         (None, "joint1=x", "cannot read"),
     ],
 )
-def test_unknown_ends_and_positions_are_refused(chain: str | None, at: str | None, words: str) -> None:
+def test_unknown_ends_and_positions_are_refused(
+    chain: str | None, at: str | None, words: str
+) -> None:
     """A chain's ends and what is held are names of the model."""
     with pytest.raises(RobotError, match=words):
         load_robot(MODELS / "arm.xml", chain, at)
@@ -209,7 +237,9 @@ def test_an_arm_file_keeps_armatures_and_effects(tmp_path: Path) -> None:
     save_robot(robot, tmp_path / "arm.yaml")
     again = load_robot(tmp_path / "arm.yaml")
     motion = random_motion(3)
-    np.testing.assert_allclose(stated_torque(again, *motion), stated_torque(robot, *motion), atol=1e-12)
+    np.testing.assert_allclose(
+        stated_torque(again, *motion), stated_torque(robot, *motion), atol=1e-12
+    )
     with pytest.raises(RobotError, match="armature and a transmission"):
         replace(load_robot().joints[0], armature=0.1)
 
@@ -218,7 +248,12 @@ ARM = """<mujoco><worldbody><body name="b"><joint name="{name}" axis="0 0 1"/><g
 </worldbody>{more}</mujoco>"""
 HOSTILE = {
     "a pipe": ("j", "", '<include file="pipe.xml"/>', "pipe or a device"),
-    "a pipe of a field": ("j", "", '<asset><hfield name="h" file="pipe.xml" size="1 1 1 1"/></asset>', "pipe or a"),
+    "a pipe of a field": (
+        "j",
+        "",
+        '<asset><hfield name="h" file="pipe.xml" size="1 1 1 1"/></asset>',
+        "pipe or a",
+    ),
     "a picture of 10 GB": (
         "j",
         "",
@@ -264,7 +299,9 @@ def test_hostile_models_are_refused_within_the_limits(
     assert str(caught.value).startswith(f"{file}: ")
 
 
-@pytest.mark.parametrize("text", ["<!--" * 300_000, "<?" * 300_000, "<!DOCTYPE" * 300_000, "<" * 300_000])
+@pytest.mark.parametrize(
+    "text", ["<!--" * 300_000, "<?" * 300_000, "<!DOCTYPE" * 300_000, "<" * 300_000]
+)
 def test_what_stands_before_the_first_element_is_looked_at_once(tmp_path: Path, text: str) -> None:
     """Comments that do not end."""
     (tmp_path / "a.xml").write_text(text)
@@ -274,7 +311,8 @@ def test_what_stands_before_the_first_element_is_looked_at_once(tmp_path: Path, 
 
 
 @pytest.mark.parametrize(
-    "before", ["<?xml version='1.0'?>", "<!-- <robot> -->", "<!DOCTYPE mujoco>", "<!-- a --><!-- b -->\n"]
+    "before",
+    ["<?xml version='1.0'?>", "<!-- <robot> -->", "<!DOCTYPE mujoco>", "<!-- a --><!-- b -->\n"],
 )
 def test_comments_before_the_first_element_are_skipped(tmp_path: Path, before: str) -> None:
     """As they are by XML."""
@@ -300,7 +338,9 @@ TWO = """<mujoco><compiler angle="radian" autolimits="true"/><option timestep="0
 <actuator>{actuator}</actuator></mujoco>"""
 
 
-def two_joints(tmp_path: Path, armature: str = 'armature="0.05"', play: str = "", actuator: str = "") -> Path:
+def two_joints(
+    tmp_path: Path, armature: str = 'armature="0.05"', play: str = "", actuator: str = ""
+) -> Path:
     path = tmp_path / "two.xml"
     path.write_text(TWO.format(armature=armature, play=play, actuator=actuator))
     return path
@@ -308,7 +348,9 @@ def two_joints(tmp_path: Path, armature: str = 'armature="0.05"', play: str = ""
 
 def test_a_second_hinge_of_small_range_is_play(tmp_path: Path) -> None:
     """MuJoCo's backlash is no joint of the arm: it is held in its middle and named, the rest is as without it."""
-    path = two_joints(tmp_path, play='<joint name="slack" axis="0 1 0" range="-0.02 0.01" armature="0.001"/>')
+    path = two_joints(
+        tmp_path, play='<joint name="slack" axis="0 1 0" range="-0.02 0.01" armature="0.001"/>'
+    )
     robot, plain = load_robot(path), load_robot(two_joints(tmp_path))
     assert robot.joint_names == ("j1", "j2") and robot.effects == plain.effects
     (note,) = (note for note in robot.notes if "slack" in note)
@@ -316,12 +358,16 @@ def test_a_second_hinge_of_small_range_is_play(tmp_path: Path) -> None:
     slack = '<joint name="slack" axis="0 1 0" range="-0.01 0.01" armature="0.001"/>'
     two_joints(tmp_path, play=slack)
     assert_same_torque(path)
-    path.write_text(two_joints(tmp_path).read_text().replace('<joint name="j2"', f'{slack}<joint name="j2"'))
+    path.write_text(
+        two_joints(tmp_path).read_text().replace('<joint name="j2"', f'{slack}<joint name="j2"')
+    )
     assert load_robot(path).joint_names == ("j1", "j2")
     assert_same_torque(path)
 
 
-@pytest.mark.parametrize("play", ['<joint name="k" axis="1 0 0" range="-1 1"/>', '<joint name="k" axis="0 1 0"/>'])
+@pytest.mark.parametrize(
+    "play", ['<joint name="k" axis="1 0 0" range="-1 1"/>', '<joint name="k" axis="0 1 0"/>']
+)
 def test_another_joint_of_one_body_is_a_joint(tmp_path: Path, play: str) -> None:
     """Hinges about other axes, and those as wide, turn the arm."""
     assert load_robot(two_joints(tmp_path, play=play)).joint_names == ("j1", "j2", "k")
@@ -329,10 +375,19 @@ def test_another_joint_of_one_body_is_a_joint(tmp_path: Path, play: str) -> None
 
 def test_motor_inertia_is_unknown_where_a_file_states_none(tmp_path: Path) -> None:
     """An armature that is 0 in the file is 0; one that the file does not speak of is not known."""
-    assert [j.armature for j in load_robot(two_joints(tmp_path, armature="")).joints] == [None, None]
-    assert [j.armature for j in load_robot(two_joints(tmp_path, armature='armature="0"')).joints] == [0.0, 0.0]
+    assert [j.armature for j in load_robot(two_joints(tmp_path, armature="")).joints] == [
+        None,
+        None,
+    ]
+    assert [
+        j.armature for j in load_robot(two_joints(tmp_path, armature='armature="0"')).joints
+    ] == [0.0, 0.0]
     assert [j.armature for j in load_robot(two_joints(tmp_path)).joints] == [0.05, 0.05]
-    unknown = load_robot(two_joints(tmp_path, armature="")).with_joint("j1", armature=0.1).with_armatures()
+    unknown = (
+        load_robot(two_joints(tmp_path, armature=""))
+        .with_joint("j1", armature=0.1)
+        .with_armatures()
+    )
     assert [j.armature for j in unknown.joints] == [0.1, 0.0]
 
 
@@ -343,14 +398,28 @@ def test_friction_of_a_dc_motor_is_friction_of_its_joint(tmp_path: Path) -> None
     robot = load_robot(two_joints(tmp_path, actuator=stated))
     found = {(e["effect"], e["joint"]): e["parameters"] for e in robot.effects}
     assert found["coulomb_friction", "j1"] == {"torque": pytest.approx(0.3 + 1.0)}
-    assert found["stribeck_friction", "j1"] == {"torque": pytest.approx(1.0), "speed": pytest.approx(0.001)}
+    assert found["stribeck_friction", "j1"] == {
+        "torque": pytest.approx(1.0),
+        "speed": pytest.approx(0.001),
+    }
     words = " ".join(robot.notes)
-    assert "bristles are left out" in words and "3 Nm at j1 and 6 waves" in words and "voltage" in words
+    assert (
+        "bristles are left out" in words
+        and "3 Nm at j1 and 6 waves" in words
+        and "voltage" in words
+    )
     plain = load_robot(two_joints(tmp_path, actuator=motor.format("")))
-    assert not any(e["effect"] == "stribeck_friction" for e in plain.effects) and "LuGre" not in " ".join(plain.notes)
-    electrical = motor.format('inductance="0.001 0" saturation="5 0 24" thermal="0.1 0.2 0.3 0.004 20 30"')
+    assert not any(
+        e["effect"] == "stribeck_friction" for e in plain.effects
+    ) and "LuGre" not in " ".join(plain.notes)
+    electrical = motor.format(
+        'inductance="0.001 0" saturation="5 0 24" thermal="0.1 0.2 0.3 0.004 20 30"'
+    )
     notes = load_robot(two_joints(tmp_path, actuator=electrical)).notes
-    assert any("inductance, limit of the voltage, thermal resistance of actuator m: left out" in one for one in notes)
+    assert any(
+        "inductance, limit of the voltage, thermal resistance of actuator m: left out" in one
+        for one in notes
+    )
 
 
 SERVOS = {
@@ -358,7 +427,9 @@ SERVOS = {
         "position", kp=200.0, kd=16.0, torque=20.0, delay=0.004
     ),
     '<velocity joint="{0}" kv="7"/>': JointController("velocity", kd=7.0),
-    '<general joint="{0}" gainprm="60" biastype="affine" biasprm="0 -60 -3"/>': JointController(kp=60.0, kd=3.0),
+    '<general joint="{0}" gainprm="60" biastype="affine" biasprm="0 -60 -3"/>': JointController(
+        kp=60.0, kd=3.0
+    ),
     '<pid joint="{0}" kp="60" kv="5" ki="9"/>': JointController("both", kp=60.0, kd=5.0, ki=9.0),
 }
 
@@ -370,11 +441,17 @@ def test_servos_are_controllers(tmp_path: Path, actuator: str) -> None:
     assert all(joint.controller == SERVOS[actuator] for joint in robot.joints)
 
 
-@pytest.mark.parametrize("actuator", [a for a, drive in SERVOS.items() if not drive.delay and drive.mode == "position"])
+@pytest.mark.parametrize(
+    "actuator", [a for a, drive in SERVOS.items() if not drive.delay and drive.mode == "position"]
+)
 def test_a_servo_moves_the_arm_as_in_mujoco(tmp_path: Path, actuator: str) -> None:
     """A step of the set-point turns the simulated arm as MuJoCo turns it, dry friction left out."""
     path = two_joints(tmp_path, actuator=actuator.format("j1") + actuator.format("j2"))
-    path.write_text(path.read_text().replace('frictionloss="0.3"', "").replace("<option ", '<option integrator="RK4" '))
+    path.write_text(
+        path.read_text()
+        .replace('frictionloss="0.3"', "")
+        .replace("<option ", '<option integrator="RK4" ')
+    )
     arm, target = open_mjcf(path), np.array([0.4, -0.3])
     simulator = Simulator(arm.robot, SimulationSettings(sensors=Sensors.exact()), q0=np.zeros(2))
     constant = np.tile(target, (1000, 1))

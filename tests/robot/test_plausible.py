@@ -26,15 +26,25 @@ def test_ordinary_arms_are_plausible() -> None:
     """The nominal arm, random ones, and those of makers."""
     assert not doubtful(load_robot())
     assert not doubtful(random_arm(7, np.random.default_rng(2)))
-    for file in ("kuka_lwr4/kuka_lwr4.urdf", "ur5e_with_tool/ur5e.urdf", "kuka_kr300/kr300_6_rigid.yaml"):
+    for file in (
+        "kuka_lwr4/kuka_lwr4.urdf",
+        "ur5e_with_tool/ur5e.urdf",
+        "kuka_kr300/kr300_6_rigid.yaml",
+    ):
         assert not doubtful(load_robot(DATA / file))
 
 
 @pytest.mark.parametrize(
     ("folder", "words"),
     [
-        ("limits_in_degrees/deg_limits.urdf", ["-170 rad", "degrees taken as radians", "180 rad/s"]),
-        ("millimetres/gram_mm.urdf", ["2000 kg", "grams taken as kg", "100 m", "millimetres taken as metres"]),
+        (
+            "limits_in_degrees/deg_limits.urdf",
+            ["-170 rad", "degrees taken as radians", "180 rad/s"],
+        ),
+        (
+            "millimetres/gram_mm.urdf",
+            ["2000 kg", "grams taken as kg", "100 m", "millimetres taken as metres"],
+        ),
     ],
 )
 def test_wrong_units_are_said_and_refused(tmp_path: Path, folder: str, words: list[str]) -> None:
@@ -49,16 +59,31 @@ def test_wrong_units_are_said_and_refused(tmp_path: Path, folder: str, words: li
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"limits": Limits(position_min=-90.0, position_max=45.0)}, "position limit of -90 rad is more"),
+        (
+            {"limits": Limits(position_min=-90.0, position_max=45.0)},
+            "position limit of -90 rad is more",
+        ),
         ({"limits": Limits(position_min=-1e-3, position_max=1e-3)}, "range of 0.002 rad is less"),
         ({"limits": Limits(velocity=1e-4)}, "velocity limit of 0.0001 rad/s is less"),
         ({"limits": Limits(torque=1e6)}, "torque limit of 1e+06 Nm is more"),
-        ({"limits": Limits(position_min=0.0, position_max=800.0), "prismatic": True}, "800 m is more"),
+        (
+            {"limits": Limits(position_min=0.0, position_max=800.0), "prismatic": True},
+            "800 m is more",
+        ),
         ({"link": Inertia(2e3, np.zeros(3), 100.0 * np.eye(3))}, "mass of 2000 kg is more"),
         ({"link": Inertia(1e-7, np.zeros(3), 1e-9 * np.eye(3))}, "mass of 1e-07 kg is less"),
-        ({"link": Inertia(2.0, np.array([80.0, 0.0, 0.0]), 0.1 * np.eye(3))}, "centre of mass of 80 m"),
-        ({"link": Inertia(2.0, np.zeros(3), 2e4 * np.eye(3))}, "inertia of 2e+04 kg m² at 2 kg is of a body"),
-        ({"link": Inertia(2.0, np.zeros(3), 1e-9 * np.eye(3))}, "inertia of 1e-09 kg m² at 2 kg is of no body"),
+        (
+            {"link": Inertia(2.0, np.array([80.0, 0.0, 0.0]), 0.1 * np.eye(3))},
+            "centre of mass of 80 m",
+        ),
+        (
+            {"link": Inertia(2.0, np.zeros(3), 2e4 * np.eye(3))},
+            "inertia of 2e+04 kg m² at 2 kg is of a body",
+        ),
+        (
+            {"link": Inertia(2.0, np.zeros(3), 1e-9 * np.eye(3))},
+            "inertia of 1e-09 kg m² at 2 kg is of no body",
+        ),
         ({"armature": 20480.0}, "armature of 2.048e+04 kg m² is more"),
     ],
 )

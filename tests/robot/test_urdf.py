@@ -28,7 +28,14 @@ def link(name: str, inertial: str = INERTIAL) -> str:
     return f'<link name="{name}">{inertial}</link>'
 
 
-def joint(name: str, parent: str, child: str, kind: str = "revolute", inside: str = LIMIT, origin: str = "") -> str:
+def joint(
+    name: str,
+    parent: str,
+    child: str,
+    kind: str = "revolute",
+    inside: str = LIMIT,
+    origin: str = "",
+) -> str:
     place = origin or '<origin xyz="0.1 0 0.3" rpy="0 0.4 0"/>'
     return (
         f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>{place}'
@@ -41,7 +48,9 @@ def urdf(*elements: str) -> str:
 
 
 def two_joints(*more: str) -> str:
-    return urdf(link("foot"), link("a"), link("b"), joint("one", "foot", "a"), joint("two", "a", "b"), *more)
+    return urdf(
+        link("foot"), link("a"), link("b"), joint("one", "foot", "a"), joint("two", "a", "b"), *more
+    )
 
 
 def random_chain(rng: np.random.Generator, joints: int) -> str:
@@ -74,7 +83,10 @@ def assert_same_dynamics(robot: Robot, text: str) -> None:
     tau, M = model.inverse_dynamics(q, dq, ddq), model.mass_matrix(q)
     for k in range(len(q)):
         # Pinocchio holds a continuous joint's angle as its cosine and sine.
-        own = [[a] if j.nq == 1 else [np.cos(a), np.sin(a)] for j, a in zip(peer.joints[1:], q[k], strict=True)]
+        own = [
+            [a] if j.nq == 1 else [np.cos(a), np.sin(a)]
+            for j, a in zip(peer.joints[1:], q[k], strict=True)
+        ]
         configuration = np.concatenate(own)
         expected = pinocchio.rnea(peer, data, configuration, dq[k], ddq[k])
         np.testing.assert_allclose(tau[k], expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
@@ -128,7 +140,9 @@ def test_the_elastic_arm_as_urdf_carries_its_motors() -> None:
     still, x = np.zeros((10, 2 * robot.n)), np.hstack([q, q])
     gravity = build_model(robot, engine="numpy").inverse_dynamics(x, still, still)
     expected = gravity[:, : robot.n] + gravity[:, robot.n :]
-    found = build_model(rigid, engine="numpy").inverse_dynamics(q, still[:, : robot.n], still[:, : robot.n])
+    found = build_model(rigid, engine="numpy").inverse_dynamics(
+        q, still[:, : robot.n], still[:, : robot.n]
+    )
     np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
     assert_same_dynamics(rigid, text)
 
@@ -155,7 +169,10 @@ def test_link_frames_stand_where_pinocchio_puts_them() -> None:
     q = np.random.default_rng(4).uniform(-1, 2, (5, robot.n))
     _, links = link_placements(robot, q)
     for k in range(len(q)):
-        own = [[a] if j.nq == 1 else [np.cos(a), np.sin(a)] for j, a in zip(peer.joints[1:], q[k], strict=True)]
+        own = [
+            [a] if j.nq == 1 else [np.cos(a), np.sin(a)]
+            for j, a in zip(peer.joints[1:], q[k], strict=True)
+        ]
         pinocchio.framesForwardKinematics(peer, data, np.concatenate(own))
         for i, name in enumerate(robot.link_names):
             expected = data.oMf[peer.getFrameId(name)].homogeneous
@@ -176,7 +193,9 @@ def test_lumping_bodies_keeps_mass_centre_and_inertia_about_any_point() -> None:
 
     whole = lumped(bodies)
     np.testing.assert_allclose(about_origin(whole), sum(map(about_origin, bodies)), rtol=1e-13)
-    np.testing.assert_allclose(whole.mass * whole.com, sum(b.mass * b.com for b in bodies), rtol=1e-13)
+    np.testing.assert_allclose(
+        whole.mass * whole.com, sum(b.mass * b.com for b in bodies), rtol=1e-13
+    )
 
 
 def test_a_fixed_link_is_part_of_its_parent_and_said() -> None:
@@ -236,8 +255,12 @@ def test_a_gripper_is_held_at_zero_and_a_note_names_it(kind: str) -> None:
     """Joints that mimic one another are part of the link that carries them, as where they are fixed."""
     robot = parse_urdf(with_gripper(kind))
     assert robot.joint_names == ("one", "two")
-    assert_same_dynamics(robot, re.sub(r'("(?:left|right|tips)" type=)"\w+"', r'\1"fixed"', with_gripper(kind)))
-    assert any("left, right, tips mimic one another" in note and "(6 kg)" in note for note in robot.notes)
+    assert_same_dynamics(
+        robot, re.sub(r'("(?:left|right|tips)" type=)"\w+"', r'\1"fixed"', with_gripper(kind))
+    )
+    assert any(
+        "left, right, tips mimic one another" in note and "(6 kg)" in note for note in robot.notes
+    )
 
 
 def test_an_inertia_that_a_body_just_cannot_have_is_made_one() -> None:
@@ -259,10 +282,15 @@ def test_what_rests_may_state_any_inertia() -> None:
 
 def test_prismatic_joints_have_the_dynamics_of_pinocchio() -> None:
     """A linear axis under an arm, and one within it, slide along the axis that the URDF names; limits are kept."""
-    text = two_joints(link("c"), joint("three", "b", "c")).replace('"two" type="revolute"', '"two" type="prismatic"')
+    text = two_joints(link("c"), joint("three", "b", "c")).replace(
+        '"two" type="revolute"', '"two" type="prismatic"'
+    )
     robot = parse_urdf(text)
     assert [joint.prismatic for joint in robot.joints] == [False, True, False]
-    assert robot.joints[1].limits.position_max == parse_urdf(two_joints()).joints[1].limits.position_max
+    assert (
+        robot.joints[1].limits.position_max
+        == parse_urdf(two_joints()).joints[1].limits.position_max
+    )
     assert_same_dynamics(robot, text)
     assert_same_dynamics(robot, to_urdf(robot))
 
@@ -297,7 +325,8 @@ def test_a_chain_leaves_out_other_branches_and_keeps_gravity() -> None:
 
 
 @pytest.mark.parametrize(
-    ("chain", "problem"), [(("foot", "no"), "no link 'no'"), (("b", "a"), "'a' does not stand on 'b'")]
+    ("chain", "problem"),
+    [(("foot", "no"), "no link 'no'"), (("b", "a"), "'a' does not stand on 'b'")],
 )
 def test_a_chain_that_is_no_path_is_refused(chain: tuple[str, str], problem: str) -> None:
     """Links that are not there, or not one on the other, make no arm."""
@@ -316,7 +345,9 @@ def test_an_inertia_without_mass_counts_for_nothing() -> None:
 
 
 @pytest.mark.skipif(not KINOVA.exists(), reason=f"{KINOVA} is not there")
-@pytest.mark.parametrize(("chain", "mass"), [(None, 1.857), ("gen3_base_link:gen3_end_effector_link", 0.936)])
+@pytest.mark.parametrize(
+    ("chain", "mass"), [(None, 1.857), ("gen3_base_link:gen3_end_effector_link", 0.936)]
+)
 def test_the_kinova_arm_with_its_gripper_loads(chain: str | None, mass: float) -> None:
     """A vendor's URDF with a gripper and a camera loads as it is, or without the gripper by its chain."""
     robot = load_robot(KINOVA, chain)
@@ -326,27 +357,60 @@ def test_the_kinova_arm_with_its_gripper_loads(chain: str | None, mass: float) -
 
 
 REFUSED = {
-    "floating": (two_joints().replace('name="one" type="revolute"', 'name="one" type="floating"'), "'one' is floating"),
-    "planar": (two_joints().replace('name="one" type="revolute"', 'name="one" type="planar"'), "'one' is planar"),
-    "mimic": (two_joints(link("c"), joint("three", "b", "c", inside='<mimic joint="one"/>')), "'three' mimics"),
+    "floating": (
+        two_joints().replace('name="one" type="revolute"', 'name="one" type="floating"'),
+        "'one' is floating",
+    ),
+    "planar": (
+        two_joints().replace('name="one" type="revolute"', 'name="one" type="planar"'),
+        "'one' is planar",
+    ),
+    "mimic": (
+        two_joints(link("c"), joint("three", "b", "c", inside='<mimic joint="one"/>')),
+        "'three' mimics",
+    ),
     "branch": (two_joints(link("c"), joint("three", "a", "c")), "branches: joints 'two', 'three'"),
-    "two parents": (two_joints(joint("three", "foot", "b")), "link 'b' is the child of joints 'two' and 'three'"),
-    "loop": (two_joints(link("c"), link("d"), joint("x", "c", "d"), joint("y", "d", "c")), "c, d form a loop"),
+    "two parents": (
+        two_joints(joint("three", "foot", "b")),
+        "link 'b' is the child of joints 'two' and 'three'",
+    ),
+    "loop": (
+        two_joints(link("c"), link("d"), joint("x", "c", "d"), joint("y", "d", "c")),
+        "c, d form a loop",
+    ),
     "two roots": (two_joints(link("lost")), "2 (foot, lost)"),
-    "unknown link": (two_joints(joint("three", "b", "nowhere")), "'three' names the link 'nowhere'"),
+    "unknown link": (
+        two_joints(joint("three", "b", "nowhere")),
+        "'three' names the link 'nowhere'",
+    ),
     "twice": (two_joints(link("a")), "two links are named 'a'"),
     "nothing moves": (urdf(link("foot")), "no joint moves"),
-    "negative mass": (two_joints().replace('mass value="2"', 'mass value="-2"', 1), "link 'foot': mass is -2"),
+    "negative mass": (
+        two_joints().replace('mass value="2"', 'mass value="-2"', 1),
+        "link 'foot': mass is -2",
+    ),
     "no mass": (two_joints().replace('<mass value="2"/>', "", 1), "has no <mass>"),
     "triangle": (two_joints().replace('izz="0.05"', 'izz="0.5"'), "triangle inequality"),
     "no number": (two_joints().replace('ixx="0.03"', 'ixx="big"', 1), "ixx is 'big'"),
-    "axis": (two_joints().replace('axis xyz="0 1 0"', 'axis xyz="0 0 0"', 1), "'one' has the axis 0 0 0"),
-    "limits": (two_joints().replace('lower="-1"', 'lower="3"', 1), "joint 'one': position_min 3 is not below"),
-    "massless end": (two_joints().replace(link("b"), link("b", "")), "link 'b' and what is fixed to it have no mass"),
+    "axis": (
+        two_joints().replace('axis xyz="0 1 0"', 'axis xyz="0 0 0"', 1),
+        "'one' has the axis 0 0 0",
+    ),
+    "limits": (
+        two_joints().replace('lower="-1"', 'lower="3"', 1),
+        "joint 'one': position_min 3 is not below",
+    ),
+    "massless end": (
+        two_joints().replace(link("b"), link("b", "")),
+        "link 'b' and what is fixed to it have no mass",
+    ),
     "no child": (two_joints().replace('<child link="a"/>', ""), "has no <child>"),
     "not XML": ("<robot", "is no XML"),
     "not URDF": ("<mujoco/>", "its root element is <mujoco>"),
-    "xacro": ('<robot name="x" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arm/></robot>', "xacro macros"),
+    "xacro": (
+        '<robot name="x" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arm/></robot>',
+        "xacro macros",
+    ),
 }
 
 
@@ -390,7 +454,13 @@ def test_an_overlay_makes_a_urdf_arm_elastic(tmp_path: Path) -> None:
     """YAML that names a URDF and gives transmissions and limits by joint makes an elastic robot, which saves."""
     (tmp_path / "arm.urdf").write_text(two_joints())
     path = tmp_path / "arm.yaml"
-    path.write_text(overlay(("one", "base"), ("two", "a"), more="limits: {two: {acceleration: 3.0}}\nname: springy\n"))
+    path.write_text(
+        overlay(
+            ("one", "base"),
+            ("two", "a"),
+            more="limits: {two: {acceleration: 3.0}}\nname: springy\n",
+        )
+    )
     robot = load_robot(path)
     assert robot.elastic
     assert robot.name == "springy"
@@ -405,7 +475,12 @@ def test_the_documented_overlay_loads(tmp_path: Path) -> None:
     """The example of docs/robots.md is an overlay that loads, on a URDF with joints of its names."""
     text = (Path(__file__).parents[2] / "docs" / "robots.md").read_text()
     (tmp_path / "overlay.yaml").write_text(text.split("```yaml\n")[1].split("```")[0])
-    urdf = two_joints().replace('"one"', '"shoulder"').replace('"two"', '"elbow"').replace('"a"', '"upper_arm"')
+    urdf = (
+        two_joints()
+        .replace('"one"', '"shoulder"')
+        .replace('"two"', '"elbow"')
+        .replace('"a"', '"upper_arm"')
+    )
     urdf = urdf.replace('"foot"', '"base_link"').replace('"b"', '"tool_link"')
     (tmp_path / "arm.urdf").write_text(urdf)
     robot = load_robot(tmp_path / "overlay.yaml")
@@ -419,7 +494,10 @@ def test_the_documented_overlay_loads(tmp_path: Path) -> None:
     ("content", "problem"),
     [
         (overlay(("one", "base")), "joints two have no transmission"),
-        (overlay(("one", "base"), ("three", "a")), "transmissions.three: the URDF has no such joint"),
+        (
+            overlay(("one", "base"), ("three", "a")),
+            "transmissions.three: the URDF has no such joint",
+        ),
         (overlay(("one", "base"), ("two", "base")), "two.rotor.carrier is 'base'"),
         (overlay(more="limits: {four: {velocity: 1}}\n"), "limits.four"),
         (overlay(more="masses: 3\n"), "masses"),
@@ -438,7 +516,9 @@ def test_a_wrong_overlay_is_refused_by_name(tmp_path: Path, content: str, proble
 
 def test_dynamics_of_a_joint_are_friction_of_that_size() -> None:
     """<dynamics damping friction> is viscous and Coulomb friction; zero is none, and less is refused."""
-    text = to_urdf(load_robot()).replace("<axis", '<dynamics damping="1.5" friction="0.5"/><axis', 1)
+    text = to_urdf(load_robot()).replace(
+        "<axis", '<dynamics damping="1.5" friction="0.5"/><axis', 1
+    )
     (viscous, dry) = parse_urdf(text).effects
     assert (viscous["effect"], viscous["joint"], viscous["parameters"]) == (
         "viscous_friction",
@@ -456,7 +536,9 @@ def test_dynamics_of_a_joint_are_friction_of_that_size() -> None:
 def test_an_axis_of_any_length_is_a_direction(length: str) -> None:
     """Its square may be beyond all numbers."""
     arm = parse_urdf(two_joints().replace('axis xyz="0 1 0"', f'axis xyz="0 {length} 0"'))
-    unit = parse_urdf(two_joints().replace('axis xyz="0 1 0"', f'axis xyz="0 {"-" * (length[0] == "-")}1 0"'))
+    unit = parse_urdf(
+        two_joints().replace('axis xyz="0 1 0"', f'axis xyz="0 {"-" * (length[0] == "-")}1 0"')
+    )
     for one, other in zip(arm.joints, unit.joints, strict=True):
         np.testing.assert_array_equal(one.before, other.before)
 
@@ -483,7 +565,9 @@ ROS_2 = (
 def test_drakes_rotor_is_the_armature() -> None:
     """Rotor inertia times the square of the gear ratio is what the joint feels; unstated it is unknown."""
     robot = parse_urdf(MOTOR.format(DRAKE))
-    assert robot.joints[0].armature == pytest.approx(0.6) and any("6e-05 kg m²" in note for note in robot.notes)
+    assert robot.joints[0].armature == pytest.approx(0.6) and any(
+        "6e-05 kg m²" in note for note in robot.notes
+    )
     assert parse_urdf(MOTOR.format("")).joints[0].armature is None
     assert parse_urdf(MOTOR.format(DRAKE.replace("6e-5", "0"))).joints[0].armature == 0.0
     with pytest.raises(RobotError, match="rotor_inertia is -1"):
@@ -497,7 +581,14 @@ def test_a_ratio_that_two_tags_state_is_one_number() -> None:
     """Drake's tag and ROS's, in one transmission or in two, are one reduction: 0.6 kg m², not 6000."""
     apart = DRAKE + ROS_1.replace(">50<", ">100<")
     of_joint = DRAKE.replace("<joint", "<mechanical_reduction>100</mechanical_reduction><joint")
-    for stated in (BOTH.format(100), BOTH.format("1e2"), BOTH.format(-100), apart, of_joint, DRAKE + DRAKE):
+    for stated in (
+        BOTH.format(100),
+        BOTH.format("1e2"),
+        BOTH.format(-100),
+        apart,
+        of_joint,
+        DRAKE + DRAKE,
+    ):
         assert parse_urdf(MOTOR.format(stated)).joints[0].armature == pytest.approx(0.6)
     data = KUKA.parents[1] / "public_reports_2" / "drake_and_reduction" / "drake_both.urdf"
     assert [joint.armature for joint in load_robot(data).joints] == pytest.approx([3.2] * 6)
@@ -506,7 +597,10 @@ def test_a_ratio_that_two_tags_state_is_one_number() -> None:
 @pytest.mark.parametrize(
     ("stated", "words"),
     [
-        (BOTH.format(80), "'j' has two numbers for one: .*gear_ratio is 100, .*mechanicalReduction is 80"),
+        (
+            BOTH.format(80),
+            "'j' has two numbers for one: .*gear_ratio is 100, .*mechanicalReduction is 80",
+        ),
         (BOTH.format(1), "gear_ratio is 100, .*mechanicalReduction is 1"),
         (DRAKE + ROS_2, "gear_ratio is 100, .*mechanical_reduction is 50"),
         (DRAKE + DRAKE.replace("6e-5", "7e-5"), "rotor_inertia is 6e-05, .*rotor_inertia is 7e-05"),
@@ -553,15 +647,25 @@ def test_an_overlays_transmission_takes_the_place_of_the_urdfs(tmp_path: Path) -
     body = "{mass: 0.1, izz: 1.0e-5, ixx: 1.0e-5, carrier: base}"
     parts = ", ".join(f"{name}: {body}" for name in ("rotor", "wave_generator", "spline"))
     numbers = "stiffness: 8.0e+3, damping: 5.0, belt_ratio: 1.0, harmonic_drive_ratio: 100.0"
-    (tmp_path / "over.yaml").write_text(f"urdf: arm.urdf\ntransmissions: {{j: {{{parts}, {numbers}}}}}\n")
+    (tmp_path / "over.yaml").write_text(
+        f"urdf: arm.urdf\ntransmissions: {{j: {{{parts}, {numbers}}}}}\n"
+    )
     robot = load_robot(tmp_path / "over.yaml")
-    assert robot.elastic and robot.joints[0].armature is None and not any("armature" in note for note in robot.notes)
+    assert (
+        robot.elastic
+        and robot.joints[0].armature is None
+        and not any("armature" in note for note in robot.notes)
+    )
 
 
 def test_transmissions_that_no_joint_has_are_named() -> None:
     """One that couples several joints, and one of a joint that the file has not."""
     both = ROS_2.replace('<joint name="j">', '<joint name="k"/><joint name="j">')
     robot = parse_urdf(MOTOR.format(both))
-    assert robot.joints[0].armature is None and any("'j': it couples several joints" in note for note in robot.notes)
+    assert robot.joints[0].armature is None and any(
+        "'j': it couples several joints" in note for note in robot.notes
+    )
     robot = parse_urdf(MOTOR.format(DRAKE.replace('name="j"', 'name="jj"')))
-    assert robot.joints[0].armature is None and any("'jj': it is left out" in note for note in robot.notes)
+    assert robot.joints[0].armature is None and any(
+        "'jj': it is left out" in note for note in robot.notes
+    )

@@ -40,10 +40,14 @@ def test_every_start_follows_the_simulator(effects: tuple[str, ...]) -> None:
     q, theta = batch.angles(motion, begins, steps)
     torque = 0.5 * (motion.tau_m[:-1] + motion.tau_m[1:])
     simulator = Simulator(
-        ROBOT, SimulationSettings(effects=laws, sensors=Sensors.exact(), rate=1000.0), rng=np.random.default_rng(0)
+        ROBOT,
+        SimulationSettings(effects=laws, sensors=Sensors.exact(), rate=1000.0),
+        rng=np.random.default_rng(0),
     )
     for k, begin in enumerate(begins):
-        simulator.place(motion.q[begin], motion.theta[begin], motion.dq[begin], motion.dtheta[begin])
+        simulator.place(
+            motion.q[begin], motion.theta[begin], motion.dq[begin], motion.dtheta[begin]
+        )
         truth = simulator.drive(torque[begin : begin + 21])[0]
         np.testing.assert_allclose(q[k], truth.q[steps], atol=1e-7)
         np.testing.assert_allclose(theta[k], truth.theta[steps], atol=1e-7)

@@ -27,7 +27,9 @@ def light_wrist():
         size = 1.0 if k < 3 else 0.01
         own = links[k % 3].link
         link = Inertia(size * own.mass, np.sqrt(size) * own.com, size**2 * own.inertia)
-        joints.append(replace(links[k % 3], name=f"joint_{k + 1}", link_name=f"link_{k + 1}", link=link))
+        joints.append(
+            replace(links[k % 3], name=f"joint_{k + 1}", link_name=f"link_{k + 1}", link=link)
+        )
     return Robot("light_wrist", tuple(joints))
 
 
@@ -61,8 +63,13 @@ def test_a_stiff_arm_follows_its_reference_at_any_sample_rate(light_wrist, rate)
 def test_torques_at_a_low_rate_are_means_over_the_samples(light_wrist):
     """Without drives tau_J, integrated with the motion, is the mean of the commands given from sample to sample."""
     truth = follow(light_wrist, 125.0, motion(6, 125.0))
-    assert np.allclose(truth.tau_J, truth.tau_m, rtol=0.0, atol=1e-9) and np.ptp(truth.tau_m, axis=0).min() > 0.1
-    assert not np.allclose(truth.tau_m[1:], 0.5 * (truth.command[1:] + truth.command[:-1]), atol=0.1)
+    assert (
+        np.allclose(truth.tau_J, truth.tau_m, rtol=0.0, atol=1e-9)
+        and np.ptp(truth.tau_m, axis=0).min() > 0.1
+    )
+    assert not np.allclose(
+        truth.tau_m[1:], 0.5 * (truth.command[1:] + truth.command[:-1]), atol=0.1
+    )
 
 
 @pytest.mark.parametrize("bearings", [False, True])
@@ -79,16 +86,28 @@ def test_steps_follow_the_fastest_eigenvalue(arm, bearings, rate):
 def test_many_commands_a_sample_step_as_they_roll(light_wrist):
     """Engines agree, and a live arm has the bits of a run, where the drives are commanded between samples."""
     reference = motion(6, 125.0, 1.0)
-    robot = controlled(light_wrist, mode="both", kp=3000.0, kd=150.0, ki=500.0, delay=0.008, feedforward="gravity")
+    robot = controlled(
+        light_wrist, mode="both", kp=3000.0, kd=150.0, ki=500.0, delay=0.008, feedforward="gravity"
+    )
     settings = SimulationSettings(rate=125.0, sensors=Sensors.exact())
-    simulators = [Simulator(robot, replace(settings, engine=e), q0=reference[0][0]) for e in ("c", "c", "casadi")]
+    simulators = [
+        Simulator(robot, replace(settings, engine=e), q0=reference[0][0])
+        for e in ("c", "c", "casadi")
+    ]
     assert simulators[0].controller.commands > 1
     whole = simulators[0].follow(*reference)[0]
-    steps = [simulators[1].step(tuple(values[k] for values in reference))[0] for k in range(len(reference[0]))]
+    steps = [
+        simulators[1].step(tuple(values[k] for values in reference))[0]
+        for k in range(len(reference[0]))
+    ]
     for name in ("x", "tau_J", "tau_m", "command"):
-        assert np.array_equal(getattr(whole, name), np.concatenate([getattr(step, name) for step in steps]))
+        assert np.array_equal(
+            getattr(whole, name), np.concatenate([getattr(step, name) for step in steps])
+        )
     other = simulators[2].follow(*reference)[0]
-    assert np.allclose(other.x, whole.x, atol=1e-9) and np.allclose(other.tau_m, whole.tau_m, atol=1e-5)
+    assert np.allclose(other.x, whole.x, atol=1e-9) and np.allclose(
+        other.tau_m, whole.tau_m, atol=1e-5
+    )
 
 
 def weight(robot, q):
@@ -107,7 +126,10 @@ def test_a_position_servo_sags_by_the_weight_over_its_gain(arm):
     target = np.array([0.3, 0.5, 0.4])
     gains = {"kp": 2e4, "kd": 4e3}
     sagged = settled(controlled(arm, **gains), target).theta[-1] - target
-    assert np.allclose(sagged, -weight(arm, target + sagged) / 2e4, atol=3e-5) and np.abs(sagged).max() > 5e-3
+    assert (
+        np.allclose(sagged, -weight(arm, target + sagged) / 2e4, atol=3e-5)
+        and np.abs(sagged).max() > 5e-3
+    )
     for more in ({"feedforward": "gravity"}, {"ki": 4e4}):
         left = settled(controlled(arm, **gains, **more), target, 6.0).theta[-1] - target
         assert np.abs(left).max() < 0.02 * np.abs(sagged).max()
@@ -119,7 +141,10 @@ def test_a_delay_of_the_command_shifts_the_motion(arm):
     reference = (reference[0] - reference[0][0], reference[1], reference[2])
     still = tuple(np.vstack([np.tile(v[:1] * (v is reference[0]), (200, 1)), v]) for v in reference)
     free = arm.with_(gravity=np.zeros(3))
-    one, two = (follow(controlled(free, mode="both", kp=2e4, kd=4e3, delay=d), 1000.0, still) for d in (0.0, 0.04))
+    one, two = (
+        follow(controlled(free, mode="both", kp=2e4, kd=4e3, delay=d), 1000.0, still)
+        for d in (0.0, 0.04)
+    )
     assert np.allclose(two.theta[40:], one.theta[:-40], atol=1e-9) and np.ptp(one.theta) > 0.1
 
 
@@ -128,7 +153,9 @@ def test_commanded_speeds_are_followed_and_positions_alone_lag(arm):
     t = np.arange(2000)[:, None] / 1000.0
     speed = np.array([0.2, 0.0, 0.0])
     reference = (t * speed, np.tile(speed, (len(t), 1)), np.zeros((len(t), 3)))
-    turned = follow(controlled(arm, mode="velocity", kd=4e3, feedforward="gravity"), 1000.0, reference)
+    turned = follow(
+        controlled(arm, mode="velocity", kd=4e3, feedforward="gravity"), 1000.0, reference
+    )
     assert turned.dtheta[-1, 0] == pytest.approx(0.2, rel=1e-3)
     lagging = follow(controlled(arm, kp=2e4, kd=4e3, feedforward="gravity"), 1000.0, reference)
     assert (reference[0] - lagging.theta)[-1, 0] == pytest.approx(0.2 * 4e3 / 2e4, rel=0.02)
@@ -138,7 +165,9 @@ def test_a_drive_gives_no_more_than_its_torque(arm):
     """The limit of the controller counts beside the joint's own, and the integral rests there."""
     robot = controlled(arm, kp=2e4, kd=4e3, ki=1e5, torque=100.0, feedforward="gravity")
     constant = np.tile(np.array([1.0, 0.0, 0.0]), (3000, 1))
-    simulator = Simulator(robot.with_(gravity=np.zeros(3)), SimulationSettings(sensors=Sensors.exact()))
+    simulator = Simulator(
+        robot.with_(gravity=np.zeros(3)), SimulationSettings(sensors=Sensors.exact())
+    )
     truth, _ = simulator.follow(constant[:100], 0.0 * constant[:100], 0.0 * constant[:100])
     assert (truth.command[:, 0] == 100.0).all() and simulator.state.integral[0] == 0.0
     later, _ = simulator.follow(constant, 0.0 * constant, 0.0 * constant)
@@ -147,10 +176,15 @@ def test_a_drive_gives_no_more_than_its_torque(arm):
 
 def test_a_stated_controller_is_saved_with_the_arm(arm, tmp_path):
     """The controller block of an arm file is read, written, and drives the simulated arm."""
-    robot = controlled(arm, mode="both", kp=2e4, kd=4e3, ki=10.0, delay=0.01, torque=500.0, feedforward="model")
+    robot = controlled(
+        arm, mode="both", kp=2e4, kd=4e3, ki=10.0, delay=0.01, torque=500.0, feedforward="model"
+    )
     save_robot(robot, tmp_path / "arm.yaml")
     again = load_robot(tmp_path / "arm.yaml")
-    assert robot_to_dict(again) == robot_to_dict(robot) and again.joints[1].controller == robot.joints[1].controller
+    assert (
+        robot_to_dict(again) == robot_to_dict(robot)
+        and again.joints[1].controller == robot.joints[1].controller
+    )
     assert Simulator(again).controller.kp == pytest.approx(np.full(3, 2e4))
 
 

@@ -72,7 +72,9 @@ def integrate(rate, y, command):
 
 def test_error_over_ten_seconds_is_below_1e_minus_8_rad(arm):
     """Over 10 s under the same held torques the motion stays within 1e-8 rad of DOP853 at a tolerance of 1e-12."""
-    truth, _ = Simulator(arm, SimulationSettings(sensors=Sensors.exact()), q0=swing().q0).follow(*reference(10.0))
+    truth, _ = Simulator(arm, SimulationSettings(sensors=Sensors.exact()), q0=swing().q0).follow(
+        *reference(10.0)
+    )
     function = build_model(arm).function("forward_dynamics")
     buffer, run = function.buffer()
     x, dx, f, ddx = np.zeros(6), np.zeros(6), np.zeros(6), np.zeros(6)
@@ -96,7 +98,9 @@ def test_motion_agrees_with_pinocchio(arm, bearings):
     """An arm of separate bodies in Pinocchio, reduced by its gears, moves alike under the same torques."""
     tree = KinematicTree(arm, bearings=bearings)
     simulator = Simulator(
-        arm, SimulationSettings(bearings=bearings, sensors=Sensors.exact(), substeps=20), q0=swing().q0
+        arm,
+        SimulationSettings(bearings=bearings, sensors=Sensors.exact(), substeps=20),
+        q0=swing().q0,
     )
     command = np.random.default_rng(0).normal(0, 60.0, (60, 3)) + simulator.state.command
     truth, _ = simulator.drive(command)
@@ -124,7 +128,9 @@ def test_energy_is_conserved_without_damping_and_input(arm, bearings):
             gear = replace(gear, bearing=replace(gear.bearing, damping=0.0))
             free = free.with_joint(joint.name, transmission=gear)
     simulator = Simulator(
-        free, SimulationSettings(bearings=bearings, sensors=Sensors.exact(), substeps=40), q0=np.full(3, 0.5)
+        free,
+        SimulationSettings(bearings=bearings, sensors=Sensors.exact(), substeps=40),
+        q0=np.full(3, 0.5),
     )
     truth, _ = simulator.drive(np.zeros((1500, 3)))
     kinetic, potential = build_model(free, bearings=bearings).energy(truth.x, truth.dx)
@@ -136,7 +142,9 @@ def test_energy_is_conserved_without_damping_and_input(arm, bearings):
 def test_the_integrator_is_of_fourth_order(arm):
     """Half the step, a sixteenth of the error."""
     stiff_free = [
-        Simulator(arm, SimulationSettings(sensors=Sensors.exact(), rate=100.0, substeps=s), q0=np.zeros(3))
+        Simulator(
+            arm, SimulationSettings(sensors=Sensors.exact(), rate=100.0, substeps=s), q0=np.zeros(3)
+        )
         .drive(np.full((60, 3), 80.0))[0]
         .x
         for s in (4, 8, 64)
@@ -150,12 +158,18 @@ def test_stepping_gives_the_bits_of_the_rollout(arm, engine):
     """One sample at a time or all at once: the same bits of truth and measurement, noise and delay included."""
     encoder = Encoder(noise=1e-5, velocity_noise=1e-4, delay=0.0013)
     sensors = Sensors(link_encoder=encoder, joint_torque=TorqueSensor(delay=0.002))
-    effects = [parse("hysteresis:joint_2:torque=5,width=1e-4"), parse("coulomb_friction:joint_1:torque=8")]
+    effects = [
+        parse("hysteresis:joint_2:torque=5,width=1e-4"),
+        parse("coulomb_friction:joint_1:torque=8"),
+    ]
 
     def make():
         rng = np.random.default_rng(3)
         return Simulator(
-            arm, SimulationSettings(effects=effects, sensors=sensors, engine=engine), rng=rng, q0=swing().q0
+            arm,
+            SimulationSettings(effects=effects, sensors=sensors, engine=engine),
+            rng=rng,
+            q0=swing().q0,
         )
 
     q, dq, ddq = reference(0.1)
@@ -171,10 +185,15 @@ def test_stepping_gives_the_bits_of_the_rollout(arm, engine):
 
 def test_engines_agree(arm):
     """The engine that needs no compiler gives the compiled one's motion."""
-    effects = [parse("backlash:joint_2:half_gap=1e-4"), parse("transmission_error:joint_3:amplitude=2e-5")]
+    effects = [
+        parse("backlash:joint_2:half_gap=1e-4"),
+        parse("transmission_error:joint_3:amplitude=2e-5"),
+    ]
     c, machine = (
         Simulator(
-            arm, SimulationSettings(effects=effects, sensors=Sensors.exact(), engine=engine), q0=swing().q0
+            arm,
+            SimulationSettings(effects=effects, sensors=Sensors.exact(), engine=engine),
+            q0=swing().q0,
         ).follow(*reference(0.5))[0]
         for engine in ("c", "casadi")
     )
@@ -182,7 +201,9 @@ def test_engines_agree(arm):
     assert np.abs(c.tau_J - machine.tau_J).max() < 1e-6
 
 
-def test_without_a_compiler_the_simulation_works_and_says_that_it_is_slower(arm, monkeypatch, caplog):
+def test_without_a_compiler_the_simulation_works_and_says_that_it_is_slower(
+    arm, monkeypatch, caplog
+):
     """No compiler: another engine, and a warning with the remedy."""
     monkeypatch.setenv("CC", "")
     simulator = Simulator(arm, q0=np.zeros(3))
@@ -203,7 +224,9 @@ def test_kernels_are_compiled_once_per_structure(arm, monkeypatch, tmp_path):
     Simulator(arm, SimulationSettings(effects=rare(3), engine="c"))
     made = sorted(tmp_path.glob("*.so"))
     assert made
-    heavier = arm.with_joint("joint_2", link=replace(arm.joints[1].link, mass=arm.joints[1].link.mass * 1.3))
+    heavier = arm.with_joint(
+        "joint_2", link=replace(arm.joints[1].link, mass=arm.joints[1].link.mass * 1.3)
+    )
     Simulator(heavier, SimulationSettings(effects=rare(30), engine="c"))
     assert sorted(tmp_path.glob("*.so")) == made
 
@@ -212,7 +235,9 @@ def test_kernels_are_compiled_once_per_structure(arm, monkeypatch, tmp_path):
 def test_an_arm_with_play_starts_at_the_loaded_end_of_it(arm, q0):
     """Where gravity's own slope points to the other end, too; a drive is wound by its load beyond the play."""
     half_gap = 1e-4
-    simulator = Simulator(arm, SimulationSettings(effects=[parse(f"backlash:joint_2:half_gap={half_gap}")]), q0=q0)
+    simulator = Simulator(
+        arm, SimulationSettings(effects=[parse(f"backlash:joint_2:half_gap={half_gap}")]), q0=q0
+    )
     plain = Simulator(arm, SimulationSettings(), q0=q0)
     found, expected = (one.state.y[3:6] - one.state.y[:3] for one in (simulator, plain))
     assert 1e-6 < np.abs(expected[1]) < half_gap
@@ -229,14 +254,20 @@ def test_a_drive_that_softens_starts_below_its_fold_or_not_at_all(arm):
         deflections.append(state[4] - state[1])
     assert deflections[1] == pytest.approx(deflections[0], rel=0.1)
     with pytest.raises(SimulationError, match="no static equilibrium"):
-        Simulator(arm, SimulationSettings(effects=[parse("nonlinear_stiffness:joint_2:cubic=-1e10")]), q0=q0)
+        Simulator(
+            arm,
+            SimulationSettings(effects=[parse("nonlinear_stiffness:joint_2:cubic=-1e10")]),
+            q0=q0,
+        )
 
 
 @pytest.mark.parametrize("bearings", [False, True])
 def test_the_arm_starts_in_equilibrium(arm, bearings):
     """Held by the torque of its start, the arm hangs in its drives and does not move."""
     q0 = np.array([0.3, -0.4, 0.5])
-    simulator = Simulator(arm, SimulationSettings(bearings=bearings, sensors=Sensors.exact()), q0=q0)
+    simulator = Simulator(
+        arm, SimulationSettings(bearings=bearings, sensors=Sensors.exact()), q0=q0
+    )
     truth, _ = simulator.drive(np.tile(simulator.state.command, (200, 1)))
     assert np.abs(truth.x - truth.x[0]).max() < 1e-10
     assert np.abs(truth.q[0] - q0).max() > 1e-4
@@ -246,9 +277,13 @@ def test_the_arm_starts_in_equilibrium(arm, bearings):
 
 def test_a_torque_sample_is_the_mean_over_its_interval(arm):
     """tau_m is the mean of the two commands it bounds, tau_J the mean of the torque over the interval around it."""
-    truth, _ = Simulator(arm, SimulationSettings(sensors=Sensors.exact()), q0=swing().q0).follow(*reference(0.6))
+    truth, _ = Simulator(arm, SimulationSettings(sensors=Sensors.exact()), q0=swing().q0).follow(
+        *reference(0.6)
+    )
     assert np.array_equal(truth.tau_m[1:], 0.5 * (truth.command[1:] + truth.command[:-1]))
-    fine = Simulator(arm, SimulationSettings(sensors=Sensors.exact(), rate=100 * RATE, substeps=2), q0=swing().q0)
+    fine = Simulator(
+        arm, SimulationSettings(sensors=Sensors.exact(), rate=100 * RATE, substeps=2), q0=swing().q0
+    )
     dense, _ = fine.drive(np.repeat(truth.command, 100, axis=0))
     gears = [j.transmission for j in arm.joints]
     K, D = (np.array([getattr(g, name) for g in gears]) for name in ("stiffness", "damping"))
@@ -262,7 +297,8 @@ def test_a_torque_sample_is_the_mean_over_its_interval(arm):
 def test_seeds_reproduce(arm):
     """The same seed gives the same recording, another one another."""
     one, same, other = (
-        simulate(arm, swing(), duration=0.1, rng=np.random.default_rng(seed)).samples() for seed in (1, 1, 2)
+        simulate(arm, swing(), duration=0.1, rng=np.random.default_rng(seed)).samples()
+        for seed in (1, 1, 2)
     )
     assert np.array_equal(one.tau_J, same.tau_J)
     assert not np.array_equal(one.tau_J, other.tau_J)
@@ -283,7 +319,9 @@ def test_the_tuned_controller_is_stable_at_every_ratio_and_rate(arm, ratio, rate
     robot = arm.with_ratio(ratio)
     still = np.tile(swing().q0, (round(4 * rate), 1))
     simulator = Simulator(
-        robot, SimulationSettings(sensors=Sensors.exact(), rate=rate, substeps=int(10000 / rate)), q0=still[0]
+        robot,
+        SimulationSettings(sensors=Sensors.exact(), rate=rate, substeps=int(10000 / rate)),
+        q0=still[0],
     )
     simulator.state.y[6:12] += 0.05
     truth, _ = simulator.follow(still, 0 * still, 0 * still)
@@ -294,9 +332,13 @@ def test_the_tuned_controller_is_stable_at_every_ratio_and_rate(arm, ratio, rate
 
 def test_a_recording_knows_only_the_nominal_arm(arm):
     """Whatever the true arm is, the recording's description is the nominal one, and no effect is named in it."""
-    heavier = arm.with_joint("joint_3", link=replace(arm.joints[2].link, mass=30.0)).with_(name="the_truth")
+    heavier = arm.with_joint("joint_3", link=replace(arm.joints[2].link, mass=30.0)).with_(
+        name="the_truth"
+    )
     effects = [parse("coulomb_friction:joint_2:torque=13.9")]
-    recording = simulate(heavier, swing(), SimulationSettings(nominal=arm, effects=effects), duration=0.05)
+    recording = simulate(
+        heavier, swing(), SimulationSettings(nominal=arm, effects=effects), duration=0.05
+    )
     assert recording.robot_description == to_urdf(arm)
     assert "coulomb" not in repr(recording) and "the_truth" not in repr(recording)
     assert len(recording.link) == len(recording.motor) == len(recording.reference) == 51
@@ -307,8 +349,12 @@ def test_effects_of_the_arm_file_act(arm):
     """An arm whose description lists an effect has it."""
     listed = arm.with_(effects=(parse("viscous_friction:joint_1:coefficient=30").to_dict(),))
     given = [parse("viscous_friction:joint_1:coefficient=30")]
-    one = Simulator(listed, SimulationSettings(nominal=arm), q0=swing().q0).follow(*reference(0.3))[0]
-    two = Simulator(arm, SimulationSettings(effects=given), q0=swing().q0).follow(*reference(0.3))[0]
+    one = Simulator(listed, SimulationSettings(nominal=arm), q0=swing().q0).follow(*reference(0.3))[
+        0
+    ]
+    two = Simulator(arm, SimulationSettings(effects=given), q0=swing().q0).follow(*reference(0.3))[
+        0
+    ]
     assert np.array_equal(one.x, two.x)
 
 
@@ -318,9 +364,13 @@ def test_effects_change_while_the_arm_moves(arm):
     simulator = Simulator(arm, SimulationSettings(sensors=Sensors.exact()), q0=swing().q0)
     simulator.follow(q[:300], dq[:300], ddq[:300])
     before = simulator.state.y.copy()
-    simulator.change_effects([parse("hysteresis:joint_2:torque=5,width=1e-4"), parse("bearing_compliance")])
+    simulator.change_effects(
+        [parse("hysteresis:joint_2:torque=5,width=1e-4"), parse("bearing_compliance")]
+    )
     truth, _ = simulator.follow(q[300:], dq[300:], ddq[300:])
-    assert np.array_equal(truth.x[0, :6], before[:6]) and np.array_equal(truth.dx[0, :6], before[6:12])
+    assert np.array_equal(truth.x[0, :6], before[:6]) and np.array_equal(
+        truth.dx[0, :6], before[6:12]
+    )
     assert truth.t[0] == 0.3
     assert np.abs(truth.theta - q[300:]).max() < 1e-3
 
@@ -330,7 +380,9 @@ def test_effects_that_cannot_be_taken_leave_the_arm_as_it_was(arm):
     still = (np.zeros((50, 3)),) * 3
 
     def run(ask: bool):
-        simulator = Simulator(arm, SimulationSettings(effects=[parse("viscous_friction:joint_1:coefficient=30")]))
+        simulator = Simulator(
+            arm, SimulationSettings(effects=[parse("viscous_friction:joint_1:coefficient=30")])
+        )
         simulator.follow(*still)
         if ask:
             with pytest.raises(SimulationError, match="no static equilibrium"):
@@ -345,12 +397,19 @@ def test_effects_that_cannot_be_taken_leave_the_arm_as_it_was(arm):
 def test_a_prediction_starts_from_any_motion(arm):
     """Placed into a motion of another run and given its torques, the arm goes on as that run did."""
     effects = [parse("hysteresis:joint_2:torque=5,width=1e-4")]
-    truth, _ = Simulator(arm, SimulationSettings(effects=effects, sensors=Sensors.exact()), q0=swing().q0).follow(
-        *reference(0.8)
-    )
+    truth, _ = Simulator(
+        arm, SimulationSettings(effects=effects, sensors=Sensors.exact()), q0=swing().q0
+    ).follow(*reference(0.8))
     k = 500
     other = Simulator(arm, SimulationSettings(effects=effects, sensors=Sensors.exact()))
-    other.place(truth.q[k], truth.theta[k], truth.dq[k], truth.dtheta[k], command=truth.command[k - 1], z=truth.z[k])
+    other.place(
+        truth.q[k],
+        truth.theta[k],
+        truth.dq[k],
+        truth.dtheta[k],
+        command=truth.command[k - 1],
+        z=truth.z[k],
+    )
     ahead, _ = other.drive(truth.command[k : k + 200])
     assert np.array_equal(ahead.x, truth.x[k : k + 200])
     assert np.array_equal(ahead.tau_m, truth.tau_m[k : k + 200])
@@ -384,20 +443,27 @@ def test_any_number_of_joints_moves():
 
     three = load_robot(None)
     rigid = Robot("rigid", tuple(replace(j, transmission=None) for j in three.joints))
-    joints = [replace(rigid.joints[k % 3], name=f"joint_{k + 1}", link_name=f"link_{k + 1}") for k in range(7)]
+    joints = [
+        replace(rigid.joints[k % 3], name=f"joint_{k + 1}", link_name=f"link_{k + 1}")
+        for k in range(7)
+    ]
     robot = rigid.with_(joints=tuple(joints))
     model = pin.Model()
     model.gravity = pin.Motion(robot.gravity, np.zeros(3))
     parent, placement = 0, pin.SE3.Identity()
     for joint in robot.joints:
-        before, after = (pin.SE3(m[:3, :3].copy(), m[:3, 3].copy()) for m in (joint.before, joint.after))
+        before, after = (
+            pin.SE3(m[:3, :3].copy(), m[:3, 3].copy()) for m in (joint.before, joint.after)
+        )
         parent = model.addJoint(parent, pin.JointModelRZ(), placement * before, joint.name)
         inertia = pin.Inertia(joint.link.mass, joint.link.com.copy(), joint.link.inertia.copy())
         model.appendBodyToJoint(parent, inertia, after)
         placement = after
     data = model.createData()
     command = np.random.default_rng(0).normal(0, 30.0, (40, 7))
-    truth, _ = Simulator(robot, SimulationSettings(sensors=Sensors.exact(), substeps=20)).drive(command)
+    truth, _ = Simulator(robot, SimulationSettings(sensors=Sensors.exact(), substeps=20)).drive(
+        command
+    )
 
     def rate(y, held):
         return np.concatenate([y[7:], pin.aba(model, data, y[:7], y[7:], held)])

@@ -11,7 +11,9 @@ import pytest
 @pytest.fixture
 def bystander() -> Iterator[BaseProcess]:
     """A process of the test's own, beside those of the library."""
-    process = multiprocessing.get_context("spawn").Process(target=time.sleep, args=(120.0,), daemon=True)
+    process = multiprocessing.get_context("spawn").Process(
+        target=time.sleep, args=(120.0,), daemon=True
+    )
     process.start()
     yield process
     process.terminate()

@@ -19,7 +19,11 @@ from elastic_arm.studies.blind_challenge.hidden_arms.base_arms import imprecise
 from elastic_arm.studies.blind_challenge.hidden_arms.hidden_arm import HiddenArm
 from elastic_arm.studies.blind_challenge.hidden_arms.motion import random_motion
 from elastic_arm.studies.blind_challenge.hidden_arms.realistic_sensors import RealisticSensors
-from elastic_arm.studies.blind_challenge.information import ITSELF, MarginalInformation, _alterations
+from elastic_arm.studies.blind_challenge.information import (
+    ITSELF,
+    MarginalInformation,
+    _alterations,
+)
 from elastic_arm.studies.blind_challenge.levels import FIELD, FLOORS, LABORATORY, SERVO, WORKSHOP
 from elastic_arm.studies.blind_challenge.score import calibration, markdown, proportion, score
 from elastic_arm.studies.blind_challenge.servo_arms import described, with_effect
@@ -35,14 +39,18 @@ JOINTS = list(ROBOT.joint_names)
 def test_the_levels_draw_what_a_diagnosis_looks_for() -> None:
     """Effects that act only where they are stated are no hidden effects; those that a user adds are drawn."""
     assert all(EFFECTS[effect].searched for effect in (*LABORATORY.effects, *FIELD.effects))
-    assert LABORATORY.drawn((*EFFECTS, "of_a_user"))[-1] == "of_a_user" and set(FLOORS) <= set(LABORATORY.effects)
+    assert LABORATORY.drawn((*EFFECTS, "of_a_user"))[-1] == "of_a_user" and set(FLOORS) <= set(
+        LABORATORY.effects
+    )
     settings = campaign.ChallengeSettings(seed=23, per_effect=1, clean=4, pairs=4)
     assert settings.requests(Catalogue.default()) == settings.requests(EFFECTS)
 
 
 def test_effects_at_once_show_with_the_sensors_of_one_arm() -> None:
     """Of field arms with one side recorded, both effects of a pair act on that side."""
-    requests = campaign.ChallengeSettings(seed=5, level="field", per_effect=0, clean=0, pairs=100).requests()
+    requests = campaign.ChallengeSettings(
+        seed=5, level="field", per_effect=0, clean=0, pairs=100
+    ).requests()
     assert all(FIELD.sides_of(request.effects) for request in requests)
     assert len({request.effects for request in requests}) > 50
 
@@ -53,7 +61,9 @@ def test_a_bound_counts_what_is_ordinary() -> None:
     real = imprecise(ROBOT, rng)
     course = HiddenArm(real, geometry=ROBOT).run(random_motion(rng, 3, 10.0))
     sensors = RealisticSensors((0.26,) * 3)
-    information, exact = (MarginalInformation(real, sensors, course, level) for level in (WORKSHOP, LABORATORY))
+    information, exact = (
+        MarginalInformation(real, sensors, course, level) for level in (WORKSHOP, LABORATORY)
+    )
     change = np.zeros((len(course.t[::10]), 3, 3))
     change[:, 2, 1] = 0.5
     key = ("motor_torque_offset", 1)
@@ -62,7 +72,12 @@ def test_a_bound_counts_what_is_ordinary() -> None:
     # an encoder does the same.
     assert information.distance(change, without=[key]) == pytest.approx(9.5, rel=0.1)
     alone = information.distance(change, without=[key, ("encoder_offset", 1)])
-    assert 20.0 < alone < exact.distance(change) == pytest.approx(0.5 / 0.26 * np.sqrt(9000.0), rel=0.05)
+    assert (
+        20.0
+        < alone
+        < exact.distance(change)
+        == pytest.approx(0.5 / 0.26 * np.sqrt(9000.0), rel=0.05)
+    )
 
 
 def test_a_link_that_is_heavier_is_known_by_its_own_numbers_alone() -> None:
@@ -77,7 +92,9 @@ def test_a_link_that_is_heavier_is_known_by_its_own_numbers_alone() -> None:
 def test_every_effect_is_drawn_at_the_wanted_multiple_of_its_bound(effect: str) -> None:
     """Sizes are what was asked over the bound, or at an end of the plausible range, which the truth then holds."""
     rng = np.random.default_rng([4, *effect.encode()])
-    arm = draw(Request("arm", (effect,), (0,), (5.0, 4.0), (40.0, 40.0)), LABORATORY, rng, EFFECTS).arm
+    arm = draw(
+        Request("arm", (effect,), (0,), (5.0, 4.0), (40.0, 40.0)), LABORATORY, rng, EFFECTS
+    ).arm
     # What scales friction is drawn with friction.
     place = [fault.effect for fault in arm.faults].index(effect)
     bound, multiple = arm.bound[place], arm.multiple[place]
@@ -89,7 +106,9 @@ def test_every_effect_is_drawn_at_the_wanted_multiple_of_its_bound(effect: str) 
     at_an_end = amount <= 1.001 * low or amount >= 0.999 * high
     # Below what means no effect the range may end earlier than above.
     size = EFFECTS[effect].parameter(EFFECTS[effect].magnitude[0])
-    at_an_end |= bool(np.isclose(arm.faults[place].parameters.get(size.name, np.nan), size.low, rtol=1e-3).all())
+    at_an_end |= bool(
+        np.isclose(arm.faults[place].parameters.get(size.name, np.nan), size.low, rtol=1e-3).all()
+    )
     assert multiple == pytest.approx(40.0, rel=0.06) or at_an_end
 
 
@@ -148,13 +167,18 @@ def test_small_campaign_is_made_resumed_answered_and_scored(tmp_path: Path) -> N
     found = score(tmp_path)
     assert found["answered"] == 2 and found["open"] == 0
     shares = found["levels"]["laboratory"]["shares"]
-    assert shares["nothing more than ordinary: no cause"]["hits"] == 1 and shares["effect right"]["hits"] == 1
+    assert (
+        shares["nothing more than ordinary: no cause"]["hits"] == 1
+        and shares["effect right"]["hits"] == 1
+    )
     assert all(x["truth"][0] not in x["named"] for x in found["withheld_items"])
     document = tmp_path / "results.md"
     said = run("challenge", "score", tmp_path, "--markdown", document)
     assert said.exit_code == 0, said.output
     assert document.read_text() == markdown(found)
-    assert json.loads((tmp_path / "score.json").read_text())["levels"] == json.loads(json.dumps(found["levels"]))
+    assert json.loads((tmp_path / "score.json").read_text())["levels"] == json.loads(
+        json.dumps(found["levels"])
+    )
     page = (tmp_path / "report.html").read_text()
     assert "Effect by effect" in page and page.count("<svg") >= 2
     with pytest.raises(DiagnosisError, match="another challenge"):
@@ -167,18 +191,31 @@ def test_small_campaign_is_made_resumed_answered_and_scored(tmp_path: Path) -> N
 @pytest.mark.slow(20)
 def test_a_field_arm_is_recorded_with_its_description_and_read_back(tmp_path: Path) -> None:
     """Bags, URDF with overlay and channel map of an arm are complete: torque sensors are read as such."""
-    settings = campaign.ChallengeSettings(seed=1, per_effect=0, clean=2, pairs=0, seconds=(4.0, 4.0), level="field")
+    settings = campaign.ChallengeSettings(
+        seed=1, per_effect=0, clean=2, pairs=0, seconds=(4.0, 4.0), level="field"
+    )
     campaign.create(tmp_path, settings)
     question = campaign.load_manifest(tmp_path)["question"]
     assert question["with"] == ["coulomb_friction", "viscous_friction"]
     assert question["priors"] == {"sensors": {"motor_torque_gain": 0.15}}
     truth = campaign.open_sealed(tmp_path, campaign.load_manifest(tmp_path)["truth_sha256"])
     for entry in truth:
-        path, channels = description_path(tmp_path, entry["name"]), channels_path(tmp_path, entry["name"])
+        path, channels = (
+            description_path(tmp_path, entry["name"]),
+            channels_path(tmp_path, entry["name"]),
+        )
         robot = load_robot(path)
-        read = read_recording(tmp_path / "bags" / f"{entry['name']}_identify", channels, robot.joint_names)
-        assert robot.elastic and robot.n in (6, 7) and np.linalg.norm(robot.gravity) == pytest.approx(9.81)
-        assert (read.link is None) == (channels is None) and (read.motor is None) == (channels is not None)
+        read = read_recording(
+            tmp_path / "bags" / f"{entry['name']}_identify", channels, robot.joint_names
+        )
+        assert (
+            robot.elastic
+            and robot.n in (6, 7)
+            and np.linalg.norm(robot.gravity) == pytest.approx(9.81)
+        )
+        assert (read.link is None) == (channels is None) and (read.motor is None) == (
+            channels is not None
+        )
 
 
 def test_a_challenge_that_is_not_complete_is_not_diagnosed(tmp_path: Path) -> None:
@@ -188,7 +225,9 @@ def test_a_challenge_that_is_not_complete_is_not_diagnosed(tmp_path: Path) -> No
         campaign.solve(tmp_path)
 
 
-def test_an_arm_that_no_simulation_gets_through_is_drawn_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_arm_that_no_simulation_gets_through_is_drawn_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Where the engine leaves the finite numbers, the same arm is drawn from another seed."""
     seeds: list[tuple[int, ...]] = []
 
@@ -208,7 +247,13 @@ def test_an_arm_that_no_simulation_gets_through_is_drawn_again(tmp_path: Path, m
 
 
 def _entry(**changes: Any) -> dict[str, Any]:
-    fault = {"effect": "coulomb_friction", "joint": 1, "parameters": {"torque": 2.0}, "side": "motor", "channels": []}
+    fault = {
+        "effect": "coulomb_friction",
+        "joint": 1,
+        "parameters": {"torque": 2.0},
+        "side": "motor",
+        "channels": [],
+    }
     entry = {
         "name": "a", "model": "mod3", "level": "laboratory", "joints": JOINTS, "foreign": [], "conditions": [],
         "ordinary": [], "numbers": [["stiffness", 1, 1.05]], "multiple": [20.0], "bound": [0.1], "share": [1.0],
@@ -220,7 +265,13 @@ def _entry(**changes: Any) -> dict[str, Any]:
 
 def _cause(effect: str, joint: str | None, **changes: Any) -> dict[str, Any]:
     torque = {"value": 2.1, "std": 0.1, "unit": "Nm"}
-    cause = {"effect": effect, "joint": joint, "sides": ["motor"], "parameters": {"torque": torque}, "confidence": 0.9}
+    cause = {
+        "effect": effect,
+        "joint": joint,
+        "sides": ["motor"],
+        "parameters": {"torque": torque},
+        "confidence": 0.9,
+    }
     return cause | {"alternatives": []} | changes
 
 
@@ -231,9 +282,16 @@ def _answer(*causes: dict[str, Any], **changes: Any) -> dict[str, Any]:
 
 def test_a_declared_alternative_counts_as_found_and_an_undeclared_one_does_not() -> None:
     """The truth among the alternatives is right when its confidence is that of a declaration."""
-    other = {"effect": "coulomb_friction", "joint": "joint_2", "confidence": 0.3, "separated_by": ""}
+    other = {
+        "effect": "coulomb_friction",
+        "joint": "joint_2",
+        "confidence": 0.3,
+        "separated_by": "",
+    }
     said = [
-        score_answer(_entry(), _answer(_cause("load_dependent_friction", "joint_2", alternatives=[one])))
+        score_answer(
+            _entry(), _answer(_cause("load_dependent_friction", "joint_2", alternatives=[one]))
+        )
         for one in (other, other | {"confidence": 0.01})
     ]
     assert [x["effect_right"] for x in said] == [True, False] and not said[0]["cause_right"][0]
@@ -267,13 +325,17 @@ def test_a_delay_is_right_on_its_side_only_in_its_channels() -> None:
 def test_a_model_that_lacks_two_things_may_be_told_both() -> None:
     """mod1 has neither splines nor S: a second cause that names it is right, and on a mod3 arm it is false."""
     spline = _entry(effect="spline_inertia", joint=None, parameters={})
-    answer = _answer(*(_cause(e, None, parameters={}) for e in ("spline_inertia", "inertia_coupling")))
+    answer = _answer(
+        *(_cause(e, None, parameters={}) for e in ("spline_inertia", "inertia_coupling"))
+    )
     for model, right in (("mod1", [True, True]), ("mod3", [True, False])):
         found = score_answer(spline | {"model": model}, answer)
         assert found["cause_right"] == right and found["accused"] is not all(right)
 
 
-def test_a_refused_diagnosis_is_a_wrong_answer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_refused_diagnosis_is_a_wrong_answer(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """What the diagnosis refuses is told, written down as an answer, and judged as one that found nothing."""
 
     def refuse(*_: Any) -> None:
@@ -304,8 +366,17 @@ def test_a_false_cause_counts_by_its_confidence_and_a_condition_of_the_level_is_
 
 def test_intervals_of_friction_and_numbers_are_held_against_the_truth() -> None:
     """Of two stated intervals, one holds its true value: the friction's does, the stiffness' does not."""
-    ordinary = {"effect": "coulomb_friction", "joint": 0, "parameters": {"torque": 5.0}, "side": "motor"}
-    friction = {"effect": "coulomb_friction", "joint": "joint_1", "parameters": {"torque": {"value": 5.1, "std": 0.1}}}
+    ordinary = {
+        "effect": "coulomb_friction",
+        "joint": 0,
+        "parameters": {"torque": 5.0},
+        "side": "motor",
+    }
+    friction = {
+        "effect": "coulomb_friction",
+        "joint": "joint_1",
+        "parameters": {"torque": {"value": 5.1, "std": 0.1}},
+    }
     stiffness = {"what": "stiffness", "joint": "joint_2", "value": 1.0, "std": 0.01}
     entry = _entry(ordinary=[ordinary]) | {"faults": []}
     line = score_answer(entry, _answer(known=[friction], imperfections=[stiffness]))
@@ -337,7 +408,9 @@ def test_servo_arms_are_drawn_answered_and_scored(tmp_path: Path) -> None:
     description = description_path(tmp_path, "arm_0000")
     assert description is not None and description.suffix == ".xml"
     recording = read_recording(tmp_path / "bags" / "arm_0000_identify")
-    assert recording.reference is not None and all(side.effort is None for side in recording.measured().values())
+    assert recording.reference is not None and all(
+        side.effort is None for side in recording.measured().values()
+    )
     assert campaign.solve(tmp_path) == {}
     (line,) = score(tmp_path)["items"]
     assert line["effect_right"] and not line["accused"]
@@ -367,7 +440,9 @@ def test_what_is_drawn_of_a_servo_arm_is_the_whole_difference() -> None:
     """Each effect of the levels, and what no catalogue has, changes its joint, or all joints, and no other."""
     stated = described(np.random.default_rng(0))
     for effect in (*SERVO.effects, *SERVO.foreign):
-        changed, fault = with_effect(stated, effect, np.full(len(stated), 2.0), np.random.default_rng(1))
+        changed, fault = with_effect(
+            stated, effect, np.full(len(stated), 2.0), np.random.default_rng(1)
+        )
         others = [a == b for a, b in zip(stated, changed, strict=True)]
         assert fault.effect == effect
         assert [k for k, same in enumerate(others) if not same] == (

@@ -10,7 +10,12 @@ from elastic_arm.dynamics import build_model
 from elastic_arm.effects import EFFECTS
 from elastic_arm.robot import load_robot
 from elastic_arm.studies.blind_challenge.effect_sampling import sample_foreign, sized_foreign
-from elastic_arm.studies.blind_challenge.hidden_arms.base_arms import as_urdf, industrial_arm, mounted, strained
+from elastic_arm.studies.blind_challenge.hidden_arms.base_arms import (
+    as_urdf,
+    industrial_arm,
+    mounted,
+    strained,
+)
 from elastic_arm.studies.blind_challenge.hidden_arms.effect_laws import KNOWN, Fault
 from elastic_arm.studies.blind_challenge.hidden_arms.further_laws import FOREIGN
 from elastic_arm.studies.blind_challenge.hidden_arms.hidden_arm import HiddenArm
@@ -38,10 +43,14 @@ NEUTRAL = (
 )
 HIDDEN = sorted((PACKAGE / "studies" / "blind_challenge" / "hidden_arms").glob("*.py"))
 ENTRANCES = ("studies", "app.py")
-ANSWERING = sorted(p for p in PACKAGE.rglob("*.py") if p.relative_to(PACKAGE).parts[0] not in ENTRANCES)
+ANSWERING = sorted(
+    p for p in PACKAGE.rglob("*.py") if p.relative_to(PACKAGE).parts[0] not in ENTRANCES
+)
 
 
-def test_what_makes_a_hidden_arm_knows_neither_catalogue_nor_models_and_no_diagnosis_looks_into_the_challenge() -> None:
+def test_what_makes_a_hidden_arm_knows_neither_catalogue_nor_models_and_no_diagnosis_looks_into_the_challenge() -> (
+    None
+):
     """No law, dynamics or part of the diagnosis stands behind a hidden recording, and no truth behind answers."""
     assert len(HIDDEN) >= 7 and len(ANSWERING) > 40
 
@@ -49,8 +58,12 @@ def test_what_makes_a_hidden_arm_knows_neither_catalogue_nor_models_and_no_diagn
         return [full for _, full in imports_of(path) if full.startswith("elastic_arm.")]
 
     own = (*NEUTRAL, f"{STUDY}.hidden_arms.")
-    assert not [(path, full) for path in HIDDEN for full in imported(path) if not full.startswith(own)]
-    assert not [(path, full) for path in ANSWERING for full in imported(path) if full.startswith(STUDY)]
+    assert not [
+        (path, full) for path in HIDDEN for full in imported(path) if not full.startswith(own)
+    ]
+    assert not [
+        (path, full) for path in ANSWERING for full in imported(path) if full.startswith(STUDY)
+    ]
 
 
 @pytest.mark.parametrize("bearings", [False, True])
@@ -62,7 +75,8 @@ def test_hidden_tree_agrees_with_the_projects_own_derivation(bearings: bool) -> 
     still = np.zeros_like(x)
     # What hangs on stiffness and damping is not the tree's.
     springs, expected = (
-        model.inverse_dynamics(x, dx, a) - np.array([tree.torque(*row) for row in zip(x, dx, a, strict=True)])
+        model.inverse_dynamics(x, dx, a)
+        - np.array([tree.torque(*row) for row in zip(x, dx, a, strict=True)])
         for a in (ddx, still)
     )
     np.testing.assert_allclose(springs, expected, atol=1e-8)
@@ -73,7 +87,9 @@ def test_hidden_tree_has_the_papers_coupling() -> None:
     tree = KinematicTree(ROBOT)
     x = np.array([0.3, -0.5, 0.7, 0.3, -0.5, 0.7])
     M, _ = tree.terms(x, np.zeros(6))
-    columns = [tree.torque(x, np.zeros(6), e) - tree.torque(x, np.zeros(6), np.zeros(6)) for e in np.eye(6)]
+    columns = [
+        tree.torque(x, np.zeros(6), e) - tree.torque(x, np.zeros(6), np.zeros(6)) for e in np.eye(6)
+    ]
     np.testing.assert_allclose(M, np.array(columns), atol=1e-9)
     assert M[0, 3] == pytest.approx(0.4356, rel=1e-6)
     assert M[1, 5] == pytest.approx(0.185, rel=0.01)
@@ -82,7 +98,11 @@ def test_hidden_tree_has_the_papers_coupling() -> None:
 @pytest.mark.parametrize(
     "fault",
     [
-        Fault("payload", None, {"mass": 4.0, "position_x": 0.1, "position_y": -0.05, "position_z": 0.12}),
+        Fault(
+            "payload",
+            None,
+            {"mass": 4.0, "position_x": 0.1, "position_y": -0.05, "position_z": 0.12},
+        ),
         Fault("load", 1, {"mass": 4.0, "position_x": 0.1, "position_y": -0.05, "position_z": 0.12}),
         Fault("base_tilt", None, {"x": 0.05, "y": -0.08}),
         Fault("bearing_compliance", None, {"stiffness_scale": 0.5}),
@@ -94,10 +114,14 @@ def test_hidden_tree_has_the_papers_coupling() -> None:
 def test_compiled_hidden_arm_moves_as_pinocchio_says(fault: Fault) -> None:
     """Joint and motor torques of a run are those that Pinocchio finds for its motion, to what sampling leaves."""
     arm = HiddenArm(ROBOT, [fault])
-    course = arm.run(random_motion(np.random.default_rng(8), 3, 2.0))  # raises where the engines differ
+    course = arm.run(
+        random_motion(np.random.default_rng(8), 3, 2.0)
+    )  # raises where the engines differ
     assert np.isfinite(course.tau_J).all()
     wrong = HiddenArm(ROBOT, [fault])
-    wrong.tree = KinematicTree(ROBOT.with_(gravity=(0.0, 0.0, -9.0)), bearings=fault.effect == "bearing_compliance")
+    wrong.tree = KinematicTree(
+        ROBOT.with_(gravity=(0.0, 0.0, -9.0)), bearings=fault.effect == "bearing_compliance"
+    )
     with pytest.raises(Exception, match="not Pinocchio's"):
         wrong.run(random_motion(np.random.default_rng(8), 3, 2.0))
 
@@ -105,14 +129,28 @@ def test_compiled_hidden_arm_moves_as_pinocchio_says(fault: Fault) -> None:
 def test_an_arm_on_a_lifting_column_moves_as_pinocchio_says_and_the_project_derives() -> None:
     """A first axis that slides: three engines give one motion, and the column carries the arm's whole weight."""
     arm = industrial_arm(6, np.random.default_rng(4), lift=True)
-    course = HiddenArm(arm).run(random_points(np.random.default_rng(5), 6, 3.0))  # raises where the engines differ
+    course = HiddenArm(arm).run(
+        random_points(np.random.default_rng(5), 6, 3.0)
+    )  # raises where the engines differ
     tree, model = KinematicTree(arm), build_model(arm)
     x, still = np.tile(course.q[1000], 2), np.zeros(12)
-    parts = sum(c.mass for j in arm.joints if j.transmission for c, _ in j.transmission.components.values() if c)
+    parts = sum(
+        c.mass
+        for j in arm.joints
+        if j.transmission
+        for c, _ in j.transmission.components.values()
+        if c
+    )
     own = arm.joints[0].transmission
-    carried = sum(j.link.mass for j in arm.joints) + parts - sum(c.mass for c, _ in own.components.values())
+    carried = (
+        sum(j.link.mass for j in arm.joints)
+        + parts
+        - sum(c.mass for c, _ in own.components.values())
+    )
     assert tree.gravity(x)[0] == pytest.approx(9.81 * carried)
-    np.testing.assert_allclose(model.inverse_dynamics(x[None], still[None], still[None])[0], tree.gravity(x), atol=1e-8)
+    np.testing.assert_allclose(
+        model.inverse_dynamics(x[None], still[None], still[None])[0], tree.gravity(x), atol=1e-8
+    )
 
 
 def test_hidden_motion_does_not_depend_on_the_step(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -141,21 +179,31 @@ def test_an_effect_of_no_catalogue_changes_what_is_recorded(effect: str) -> None
     motion = random_motion(rng, 3, 4.0)
     plain = HiddenArm(ROBOT).run(motion)
     fault = sample_foreign(effect, 3, 4.0, rng)
-    sized = sized_foreign(fault, FOREIGN_FLOORS[effect].amount, lambda: np.abs(plain.tau_m).max(axis=0))
+    sized = sized_foreign(
+        fault, FOREIGN_FLOORS[effect].amount, lambda: np.abs(plain.tau_m).max(axis=0)
+    )
     arm = HiddenArm(ROBOT, [sized])
     sensors = RealisticSensors((0.0,) * 3, link_bits=40, motor_bits=40, jitter=0.0)
     read = [
-        measure_realistically(course, ROBOT.joint_names, faults, sensors, np.ones(3), np.random.default_rng(0))
+        measure_realistically(
+            course, ROBOT.joint_names, faults, sensors, np.ones(3), np.random.default_rng(0)
+        )
         for course, faults in ((plain, ()), (arm.run(motion), arm.faults))
     ]
-    changes = [np.abs(getattr(read[1], s).effort - getattr(read[0], s).effort).max() for s in ("link", "motor")]
+    changes = [
+        np.abs(getattr(read[1], s).effort - getattr(read[0], s).effort).max()
+        for s in ("link", "motor")
+    ]
     assert max(changes) > 1e-3
     assert set(FLOORS) <= KNOWN and not set(FOREIGN) & set(EFFECTS)
 
 
 def test_friction_by_direction_is_larger_one_way() -> None:
     """Of 10 Nm with an asymmetry of 0.3 the motor bears 13 Nm one way and 7 Nm the other."""
-    faults = [Fault("coulomb_friction", 1, {"torque": 10.0}), Fault("asymmetric_friction", 1, {"asymmetry": 0.3})]
+    faults = [
+        Fault("coulomb_friction", 1, {"torque": 10.0}),
+        Fault("asymmetric_friction", 1, {"asymmetry": 0.3}),
+    ]
     motion = random_motion(np.random.default_rng(3), 3, 4.0)
     plain, course = (HiddenArm(ROBOT, some).run(motion) for some in ((), faults))
     moving = np.abs(course.dtheta[:, 1]) > 0.3
@@ -192,9 +240,13 @@ def test_motion_from_point_to_point_dwells_and_keeps_its_limits() -> None:
 def test_an_arm_read_from_its_urdf_moves_as_the_arm_does() -> None:
     """Base arms of six joints, on a lifting column and upside down too, keep mass matrix and gravity through a URDF."""
     for lift in (False, True):
-        arm = mounted(industrial_arm(6, np.random.default_rng(4), lift=lift), np.random.default_rng(0))
+        arm = mounted(
+            industrial_arm(6, np.random.default_rng(4), lift=lift), np.random.default_rng(0)
+        )
         x, dx, ddx = (0.3 * np.random.default_rng(5).standard_normal((3, 12)) for _ in range(3))
-        torques = [KinematicTree(robot).torque(x[0], dx[1], ddx[2]) for robot in (arm, as_urdf(arm))]
+        torques = [
+            KinematicTree(robot).torque(x[0], dx[1], ddx[2]) for robot in (arm, as_urdf(arm))
+        ]
         np.testing.assert_allclose(torques[1], torques[0], atol=1e-6)
 
 

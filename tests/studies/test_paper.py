@@ -60,7 +60,9 @@ CHOSEN = {"motor_mod1_mod2_close", "motor_first_below_half"}
 @pytest.fixture(scope="module")
 def result() -> StudyResult:
     """The study in its quick mode."""
-    return run_study(load_robot(None), QUICK, workers=1, seed=1, stage=lambda name, count: lambda: None)
+    return run_study(
+        load_robot(None), QUICK, workers=1, seed=1, stage=lambda name, count: lambda: None
+    )
 
 
 @pytest.fixture(scope="module")
@@ -69,9 +71,13 @@ def claims(result: StudyResult) -> dict[str, Claim]:
     return {claim.key: claim for claim in judge(result)}
 
 
-def test_claims_keep_their_verdicts_and_those_that_rest_on_a_choice_are_marked(claims: dict[str, Claim]) -> None:
+def test_claims_keep_their_verdicts_and_those_that_rest_on_a_choice_are_marked(
+    claims: dict[str, Claim],
+) -> None:
     """Verdicts are those that the documentation states; two name the number of the arm file chosen for them."""
-    flipped = {key: claim.finding for key, claim in claims.items() if claim.verdict != VERDICTS.get(key)}
+    flipped = {
+        key: claim.finding for key, claim in claims.items() if claim.verdict != VERDICTS.get(key)
+    }
     assert not flipped and set(claims) == set(VERDICTS)
     assert {key for key, claim in claims.items() if claim.by_choice} == CHOSEN
 
@@ -80,7 +86,11 @@ def test_verdicts_left_open_by_noise_are_undecided() -> None:
     """One part that noise leaves open opens the verdict, unless others already show that it holds in part."""
     assert verdict([True, None]) == "undecided" == verdict([False, None])
     assert verdict([True, False, None]) == "holds in part"
-    assert beyond_noise(1.9, 1.0) is None and beyond_noise(2.1, 1.0) and beyond_noise(-2.1, 1.0) is False
+    assert (
+        beyond_noise(1.9, 1.0) is None
+        and beyond_noise(2.1, 1.0)
+        and beyond_noise(-2.1, 1.0) is False
+    )
 
 
 def test_an_error_too_small_to_matter_does_not_grow(result: StudyResult) -> None:
@@ -95,7 +105,10 @@ def test_the_reading_of_mod1_without_splines_differs_by_the_splines(result: Stud
     """The other true Psi moves mod1's errors, and mod2 and mod3 have no other reading."""
     found = result.estimate("mod1")
     assert np.abs(found.unfolded_error - found.error).max() > 0.1
-    assert result.estimate("mod2").unfolded_error is None and result.estimate("mod3").unfolded_error is None
+    assert (
+        result.estimate("mod2").unfolded_error is None
+        and result.estimate("mod3").unfolded_error is None
+    )
 
 
 def test_least_tau_l_depends_on_the_bushings_translations(result: StudyResult) -> None:
@@ -109,7 +122,9 @@ def test_drawn_axes_are_those_of_the_urdf() -> None:
     """Figs. 1 and 2 are drawn from the description; its joints stand where those of its URDF do."""
     robot = load_robot(None)
     pose = np.array([[0.3, -0.4, 0.8]])
-    drawn, described = (link_placements(arm, pose)[0] for arm in (robot, parse_urdf(to_urdf(robot))))
+    drawn, described = (
+        link_placements(arm, pose)[0] for arm in (robot, parse_urdf(to_urdf(robot)))
+    )
     # Axes and origins; x and y of a URDF's joint may be turned about its axis.
     np.testing.assert_allclose(drawn[..., :3, 2:], described[..., :3, 2:], atol=1e-9)
     assert [name for name, _ in table_i(robot)] == ["O_0", "O_1", "O_2", "O_3"]
@@ -125,7 +140,9 @@ def test_report_holds_every_claim_and_figure_and_needs_no_network(
     result: StudyResult, claims: dict[str, Claim], tmp_path: Path
 ) -> None:
     """One HTML file with inline vector drawings and nothing to fetch."""
-    page = write_paper_report(result, list(claims.values()), tmp_path / "report.html").read_text(encoding="utf-8")
+    page = write_paper_report(result, list(claims.values()), tmp_path / "report.html").read_text(
+        encoding="utf-8"
+    )
     assert page.count("<svg") >= 7
     for title in ("Fig. 3", "Fig. 4a", "Fig. 4b", "Fig. 4c", "Fig. 5", "Claims", "The coupling S"):
         assert title in page
@@ -167,7 +184,9 @@ def test_mod3_has_no_error_of_its_own(result: StudyResult) -> None:
 def test_links_follow_better_under_mod3(result: StudyResult) -> None:
     """Feed-forward of the identified mod3 leaves less than half the joints' error of mod1's and mod2's."""
     errors = {t.feedforward: t.joints_rms for t in result.tracking if t.r_tot == result.highest}
-    assert errors["identified mod3"] < 0.5 * min(errors["identified mod1"], errors["identified mod2"])
+    assert errors["identified mod3"] < 0.5 * min(
+        errors["identified mod1"], errors["identified mod2"]
+    )
     assert errors["identified mod1"] < errors["none"]
 
 
@@ -190,7 +209,9 @@ def test_coupling_of_locked_bearings_has_the_papers_terms() -> None:
     """S_11 is the rotor's alone, S_23 has spline, wave generator and rotor, as in (9)."""
     matrix = symbolic_coupling(load_robot(None)).matrix
     r_b, r_hd = sympy.symbols("r_b r_hd", positive=True)
-    r1, r3, wg3, spl3 = (sympy.Symbol(f"I_zz^({name})", positive=True) for name in ("r,1", "r,3", "wg,3", "spl,3"))
+    r1, r3, wg3, spl3 = (
+        sympy.Symbol(f"I_zz^({name})", positive=True) for name in ("r,1", "r,3", "wg,3", "spl,3")
+    )
     assert matrix[0, 0] == r1 * r_b * r_hd
     assert sympy.expand(matrix[1, 2] - (spl3 + wg3 * r_hd + r3 * r_b * r_hd)) == 0
 
@@ -208,7 +229,9 @@ def test_step_ramp_is_the_cubic_with_its_jumps() -> None:
 def test_error_categories_are_the_papers() -> None:
     """0-20, 21-50, 51 and more, what exceeds 100 % being a part of the last."""
     found = shares(np.array([3.0, -20.0, 21.0, -50.0, 51.0, 400.0]))
-    assert [found.low, found.mid, found.high, found.beyond] == pytest.approx([100 / 3, 100 / 3, 100 / 3, 100 / 6])
+    assert [found.low, found.mid, found.high, found.beyond] == pytest.approx(
+        [100 / 3, 100 / 3, 100 / 3, 100 / 6]
+    )
 
 
 def test_inverted_command_fulfils_the_equations_of_motion() -> None:
@@ -221,7 +244,8 @@ def test_inverted_command_fulfils_the_equations_of_motion() -> None:
     command = feedforward.invert(model, model.Psi, q, 4.0)
     frequency = 2j * math.pi * np.fft.rfftfreq(len(t), 4.0 / len(t))[:, None]
     theta = [command.theta] + [
-        np.fft.irfft(frequency**k * np.fft.rfft(command.theta, axis=0), len(t), axis=0) for k in (1, 2)
+        np.fft.irfft(frequency**k * np.fft.rfft(command.theta, axis=0), len(t), axis=0)
+        for k in (1, 2)
     ]
     forces = model.inverse_dynamics(*(np.hstack(pair) for pair in zip(q, theta, strict=True)))
     assert np.abs(forces[:, : robot.n]).max() < 1e-6
@@ -234,7 +258,8 @@ def test_feedforward_does_not_depend_on_a_step_that_divides_nothing() -> None:
     law = feedforward.FeedforwardLaw("true", 363.0, "mod3", build_model(robot, "mod3").Psi)
     reference = feedforward.reference(robot.n, 1.0, 0.3, np.random.default_rng(2))
     odd, even = (
-        feedforward.assess(robot, law, reference, frequency=10.0, settle=0.0, step=step) for step in (2.8e-4, 2.5e-4)
+        feedforward.assess(robot, law, reference, frequency=10.0, settle=0.0, step=step)
+        for step in (2.8e-4, 2.5e-4)
     )
     assert odd == even
 

@@ -22,7 +22,9 @@ def test_results_come_in_the_order_of_the_tasks_and_each_is_counted(workers: int
     """Whichever ends first, in one process or in several; a second batch may begin before the first is waited for."""
     done: list[int] = []
     with ProcessPool(workers) as pool:
-        first = pool.start([partial(math.factorial, k) for k in (2000, 3, 4)], lambda: done.append(1))
+        first = pool.start(
+            [partial(math.factorial, k) for k in (2000, 3, 4)], lambda: done.append(1)
+        )
         second = pool.start([partial(math.sqrt, 4.0)], lambda: done.append(2))
         assert second() == [2.0]
         assert [value % 10**9 for value in first()][1:] == [6, 24]
@@ -36,11 +38,15 @@ def test_workers_of_a_cluster_give_the_same() -> None:
     with distributed.LocalCluster(**local, protocol="tcp://") as cluster:
         done: list[int] = []
         with ProcessPool(1, cluster.scheduler_address) as pool:
-            found = pool.run([partial(math.factorial, k) for k in (3, 4, 3)], lambda: done.append(1))
+            found = pool.run(
+                [partial(math.factorial, k) for k in (3, 4, 3)], lambda: done.append(1)
+            )
             assert (found, len(done)) == ([6, 24, 6], 3)
             with pytest.raises(ValueError, match="domain"):
                 pool.run([partial(math.sqrt, -1.0)], lambda: None)
-    quickly = importlib.import_module("dask").config.set({"distributed.comm.timeouts.connect": "0.2s"})
+    quickly = importlib.import_module("dask").config.set(
+        {"distributed.comm.timeouts.connect": "0.2s"}
+    )
     with quickly, pytest.raises(ElasticArmError, match="no Dask scheduler answers"):
         ProcessPool(1, "tcp://127.0.0.1:9")
 
@@ -96,7 +102,9 @@ with ProcessPool(2) as pool:
 
 def test_processes_end_with_the_parent_however_it_ends() -> None:
     """A parent that is killed tells nobody; its processes would wait for another task for ever."""
-    parent = subprocess.Popen([sys.executable, "-c", ORPHANS], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
+    parent = subprocess.Popen(
+        [sys.executable, "-c", ORPHANS], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+    )
     assert parent.stdout is not None and parent.stdout.readline()
     orphans = [psutil.Process(int(pid)) for pid in parent.stdout.readline().split()]
     parent.kill()

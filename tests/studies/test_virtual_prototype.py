@@ -66,7 +66,9 @@ def test_tau_l_of_mod3_falls_as_the_bushing_grows_stiff(robot: Robot) -> None:
     """Nine times the stiffness leaves less than a third of the link-side residual, on a ramp without jumps."""
     left = []
     for scale, step in ((1.0, 2e-4), (9.0, 6e-5)):
-        run = Prototype(robot, Bushing(bearing_scale=scale)).follow(short_ramp(POSE, shape=QUINTIC), step=step)
+        run = Prototype(robot, Bushing(bearing_scale=scale)).follow(
+            short_ramp(POSE, shape=QUINTIC), step=step
+        )
         left.append(np.abs(model_torques(build_model(robot, "mod3"), run).link).max())
     assert left[1] < left[0] / 3.0
 
@@ -94,7 +96,9 @@ def test_torques_read_under_an_imposed_motion_bring_that_motion_about(robot: Rob
     prototype, motion = Prototype(robot), short_ramp(POSE, shape=QUINTIC)
     step = 2.5e-4
     imposed = prototype.follow(motion, step=step, rate=2.0 / step)  # a sample at every half step
-    run = prototype.actuate(lambda half, theta, dtheta: imposed.tau_m[half], (POSE, np.zeros(3)), 0.25, step=step)
+    run = prototype.actuate(
+        lambda half, theta, dtheta: imposed.tau_m[half], (POSE, np.zeros(3)), 0.25, step=step
+    )
     at = np.rint(run.t * 2.0 / step).astype(int)
     assert np.abs(run.theta - imposed.theta[at]).max() < 1e-6
 
@@ -127,7 +131,9 @@ def test_too_large_a_step_is_refused_and_a_stable_one_is_known(
 
 def test_an_arm_that_lacks_bearings_or_transmissions_is_refused_by_joint(robot: Robot) -> None:
     """The error names the joint and what to add; a plain arm has no rotors to drive."""
-    arm = robot.with_joint("joint_2", transmission=replace(robot.joints[1].transmission, bearing=None))
+    arm = robot.with_joint(
+        "joint_2", transmission=replace(robot.joints[1].transmission, bearing=None)
+    )
     with pytest.raises(RobotError, match=r"joint_2 .*no bearing.*bearing: \{stiffness"):
         Prototype(arm)
     bare = robot.with_(joints=tuple(replace(joint, transmission=None) for joint in robot.joints))

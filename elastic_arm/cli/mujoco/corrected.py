@@ -37,15 +37,25 @@ Corrected = Callable[[frozenset[str]], Robot]
 class Written:
     """What was written of a correction."""
 
-    file: Exported | str | None = None  # the user's own file, or why there is none; None where none was to be written
+    file: Exported | str | None = (
+        None  # the user's own file, or why there is none; None where none was to be written
+    )
     robot: Robot | None = None  # the corrected arm; None where the description stays
-    choice: Choice | None = None  # of a commanded arm, what of the correction it holds, and how the arm moves with it
-    refined: tuple[tuple[Refinable, float], ...] = ()  # numbers of it that were refined in closed loop, and by how much
+    choice: Choice | None = (
+        None  # of a commanded arm, what of the correction it holds, and how the arm moves with it
+    )
+    refined: tuple[
+        tuple[Refinable, float], ...
+    ] = ()  # numbers of it that were refined in closed loop, and by how much
 
     def note(self) -> str:
         """Return in a sentence which numbers differ from those that were found; empty where none does."""
         far = [(abs(by) / number.std, number, by) for number, by in self.refined]
-        told = [by_words(number, by) for share, number, by in sorted(far, key=lambda one: -one[0]) if share > 1.0]
+        told = [
+            by_words(number, by)
+            for share, number, by in sorted(far, key=lambda one: -one[0])
+            if share > 1.0
+        ]
         if not told:
             return ""
         more = len(told) - NAMED
@@ -61,9 +71,13 @@ class Correction:
     base: file that the arm was read from; nothing is written for the package's own arm and for arm files.
     """
 
-    def __init__(self, base: Path | None, chain: str | None, at: str | None, catalogue: Catalogue) -> None:
+    def __init__(
+        self, base: Path | None, chain: str | None, at: str | None, catalogue: Catalogue
+    ) -> None:
         self.base = base
-        self.motion: Motion | None = None  # over which friction stands for laws that the file has no number for
+        self.motion: Motion | None = (
+            None  # over which friction stands for laws that the file has no number for
+        )
         self._ends = None if chain is None else parse_chain(chain)
         self._at, self._catalogue = at, catalogue
         self.mjcf = base is not None and is_mjcf(base)
@@ -71,7 +85,11 @@ class Correction:
 
     def path(self, folder: Path) -> Path | None:
         """Return the file that is written into a folder; None where none is."""
-        return folder / f"{self.base.stem}{SUFFIX}{self.base.suffix}" if self.base and self._written else None
+        return (
+            folder / f"{self.base.stem}{SUFFIX}{self.base.suffix}"
+            if self.base and self._written
+            else None
+        )
 
     def require_mjcf(self, option: str | None) -> None:
         """Refuse an option, where one is given, if the arm came from no MJCF."""
@@ -82,7 +100,9 @@ class Correction:
         """Open the arm in the MJCF that it came from, or in a copy."""
         return open_mjcf(path, self._ends, self._at)
 
-    def write(self, robot: Robot | None, folder: Path, deviations: Deviations | None = None) -> Exported | str | None:
+    def write(
+        self, robot: Robot | None, folder: Path, deviations: Deviations | None = None
+    ) -> Exported | str | None:
         """Write the file."""
         file = self.path(folder)
         if file is None or self.base is None:
@@ -117,8 +137,12 @@ class Correction:
         by = np.zeros(len(numbers))
 
         def arm_without(back: frozenset[str]) -> Robot:
-            kept = [(one, float(x)) for one, x in zip(numbers, by, strict=True) if _stays(one, back)]
-            return robot_at(corrected(back), [one for one, _ in kept], np.array([x for _, x in kept]))
+            kept = [
+                (one, float(x)) for one, x in zip(numbers, by, strict=True) if _stays(one, back)
+            ]
+            return robot_at(
+                corrected(back), [one for one, _ in kept], np.array([x for _, x in kept])
+            )
 
         with TemporaryDirectory() as temporary:
 
@@ -132,7 +156,11 @@ class Correction:
             except (RobotError, MissingExtraError):
                 pass  # numbers that no simulator takes: they are taken back below
             try:
-                described = with_controllers(self.open(self.base), robot) if self.base and self.mjcf else None
+                described = (
+                    with_controllers(self.open(self.base), robot)
+                    if self.base and self.mjcf
+                    else None
+                )
                 described = described or playable(robot, Path(temporary) / "described.xml")
                 choice = chosen(described, build, units, judging)
             except (RobotError, MissingExtraError):
@@ -146,12 +174,19 @@ class Correction:
             errors = {name: as_described(one) for name, one in choice.errors.items()}
             return Written(choice.reason or None, None, choice.with_errors(errors))
         arm = arm_without(back)
-        moved = tuple((one, float(x)) for one, x in zip(numbers, by, strict=True) if x and _stays(one, back))
+        moved = tuple(
+            (one, float(x)) for one, x in zip(numbers, by, strict=True) if x and _stays(one, back)
+        )
         return Written(self.write(arm, folder, None if moved else deviations), arm, choice, moved)
 
     def _exported(self, robot: Robot, file: Path, deviations: Deviations | None = None) -> Exported:
         assert self.base is not None
-        common = {"chain": self._ends, "deviations": deviations, "catalogue": self._catalogue, "motion": self.motion}
+        common = {
+            "chain": self._ends,
+            "deviations": deviations,
+            "catalogue": self._catalogue,
+            "motion": self.motion,
+        }
         if self.mjcf:
             return export_mjcf(robot, self.base, file, at=self._at, **common)  # type: ignore[arg-type]
         return export_urdf(robot, self.base, file, **common)  # type: ignore[arg-type]

@@ -53,19 +53,27 @@ def format_of(file: Path, asked: Format | None) -> Format:
 
 @reports_errors
 def export(
-    robot_file: Annotated[Path, typer.Argument(metavar="ROBOT", help="Arm file, URDF or MJCF: what is written.")],
+    robot_file: Annotated[
+        Path, typer.Argument(metavar="ROBOT", help="Arm file, URDF or MJCF: what is written.")
+    ],
     file: Annotated[Path, typer.Option("--out", help="File to write.", show_default=False)],
-    to: Annotated[Format | None, typer.Option("--to", help="Kind of file; by its ending.", show_default=False)] = None,
+    to: Annotated[
+        Format | None, typer.Option("--to", help="Kind of file; by its ending.", show_default=False)
+    ] = None,
     base: Annotated[
         Path | None,
-        typer.Option(help="Your own file, whose numbers change and whose shape stays; else a new file is made."),
+        typer.Option(
+            help="Your own file, whose numbers change and whose shape stays; else a new file is made."
+        ),
     ] = None,
     chain: options.Chain = None,
     at: options.At = None,
     effects_files: options.EffectsFiles = None,
     validate: Annotated[
         list[Path] | None,
-        typer.Option(metavar="BAG", help="Commands to play with --base and the MJCF that is written."),
+        typer.Option(
+            metavar="BAG", help="Commands to play with --base and the MJCF that is written."
+        ),
     ] = None,
     json: options.Json = False,
     force: Force = False,
@@ -92,10 +100,16 @@ def export(
     claim_file(file, force=force)
     catalogue = Catalogue.default().with_files(effects_files or ())
     of_base = base is not None
-    robot = options.load_arm(robot_file, None if of_base else chain, None if of_base else at, catalogue)
+    robot = options.load_arm(
+        robot_file, None if of_base else chain, None if of_base else at, catalogue
+    )
     ends = None if chain is None else parse_chain(chain)
     if base is None:
-        new: dict[Format, Any] = {Format.mjcf: export_new_mjcf, Format.urdf: export_urdf, Format.usd: export_usd}
+        new: dict[Format, Any] = {
+            Format.mjcf: export_new_mjcf,
+            Format.urdf: export_urdf,
+            Format.usd: export_usd,
+        }
         done = new[kind](robot, None, file, catalogue=catalogue)
     elif kind is Format.usd:
         raise RobotError("a USD file is always a new one", "Leave out --base.")
@@ -114,7 +128,11 @@ def export(
                 "left": [one.to_dict() for one in done.left],
                 "stand_ins": list(done.stand_ins),
                 "notes": list(done.notes),
-                **({"closed_loop": {name: one.to_dict() for name, one in errors.items()}} if errors else {}),
+                **(
+                    {"closed_loop": {name: one.to_dict() for name, one in errors.items()}}
+                    if errors
+                    else {}
+                ),
             }
         )
     else:
@@ -123,20 +141,37 @@ def export(
 
 
 def _played(
-    base: Path | None, done: Exported, robot: Robot, chain: str | None, at: str | None, bags: Sequence[Path]
+    base: Path | None,
+    done: Exported,
+    robot: Robot,
+    chain: str | None,
+    at: str | None,
+    bags: Sequence[Path],
 ) -> dict[str, ClosedLoopError]:
     """Return how the user's model and the file that was written move under recorded commands."""
     if base is None or not is_mjcf(base):
         raise RobotError("--validate plays an MJCF of yours", "Give it as --base.")
     ends = None if chain is None else parse_chain(chain)
-    before, after = open_mjcf(base, ends, at), with_controllers(open_mjcf(done.files[0], ends, at), robot)
-    judging = [Judging(options.read_by_clock(bag, None, robot, options.ClockChoice.auto)) for bag in bags]
+    before, after = (
+        open_mjcf(base, ends, at),
+        with_controllers(open_mjcf(done.files[0], ends, at), robot),
+    )
+    judging = [
+        Judging(options.read_by_clock(bag, None, robot, options.ClockChoice.auto)) for bag in bags
+    ]
     late = max((latest(one) for one in (before, after) if has_servos(one)), default=0.0)
     played = [closed_loop(one, judging, late) for one in (before, after)]
     if played[0] is None or played[1] is None:
-        raise RobotError("the bags hold no commands, or the model has no servos", "Leave out --validate.")
-    pairs = zip(robot.joint_names, played[0].errors.tolist(), played[1].errors.tolist(), strict=True)
-    return {name: ClosedLoopError(first, last, robot.units.at(name, "rad")) for name, first, last in pairs}
+        raise RobotError(
+            "the bags hold no commands, or the model has no servos", "Leave out --validate."
+        )
+    pairs = zip(
+        robot.joint_names, played[0].errors.tolist(), played[1].errors.tolist(), strict=True
+    )
+    return {
+        name: ClosedLoopError(first, last, robot.units.at(name, "rad"))
+        for name, first, last in pairs
+    }
 
 
 def print_closed_loop(errors: Mapping[str, ClosedLoopError]) -> None:
@@ -153,9 +188,14 @@ def print_closed_loop(errors: Mapping[str, ClosedLoopError]) -> None:
     }
     for name, values in rows.items():
         if any(value is not None for value in values):
-            table.add_row(name, *("–" if v is None or not np.isfinite(v) else f"{1e3 * v:.4g}" for v in values))
+            table.add_row(
+                name,
+                *("–" if v is None or not np.isfinite(v) else f"{1e3 * v:.4g}" for v in values),
+            )
     out.print(table)
-    out.print("[dim]errors of angles under the recorded commands, root mean squares over the recordings that judge[/]")
+    out.print(
+        "[dim]errors of angles under the recorded commands, root mean squares over the recordings that judge[/]"
+    )
 
 
 def print_export(done: Exported, *, new: bool = False) -> None:
@@ -163,7 +203,13 @@ def print_export(done: Exported, *, new: bool = False) -> None:
     if done.changes:
         table = new_table("element", "number", "before", "after", "unit", whole=("element", "unit"))
         for change in done.changes:
-            cells = (change.element, change.number, before_text(change), after_text(change), change.unit)
+            cells = (
+                change.element,
+                change.number,
+                before_text(change),
+                after_text(change),
+                change.unit,
+            )
             table.add_row(*(escape(cell) for cell in cells))
         out.print(table)
     elif not new:
@@ -171,7 +217,9 @@ def print_export(done: Exported, *, new: bool = False) -> None:
     for words in done.stand_ins:
         out.print(f"[bold yellow]in its place:[/] {escape(words)}", soft_wrap=True)
     for one in done.left:
-        out.print(f"[yellow]not in the file:[/] {escape(left_text(one, done.units))}", soft_wrap=True)
+        out.print(
+            f"[yellow]not in the file:[/] {escape(left_text(one, done.units))}", soft_wrap=True
+        )
     for note in done.notes:
         out.print(f"[yellow]note:[/] {escape(note)}", soft_wrap=True)
     out.print(f"written: {escape(', '.join(str(path) for path in done.files))}", soft_wrap=True)
@@ -179,7 +227,10 @@ def print_export(done: Exported, *, new: bool = False) -> None:
 
 def left_text(one: Left, units: JointUnits) -> str:
     """Return what is not in a file, its size, what it costs and why, as one line."""
-    sizes = ", ".join(f"{name} {_size(value)} {one.units.get(name, '')}".strip() for name, value in one.numbers.items())
+    sizes = ", ".join(
+        f"{name} {_size(value)} {one.units.get(name, '')}".strip()
+        for name, value in one.numbers.items()
+    )
     costs = [f"{size:.3g} {units.at(joint, 'Nm')} at {joint}" for joint, size in one.cost.items()]
     missing = f"; {', '.join(costs)} are missing" if costs else ""
     return f"{one.what} on {one.joint or 'the whole arm'}{f' ({sizes})' if sizes else ''}{missing}: {one.reason}"

@@ -26,9 +26,15 @@ RESULTS = ("replay.json", "report.html")
 
 @reports_errors
 def replay_command(
-    bag: Annotated[Path, typer.Argument(metavar="BAG", help="Recording with positions and motor torques.")],
-    robots: Annotated[list[Path], typer.Option("--robot", help="MJCF; may be repeated.", show_default=False)],
-    window: Annotated[float, typer.Option(help="s that the arm moves on its own before it is put back.")] = WINDOW,
+    bag: Annotated[
+        Path, typer.Argument(metavar="BAG", help="Recording with positions and motor torques.")
+    ],
+    robots: Annotated[
+        list[Path], typer.Option("--robot", help="MJCF; may be repeated.", show_default=False)
+    ],
+    window: Annotated[
+        float, typer.Option(help="s that the arm moves on its own before it is put back.")
+    ] = WINDOW,
     chain: options.Chain = None,
     at: options.At = None,
     channels: options.Channels = None,
@@ -69,7 +75,9 @@ def replay_command(
 def open_arm(path: Path, chain: str | None, at: str | None) -> MjcfArm:
     """Open the arm of an MJCF."""
     if os.path.isfile(path) and not is_mjcf(path):
-        raise RobotError(f"{path} is no MJCF", "Write one with elastic-arm export ROBOT --to mjcf --out FILE")
+        raise RobotError(
+            f"{path} is no MJCF", "Write one with elastic-arm export ROBOT --to mjcf --out FILE"
+        )
     return open_mjcf(path, None if chain is None else parse_chain(chain), at)
 
 
@@ -95,7 +103,9 @@ def write_replays(found: list[Replay], source: str, folder: Path) -> None:
 
 def save_replays(found: list[Replay], source: str, folder: Path) -> None:
     """Write replay.json."""
-    text = json_text({"bag": source, "replays": [one.to_dict() for one in found]}, indent=2, allow_nan=False)
+    text = json_text(
+        {"bag": source, "replays": [one.to_dict() for one in found]}, indent=2, allow_nan=False
+    )
     write_result(folder / RESULTS[0], f"{text}\n")
 
 
@@ -115,7 +125,9 @@ def print_replays(found: list[Replay]) -> None:
             [np.nan if one.closed_loop is None else 1e3 * one.closed_loop for one in found],
         ),
     ):
-        values = [np.broadcast_to(np.asarray(row, dtype=float), len(found[0].joints)) for row in rows]
+        values = [
+            np.broadcast_to(np.asarray(row, dtype=float), len(found[0].joints)) for row in rows
+        ]
         if not np.isfinite(values).any():
             continue
         table = new_table(title, *found[0].joints, right=found[0].joints)
@@ -123,4 +135,6 @@ def print_replays(found: list[Replay]) -> None:
             table.add_row(escape(name), *(f"{v:.4g}" if np.isfinite(v) else "–" for v in row))
         out.print(table)
     seconds = found[0].window
-    out.print(f"root mean squares over {found[0].windows} windows of {seconds:g} s driven by the recorded torque")
+    out.print(
+        f"root mean squares over {found[0].windows} windows of {seconds:g} s driven by the recorded torque"
+    )

@@ -2,7 +2,14 @@
 
 import casadi as ca
 
-from elastic_arm.effects.law import Confusion, Contribution, Effect, Numbers, SymbolicMotion, searched
+from elastic_arm.effects.law import (
+    Confusion,
+    Contribution,
+    Effect,
+    Numbers,
+    SymbolicMotion,
+    searched,
+)
 
 SHARP = 20.0  # a load of so much less than the play is worth decides at which end of it a drive lies; numerical
 
@@ -28,12 +35,18 @@ EFFECT = Effect(
     "+K b to -K b and the link rings.",
     law=law,
     # A loaded drive lies at one end of its play, and is wound beyond it.
-    parameters=(searched("half_gap", "rad", 1e-06, 0.002, "b", neutral=0.0, least=0.0, bounded_by="deflection"),),
+    parameters=(
+        searched(
+            "half_gap", "rad", 1e-06, 0.002, "b", neutral=0.0, least=0.0, bounded_by="deflection"
+        ),
+    ),
     sides=("drive",),
     regime="load",
     confusions=(
         Confusion(
-            "encoder_offset", "the joint is loaded one way throughout", "motion in which the joint torque changes sign"
+            "encoder_offset",
+            "the joint is loaded one way throughout",
+            "motion in which the joint torque changes sign",
         ),
     ),
 )

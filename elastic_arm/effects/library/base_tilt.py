@@ -2,7 +2,15 @@
 
 import casadi as ca
 
-from elastic_arm.effects.law import Confusion, Contribution, Effect, Numbers, Scope, SymbolicMotion, signed
+from elastic_arm.effects.law import (
+    Confusion,
+    Contribution,
+    Effect,
+    Numbers,
+    Scope,
+    SymbolicMotion,
+    signed,
+)
 
 
 def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:

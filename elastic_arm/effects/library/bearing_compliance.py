@@ -53,7 +53,9 @@ def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
     n, zero = motion.n, ca.SX.zeros(2 * motion.n)
     _check(motion.robot)
     whole = ArmEquations(motion.robot, motion.equations.model_name, bearings=True)
-    x, dx, ddx, dddx, ddddx = (ca.SX.sym(name, 2 * n) for name in ("x", "dx", "ddx", "dddx", "ddddx"))
+    x, dx, ddx, dddx, ddddx = (
+        ca.SX.sym(name, 2 * n) for name in ("x", "dx", "ddx", "dddx", "ddddx")
+    )
 
     def left_side(tilt: ca.SX, rate: ca.SX, acceleration: ca.SX) -> ca.SX:
         parts = ((x, tilt), (dx, rate), (ddx, acceleration))
@@ -61,7 +63,9 @@ def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
 
     def rate_of(expression: ca.SX) -> ca.SX:
         pairs = ((x, dx), (dx, ddx), (ddx, dddx), (dddx, ddddx))
-        return sum((ca.jtimes(expression, known, rate) for known, rate in pairs), ca.SX.zeros(2 * n))
+        return sum(
+            (ca.jtimes(expression, known, rate) for known, rate in pairs), ca.SX.zeros(2 * n)
+        )
 
     rigid = left_side(zero, zero, zero)
     tilt = -rigid[2 * n :] / (p["stiffness_scale"] * ca.repmat(_stiffness(motion.robot), 2, 1))
@@ -74,7 +78,13 @@ def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
 
 
 def _stiffness(robot: Robot) -> ca.DM:
-    return ca.DM([j.transmission.bearing.stiffness for j in robot.joints if j.transmission and j.transmission.bearing])
+    return ca.DM(
+        [
+            j.transmission.bearing.stiffness
+            for j in robot.joints
+            if j.transmission and j.transmission.bearing
+        ]
+    )
 
 
 def _check(robot: Robot) -> None:
@@ -82,7 +92,8 @@ def _check(robot: Robot) -> None:
     for joint in robot.joints:
         if joint.transmission is None or joint.transmission.bearing is None:
             raise EffectError(
-                f"{joint.name} of robot {robot.name} has no bearing", "Give its stiffness and damping in the arm file."
+                f"{joint.name} of robot {robot.name} has no bearing",
+                "Give its stiffness and damping in the arm file.",
             )
 
 
@@ -108,7 +119,9 @@ class TiltRegressor:
     def acts(self) -> bool:
         """Whether the arm file describes bearings."""
         robot = self.equations.robot
-        return all(joint.transmission is not None and joint.transmission.bearing for joint in robot.joints)
+        return all(
+            joint.transmission is not None and joint.transmission.bearing for joint in robot.joints
+        )
 
     @cached_property
     def _model(self) -> Model:
@@ -118,7 +131,9 @@ class TiltRegressor:
     def _bearings(self) -> tuple[Array, Array]:
         gears = [joint.transmission for joint in self.equations.robot.joints]
         bearings = [gear.bearing for gear in gears if gear is not None and gear.bearing is not None]
-        return np.array([b.stiffness for b in bearings * 2]), np.array([b.damping for b in bearings * 2])
+        return np.array([b.stiffness for b in bearings * 2]), np.array(
+            [b.damping for b in bearings * 2]
+        )
 
     def residuals(self, signals: MotionSignals, values: Mapping[str, Any]) -> Array:
         """Return what the tilts add to the residuals, (N, 3 n)."""
@@ -136,14 +151,18 @@ class TiltRegressor:
         return np.concatenate([change[:, :n], np.zeros((len(change), n)), change[:, n:]], axis=1)
 
     def _left_side(self, motion: Sequence[Array], tilts: Array) -> Array:
-        return self._model.inverse_dynamics(*(np.hstack(pair) for pair in zip(motion, tilts, strict=True)))
+        return self._model.inverse_dynamics(
+            *(np.hstack(pair) for pair in zip(motion, tilts, strict=True))
+        )
 
     def _response(self, t: Array, x: Array, scale: float, smooth: float) -> Array:
         """Return the tilts per moment (F, 2n, 2n) over frequency, at mean inertia, up to `smooth` Hz."""
         n = self.equations.robot.n
         stiffness, damping = self._bearings
         poses = x[:: max(1, len(x) // POSES)]
-        inertia = self._model.mass_matrix(np.hstack([poses, np.zeros_like(poses)])).mean(axis=0)[2 * n :, 2 * n :]
+        inertia = self._model.mass_matrix(np.hstack([poses, np.zeros_like(poses)])).mean(axis=0)[
+            2 * n :, 2 * n :
+        ]
         f = _frequencies(t)
         f = f[f <= BEYOND * smooth]
         s = 2j * np.pi * f[:, None, None]
@@ -165,7 +184,11 @@ def _driven(moment: Array, t: Array, response: Array) -> Array:
     padded = np.pad(moment, ((count, count), (0, 0)), mode="reflect")
     tilt = (response @ scipy.fft.rfft(padded, axis=0)[: len(response), :, None])[:, :, 0]
     s = 2j * np.pi * _frequencies(t)[: len(response), None]
-    return np.asarray(scipy.fft.irfft([tilt * s**k for k in range(3)], len(padded), axis=1)[:, count : -count or None])
+    return np.asarray(
+        scipy.fft.irfft([tilt * s**k for k in range(3)], len(padded), axis=1)[
+            :, count : -count or None
+        ]
+    )
 
 
 EFFECT: Effect = StructuralEffect(
@@ -175,7 +198,18 @@ EFFECT: Effect = StructuralEffect(
     plain="has bearings that give way, {stiffness_scale} times as stiff as described",
     signature="Link residuals of all joints that grow with the tilting moments and ring at the bearings' resonances.",
     law=law,
-    parameters=(searched("stiffness_scale", "1", 0.01, 10.0, "true / arm file", default=1.0, above=0.0, inverse=True),),
+    parameters=(
+        searched(
+            "stiffness_scale",
+            "1",
+            0.01,
+            10.0,
+            "true / arm file",
+            default=1.0,
+            above=0.0,
+            inverse=True,
+        ),
+    ),
     scope=Scope.ARM,
     sides=("link",),
     regime="frequency",

@@ -30,7 +30,9 @@ from elastic_arm.errors import EffectError
 from elastic_arm.robot import JointController
 
 
-def _made(law: Callable[[SymbolicMotion, int, JointController, Numbers], Any], *, limited: bool = True) -> Law:
+def _made(
+    law: Callable[[SymbolicMotion, int, JointController, Numbers], Any], *, limited: bool = True
+) -> Law:
     """Return the law of what the stated controller makes more than the true one.
 
     It is written in the stated controller and parameters; limited: null where the torque is at its limit.
@@ -41,7 +43,10 @@ def _made(law: Callable[[SymbolicMotion, int, JointController, Numbers], Any], *
         if joint.controller is None:
             raise no_controller(joint.name)
         if motion.r is None:
-            raise EffectError("no commands are known", "Leave out effects of the controller where torques are given.")
+            raise EffectError(
+                "no commands are known",
+                "Leave out effects of the controller where torques are given.",
+            )
         more = law(motion, i, joint.controller, p)
         limits = [one for one in (joint.controller.torque, joint.limits.torque) if one is not None]
         free = ca.fabs(motion.tau_m[i]) < min(limits, default=np.inf)
@@ -53,7 +58,11 @@ def _made(law: Callable[[SymbolicMotion, int, JointController, Numbers], Any], *
 def _of_rate(motion: SymbolicMotion, i: int, controller: JointController) -> Any:
     """Return what a controller makes of the error of the rate; that of commands may count as zero."""
     assert motion.dr is not None and motion.kd is not None
-    return motion.kd[i] * (controller.follows_rate * motion.dr[i] - motion.dtheta[i]) if controller.kd else 0.0
+    return (
+        motion.kd[i] * (controller.follows_rate * motion.dr[i] - motion.dtheta[i])
+        if controller.kd
+        else 0.0
+    )
 
 
 def _of_position(motion: SymbolicMotion, i: int, controller: JointController) -> Any:
@@ -62,7 +71,11 @@ def _of_position(motion: SymbolicMotion, i: int, controller: JointController) ->
     Not of the angles themselves: their noise is in the torque, too, and gains of zero would explain all of it.
     """
     assert motion.fed is not None
-    return motion.tau_m[i] - motion.fed[i] - _of_rate(motion, i, controller) if controller.gains[0] else 0.0
+    return (
+        motion.tau_m[i] - motion.fed[i] - _of_rate(motion, i, controller)
+        if controller.gains[0]
+        else 0.0
+    )
 
 
 def _of_delay(motion: SymbolicMotion, i: int, controller: JointController) -> Any:
@@ -164,7 +177,15 @@ EFFECTS = (
         plain="has its commands {delay} later than stated",
         law=_made(lambda motion, i, stated, p: p["delay"] * _of_delay(motion, i, stated)),
         parameters=(
-            Parameter("delay", "s", 1e-4, 0.2, neutral=0.0, draw=(0.01, 0.05), meaning="beyond the one stated"),
+            Parameter(
+                "delay",
+                "s",
+                1e-4,
+                0.2,
+                neutral=0.0,
+                draw=(0.01, 0.05),
+                meaning="beyond the one stated",
+            ),
         ),
         scope=Scope.EACH_OR_ARM,
         sides=("motor",),
@@ -178,7 +199,11 @@ EFFECTS = (
                 "the arm follows its commands closely: a delay acts as damping of kp times it",
                 "faster motion, or resting commands while something else moves the arm",
             ),
-            Confusion("viscous_friction", "the arm follows its commands closely", "motion of several speeds"),
+            Confusion(
+                "viscous_friction",
+                "the arm follows its commands closely",
+                "motion of several speeds",
+            ),
         ),
     ),
     ControllerEffect(
@@ -188,7 +213,9 @@ EFFECTS = (
         plain="gives {torque} at most",
         signature="The motor residual is what the controller would make beyond a torque, and null below.",
         law=_made(_beyond, limited=False),
-        parameters=(searched("torque", "Nm", 0.02, 500.0, "the most that it gives", bounded_by="torque"),),
+        parameters=(
+            searched("torque", "Nm", 0.02, 500.0, "the most that it gives", bounded_by="torque"),
+        ),
         sides=("motor",),
         regime="load",
         change=lambda controller, p: replace(controller, torque=p["torque"]),
@@ -207,7 +234,11 @@ EFFECTS = (
         plain="makes no torque of errors of position within {half_width}",
         signature="The motor residual is kp times the error within the band, and constant beyond.",
         law=_made(_not_felt),
-        parameters=(searched("half_width", "rad", 2e-3, 0.1, "on either side of the command", bounded_by="error"),),
+        parameters=(
+            searched(
+                "half_width", "rad", 2e-3, 0.1, "on either side of the command", bounded_by="error"
+            ),
+        ),
         sides=("motor",),
         regime="load",
         change=lambda controller, p: replace(controller, dead_band=p["half_width"]),
@@ -232,7 +263,11 @@ EFFECTS = (
         states=("integral",),
         change=lambda controller, p: replace(controller, ki=controller.ki + max(0.0, p["ki"])),
         confusions=(
-            Confusion("position_gain", "the motion is of one frequency", "motion of several speeds, and rest"),
+            Confusion(
+                "position_gain",
+                "the motion is of one frequency",
+                "motion of several speeds, and rest",
+            ),
         ),
     ),
 )

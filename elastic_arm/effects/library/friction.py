@@ -113,12 +113,18 @@ DEGRESSIVE = friction(
             "the joint stays slower than the speed at which it bends",
             "faster motion: viscous friction goes on rising",
         ),
-        Confusion(DRY, "the joint passes standstill quickly", "slow reversals: Coulomb friction jumps there"),
+        Confusion(
+            DRY,
+            "the joint passes standstill quickly",
+            "slow reversals: Coulomb friction jumps there",
+        ),
     ),
 )
 LOADED = Effect(
     "load_dependent_friction",
-    law=lambda motion, i, p: motion.at(i, motor=p["coefficient"] * ca.fabs(motion.tau_J[i]) * motion.sign("motor", i)),
+    law=lambda motion, i, p: motion.at(
+        i, motor=p["coefficient"] * ca.fabs(motion.tau_J[i]) * motion.sign("motor", i)
+    ),
     formula="mu abs(tau_J) sign(w)",
     description="Dry friction in proportion to the torque that the drive transmits: teeth and wave bearing under load.",
     plain="loses {coefficient} times the torque of its drive to friction",
@@ -129,7 +135,9 @@ LOADED = Effect(
     needs_motion=True,
     friction=True,
     confusions=(
-        Confusion(DRY, "the joint torque is nearly constant", "reversals under clearly different loads"),
+        Confusion(
+            DRY, "the joint torque is nearly constant", "reversals under clearly different loads"
+        ),
         Confusion(
             "motor_torque_gain",
             "the velocity seldom reverses, or the load has the sign of the velocity",
@@ -139,7 +147,9 @@ LOADED = Effect(
 )
 
 
-def scaling(id: str, factor: Callable[[SymbolicMotion, int, Numbers], ca.SX], **words: Any) -> Effect:
+def scaling(
+    id: str, factor: Callable[[SymbolicMotion, int, Numbers], ca.SX], **words: Any
+) -> Effect:
     """Return what adds a factor of (motion, joint, parameters) times the friction of the side."""
 
     def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
@@ -159,7 +169,9 @@ THERMAL = scaling(
     parameters=(signed("change", "1", 1.0, "r", above=-2.0, draw=(0.6, 1.0)),),
     regime="drift",
     in_time=True,
-    prior=lambda rate: 0.05,  # friction that was known before changes by up to 10 % in a run, as two deviations
+    prior=lambda rate: (
+        0.05
+    ),  # friction that was known before changes by up to 10 % in a run, as two deviations
     confusions=(
         Confusion(
             "viscous_friction",

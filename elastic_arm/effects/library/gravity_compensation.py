@@ -2,7 +2,16 @@
 
 import casadi as ca
 
-from elastic_arm.effects.law import Choice, Confusion, Contribution, Effect, Numbers, Parameter, Scope, SymbolicMotion
+from elastic_arm.effects.law import (
+    Choice,
+    Confusion,
+    Contribution,
+    Effect,
+    Numbers,
+    Parameter,
+    Scope,
+    SymbolicMotion,
+)
 from elastic_arm.effects.library.sensor_error import TORQUES, misread, sides_of
 
 
@@ -26,7 +35,11 @@ EFFECT = Effect(
     plain="records a torque that lacks {share} times its weight",
     signature="The residual is the weight that the model predicts, with the opposite sign; inertia is felt in full.",
     law=law,
-    parameters=(Parameter("share", "1", 0.02, 1.2, neutral=0.0, draw=(0.2, 1.0), meaning="1 where all is missing"),),
+    parameters=(
+        Parameter(
+            "share", "1", 0.02, 1.2, neutral=0.0, draw=(0.2, 1.0), meaning="1 where all is missing"
+        ),
+    ),
     choices=(Choice("channels", TORQUES, ("motor_torque",), several=True),),
     scope=Scope.EACH_OR_ARM,
     sides=("link", "drive", "motor"),

@@ -2,7 +2,15 @@
 
 import casadi as ca
 
-from elastic_arm.effects.law import Confusion, Contribution, Effect, Numbers, SymbolicMotion, amount, searched
+from elastic_arm.effects.law import (
+    Confusion,
+    Contribution,
+    Effect,
+    Numbers,
+    SymbolicMotion,
+    amount,
+    searched,
+)
 
 
 def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
@@ -34,7 +42,9 @@ EFFECT = Effect(
             "slower motion: the loop of hysteresis keeps its height, that of damping shrinks",
         ),
         Confusion(
-            "backlash", "the deflection stays within about the width", "motion that winds the drive further, both ways"
+            "backlash",
+            "the deflection stays within about the width",
+            "motion that winds the drive further, both ways",
         ),
     ),
 )

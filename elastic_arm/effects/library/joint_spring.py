@@ -4,7 +4,12 @@ import casadi as ca
 
 from elastic_arm.effects.law import Confusion, Effect, amount, searched, signed
 
-ORDERS = (2, 3, 4, 5)  # with a joint spring beside it a gas spring on a crank is met to some 0.1 % over 2 rad
+ORDERS = (
+    2,
+    3,
+    4,
+    5,
+)  # with a joint spring beside it a gas spring on a crank is met to some 0.1 % over 2 rad
 SMALL = "the joint turns through a small angle, over which any curve is straight"
 STILL = "the joints above hardly move: gravity is then a function of the joint's own angle too"
 WIDE = "motion over a wide range of the joint"
@@ -23,7 +28,10 @@ SPRING = Effect(
     ),
     sides=("link",),
     regime="position",
-    confusions=(Confusion("counterbalance", SMALL, WIDE), Confusion("link_inertia_mismatch", STILL, OWN)),
+    confusions=(
+        Confusion("counterbalance", SMALL, WIDE),
+        Confusion("link_inertia_mismatch", STILL, OWN),
+    ),
 )
 COUNTERBALANCE = Effect(
     "counterbalance",
@@ -31,11 +39,16 @@ COUNTERBALANCE = Effect(
     description="A counterbalance on a crank, a gas spring: what a joint spring lacks of its torque over the angle.",
     plain="carries a counterbalance whose torque bends by {torque} per rad², rad³, …",
     signature="The link residual is one curve over the joint's own angle, whatever the speed and the other joints.",
-    law=lambda motion, i, p: motion.at(i, link=ca.dot(p["torque"], ca.vertcat(*(motion.q[i] ** k for k in ORDERS)))),
+    law=lambda motion, i, p: motion.at(
+        i, link=ca.dot(p["torque"], ca.vertcat(*(motion.q[i] ** k for k in ORDERS)))
+    ),
     parameters=(signed("torque", "Nm", 2e4, "c_2 to c_5", size=len(ORDERS)),),
     sides=("link",),
     regime="position",
-    confusions=(Confusion("joint_spring", SMALL, WIDE), Confusion("link_inertia_mismatch", STILL, OWN)),
+    confusions=(
+        Confusion("joint_spring", SMALL, WIDE),
+        Confusion("link_inertia_mismatch", STILL, OWN),
+    ),
 )
 
 EFFECTS = (SPRING, COUNTERBALANCE)

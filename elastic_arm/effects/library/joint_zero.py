@@ -12,7 +12,9 @@ def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
     for k in (i, n + i) if motion.robot.elastic else (i,):
         described[k] -= p["offset"]
     left_side = motion.equations.left_side
-    return motion.everywhere(left_side(described, motion.dx, motion.ddx) - left_side(read, motion.dx, motion.ddx))
+    return motion.everywhere(
+        left_side(described, motion.dx, motion.ddx) - left_side(read, motion.dx, motion.ddx)
+    )
 
 
 EFFECT = Effect(

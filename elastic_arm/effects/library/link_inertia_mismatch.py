@@ -5,7 +5,15 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from elastic_arm.effects.law import Confusion, Contribution, Effect, Numbers, SymbolicMotion, ratio, signed
+from elastic_arm.effects.law import (
+    Confusion,
+    Contribution,
+    Effect,
+    Numbers,
+    SymbolicMotion,
+    ratio,
+    signed,
+)
 
 
 def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
@@ -15,7 +23,9 @@ def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
     com = ca.DM(link.com) + p["com"]
     about_origin = p["inertia"] * p["mass"] * ca.DM(link.inertia) + mass * _steiner(com)
     nominal = ca.DM(link.inertia + link.mass * np.array(_steiner(ca.DM(link.com))))
-    rows = motion.carried_body(i, mass - link.mass, mass * com - link.mass * ca.DM(link.com), about_origin - nominal)
+    rows = motion.carried_body(
+        i, mass - link.mass, mass * com - link.mass * ca.DM(link.com), about_origin - nominal
+    )
     return motion.everywhere(rows)
 
 
@@ -40,7 +50,9 @@ EFFECT = Effect(
     model_parameter=True,
     number="link_mass",
     confusions=(
-        Confusion("payload", "the last link changes by a point mass", "only knowing what was mounted"),
+        Confusion(
+            "payload", "the last link changes by a point mass", "only knowing what was mounted"
+        ),
         Confusion(
             "link_inertia_mismatch",
             "a neighbouring link acts through the same base parameters",

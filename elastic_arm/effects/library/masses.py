@@ -15,7 +15,16 @@ from elastic_arm.effects.law import (
 )
 
 NONE = (0.0, 0.0, 0.0)
-PLACE = searched("position", "m", -0.5, 0.5, "p, in the link's frame O_i", default=NONE, size=3, draw=(-0.15, 0.15))
+PLACE = searched(
+    "position",
+    "m",
+    -0.5,
+    0.5,
+    "p, in the link's frame O_i",
+    default=NONE,
+    size=3,
+    draw=(-0.15, 0.15),
+)
 WHAT = "only knowing what was mounted"
 POINT = f"{WHAT}; a change that no point mass makes is a mismatch"
 
@@ -30,7 +39,9 @@ def carried(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
 def relieved(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
     """Minus the weight of a mass that link i carries; its inertia stays."""
     rest, moment = ca.SX(*motion.x.shape), p["mass"] * p["position"]
-    return motion.everywhere(motion.equations.carried_body(i, -p["mass"], -moment, ca.SX(3, 3), motion.x, rest, rest))
+    return motion.everywhere(
+        motion.equations.carried_body(i, -p["mass"], -moment, ca.SX(3, 3), motion.x, rest, rest)
+    )
 
 
 PAYLOAD = Effect(
@@ -46,7 +57,9 @@ PAYLOAD = Effect(
     regime="load",
     confusions=(
         Confusion(
-            "link_inertia_mismatch", "always: both change the last link; a payload changes it by a point mass", POINT
+            "link_inertia_mismatch",
+            "always: both change the last link; a payload changes it by a point mass",
+            POINT,
         ),
     ),
 )
@@ -62,13 +75,21 @@ LOAD = Effect(
     sides=("link",),
     regime="load",
     confusions=(
-        Confusion("link_inertia_mismatch", "always: both change that link; a load changes it by a point mass", POINT),
+        Confusion(
+            "link_inertia_mismatch",
+            "always: both change that link; a load changes it by a point mass",
+            POINT,
+        ),
         Confusion(
             "load",
             "a mass on the axis of the next joint is as well one on the neighbouring link",
             f"{WHAT}: both act through the same base parameters",
         ),
-        Confusion("payload", "the joints beyond the link stand still", "motion of all joints over a wide range"),
+        Confusion(
+            "payload",
+            "the joints beyond the link stand still",
+            "motion of all joints over a wide range",
+        ),
     ),
 )
 CARRIED = Effect(

@@ -5,11 +5,23 @@ from typing import Any
 
 import casadi as ca
 
-from elastic_arm.effects.law import Confusion, Contribution, Effect, Numbers, Parameter, SymbolicMotion, ratio
+from elastic_arm.effects.law import (
+    Confusion,
+    Contribution,
+    Effect,
+    Numbers,
+    Parameter,
+    SymbolicMotion,
+    ratio,
+)
 
 
 def scaled(
-    number: Parameter, side: str, torque: Callable[[SymbolicMotion, int], ca.SX], of: str = "", **words: Any
+    number: Parameter,
+    side: str,
+    torque: Callable[[SymbolicMotion, int], ca.SX],
+    of: str = "",
+    **words: Any,
 ) -> Effect:
     """Return (ratio - 1) times a torque of the nominal transmission, that of a number of the description."""
 
@@ -19,7 +31,9 @@ def scaled(
         return motion.at(i, **{side: (p[number.name] - 1.0) * torque(motion, i)})
 
     named = of or number.name
-    return Effect(law=law, parameters=(number,), sides=(side,), model_parameter=True, number=named, **words)
+    return Effect(
+        law=law, parameters=(number,), sides=(side,), model_parameter=True, number=named, **words
+    )
 
 
 ONLY_DRIVE = "only the drive equation can be used"
@@ -36,8 +50,16 @@ EFFECTS = (
         signature="The drive residual is a straight line over the deflection.",
         regime="load",
         confusions=(
-            Confusion("joint_torque_gain", ONLY_DRIVE, "the link or motor equation: a gain shows there too"),
-            Confusion("nonlinear_stiffness", "the load covers a narrow range", "motion with light and heavy load"),
+            Confusion(
+                "joint_torque_gain",
+                ONLY_DRIVE,
+                "the link or motor equation: a gain shows there too",
+            ),
+            Confusion(
+                "nonlinear_stiffness",
+                "the load covers a narrow range",
+                "motion with light and heavy load",
+            ),
         ),
     ),
     scaled(

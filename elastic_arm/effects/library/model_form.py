@@ -15,7 +15,11 @@ def _form(id: str, poorer: str, richer: str, lacked_by: tuple[str, ...], **words
             )
         return motion.everywhere(motion.left_side(richer) - motion.left_side(poorer))
 
-    places: dict[str, Any] = {"scope": Scope.ARM, "sides": ("link", "motor"), "regime": "acceleration"}
+    places: dict[str, Any] = {
+        "scope": Scope.ARM,
+        "sides": ("link", "motor"),
+        "regime": "acceleration",
+    }
     return Effect(id, law=law, needs_motion=True, lacked_by=lacked_by, **places, **words)
 
 

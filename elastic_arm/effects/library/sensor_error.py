@@ -20,14 +20,22 @@ from elastic_arm.effects.law import (
 from elastic_arm.sensors import Sensors
 
 # Which residuals hold a channel.
-SIDES = {"joint_torque": ("link", "drive", "motor"), "motor_torque": ("motor",), "link_encoder": ("link", "drive")}
+SIDES = {
+    "joint_torque": ("link", "drive", "motor"),
+    "motor_torque": ("motor",),
+    "link_encoder": ("link", "drive"),
+}
 TORQUES = ("joint_torque", "motor_torque")
 
 
 def sides_of(p: Numbers) -> tuple[str, ...]:
     """Return the residuals that hold the channels of an effect, by its choice `channels`, or `channel`."""
     chosen = p["channels"] if "channels" in p else (p["channel"],)
-    return tuple(side for side in ("link", "drive", "motor") if any(side in SIDES[channel] for channel in chosen))
+    return tuple(
+        side
+        for side in ("link", "drive", "motor")
+        if any(side in SIDES[channel] for channel in chosen)
+    )
 
 
 def misread(channel: str, error: Callable[[SymbolicMotion, int, Numbers], Any]) -> Law:
@@ -49,15 +57,22 @@ def changing(channel: str, **numbers: str) -> Callable[[Sensors, int, int, Numbe
     """Return the change that gives numbers of a joint's channel the values of parameters: `gain="gain"`."""
 
     def change(sensors: Sensors, i: int, n: int, p: Numbers) -> Sensors:
-        return sensors.changed(channel, i, n, **{number: p[name] for number, name in numbers.items()})
+        return sensors.changed(
+            channel, i, n, **{number: p[name] for number, name in numbers.items()}
+        )
 
     return change
 
 
 def gain(channel: str, symbol: str, prior: float, **words: Any) -> SensorEffect:
     """Return a wrong gain of a torque channel; the error is linear in 1 - 1/gain, the coefficient of its column."""
-    recorded = {"joint_torque": lambda motion: motion.tau_J, "motor_torque": lambda motion: motion.tau_m}[channel]
-    numbers = ratio("gain", 0.5, 2.0, "recorded / true", above=0.0, from_coefficient=lambda c: 1.0 / (1.0 - c))
+    recorded = {
+        "joint_torque": lambda motion: motion.tau_J,
+        "motor_torque": lambda motion: motion.tau_m,
+    }[channel]
+    numbers = ratio(
+        "gain", 0.5, 2.0, "recorded / true", above=0.0, from_coefficient=lambda c: 1.0 / (1.0 - c)
+    )
     return SensorEffect(
         f"{channel}_gain",
         formula=f"{symbol} recorded = gain * true",
@@ -71,7 +86,9 @@ def gain(channel: str, symbol: str, prior: float, **words: Any) -> SensorEffect:
     )
 
 
-def zero(channel: str, law: Law, unit: str, most: float, prior: float, **words: Any) -> SensorEffect:
+def zero(
+    channel: str, law: Law, unit: str, most: float, prior: float, **words: Any
+) -> SensorEffect:
     """Return a wrong zero of a channel, which may be set anew at each start."""
     return SensorEffect(
         law=law,
@@ -146,7 +163,9 @@ EFFECTS = (
         sides=SIDES["motor_torque"],
         confusions=(
             Confusion(
-                "coulomb_friction", "the joint turns one way throughout", "reversals: friction changes sign there"
+                "coulomb_friction",
+                "the joint turns one way throughout",
+                "reversals: friction changes sign there",
             ),
         ),
     ),
@@ -164,7 +183,9 @@ EFFECTS = (
         sides=SIDES["joint_torque"],
         confusions=(
             Confusion(
-                "encoder_offset", ONLY_DRIVE, "the link or motor equation: an encoder offset does not show there"
+                "encoder_offset",
+                ONLY_DRIVE,
+                "the link or motor equation: an encoder offset does not show there",
             ),
         ),
     ),
@@ -182,7 +203,9 @@ EFFECTS = (
         sides=("drive",),
         confusions=(
             Confusion(
-                "backlash", "the joint is loaded one way throughout", "motion in which the joint torque changes sign"
+                "backlash",
+                "the joint is loaded one way throughout",
+                "motion in which the joint torque changes sign",
             ),
             Confusion("joint_torque_offset", ONLY_DRIVE, "the link or motor equation"),
         ),
@@ -200,7 +223,9 @@ EFFECTS = (
         change=changing("link_encoder", eccentricity="amplitude", phase="phase"),
         confusions=(
             Confusion(
-                "encoder_offset", "the joint turns through a small angle", "motion over a wide range of the joint"
+                "encoder_offset",
+                "the joint turns through a small angle",
+                "motion over a wide range of the joint",
             ),
         ),
     ),

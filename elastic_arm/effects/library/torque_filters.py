@@ -52,7 +52,9 @@ class FilteredTorques:
                 motor[:, joints] -= error
         return np.hstack([link, drive, motor])
 
-    def _error(self, signals: MotionSignals, name: str, joints: list[int], values: Mapping[str, Any]) -> Array:
+    def _error(
+        self, signals: MotionSignals, name: str, joints: list[int], values: Mapping[str, Any]
+    ) -> Array:
         """Return recorded less true torque (N, k), Nm, of a torque by name at some joints.
 
         The torque of the signals is the true one where it is the model's, and else the recorded one.
@@ -69,7 +71,10 @@ class DelayedTorques(FilteredTorques):
         if "link_encoder" in values["channels"]:
             equations, n = self.equations, self.equations.robot.n
             gears = [joint.transmission for joint in equations.robot.joints]
-            K, D = (np.array([getattr(g, of) if g else 0.0 for g in gears]) for of in ("stiffness", "damping"))
+            K, D = (
+                np.array([getattr(g, of) if g else 0.0 for g in gears])
+                for of in ("stiffness", "damping")
+            )
             v = signals.values
             wound = K * v["dx"][:, :n] + D * v["ddx"][:, :n]
             for j in values["joints"]:
@@ -77,12 +82,16 @@ class DelayedTorques(FilteredTorques):
                 found[:, n + j] -= values["delay"] * wound[:, j]
         return found
 
-    def _error(self, signals: MotionSignals, name: str, joints: list[int], values: Mapping[str, Any]) -> Array:
+    def _error(
+        self, signals: MotionSignals, name: str, joints: list[int], values: Mapping[str, Any]
+    ) -> Array:
         """Return recorded less true torque (N, k): of the recorded one, the true torque is what comes a delay later."""
         t, torque, delay = signals.t, signals.values[name], float(values["delay"])
         by = -delay if signals.predicted else delay
         splines = [
-            signals.once(f"spline of {name} {j}", partial(scipy.interpolate.CubicSpline, t, torque[:, [j]]))
+            signals.once(
+                f"spline of {name} {j}", partial(scipy.interpolate.CubicSpline, t, torque[:, [j]])
+            )
             for j in joints
         ]
         at, torque = np.hstack([_at(t, spline, by) for spline in splines]), torque[:, joints]
@@ -92,7 +101,9 @@ class DelayedTorques(FilteredTorques):
 class LowPassedTorques(FilteredTorques):
     """Torques behind a first-order low pass of `cutoff`."""
 
-    def _error(self, signals: MotionSignals, name: str, joints: list[int], values: Mapping[str, Any]) -> Array:
+    def _error(
+        self, signals: MotionSignals, name: str, joints: list[int], values: Mapping[str, Any]
+    ) -> Array:
         """Return the error (N, k), Nm, by the recorded torque where it is clear of its noise.
 
         Undoing a low pass amplifies the noise of what was recorded; a delay does not. So above, as far as the torque
@@ -108,7 +119,9 @@ class LowPassedTorques(FilteredTorques):
         by_reading = -undone.rate[:, joints] / (2.0 * np.pi * cutoff)
         if undone.clear is None or undone.visible is None:
             return by_reading
-        by_model = undone.visible(low_pass_error(t, signals.model_torques[name][:, joints], cutoff), joints)
+        by_model = undone.visible(
+            low_pass_error(t, signals.model_torques[name][:, joints], cutoff), joints
+        )
         return by_reading + by_model - undone.clear(by_model, joints)
 
 
@@ -119,7 +132,9 @@ class Clear:
         step = float(t[1] - t[0])
         self._count = min(len(t) - 1, round(PADDING / step))
         window = np.hanning(len(t))[:, None]
-        power = np.abs(np.fft.rfft(window * (torque - torque.mean(axis=0)), axis=0)) ** 2 / np.sum(window**2)
+        power = np.abs(np.fft.rfft(window * (torque - torque.mean(axis=0)), axis=0)) ** 2 / np.sum(
+            window**2
+        )
         width = max(3, round(AVERAGED * len(t) * step))
         power = scipy.ndimage.uniform_filter1d(power, width, axis=0, mode="nearest")
         f = np.fft.rfftfreq(len(t), step)[:, None]
@@ -130,12 +145,16 @@ class Clear:
 
     def _spectrum(self, values: Array) -> NDArray[np.complexfloating]:
         ends = ((self._count, self._count), (0, 0))
-        return np.asarray(np.fft.rfft(np.pad(values, ends, mode="reflect", reflect_type="odd"), axis=0))
+        return np.asarray(
+            np.fft.rfft(np.pad(values, ends, mode="reflect", reflect_type="odd"), axis=0)
+        )
 
     def __call__(self, values: Array, joints: Sequence[int]) -> Array:
         """Return values (N, k) at these frequencies alone, of some of the torques by number."""
         N = len(values)
-        found = np.fft.irfft(self._spectrum(values) * self._weight[:, joints], N + 2 * self._count, axis=0)
+        found = np.fft.irfft(
+            self._spectrum(values) * self._weight[:, joints], N + 2 * self._count, axis=0
+        )
         return np.asarray(found[self._count : self._count + N])
 
 
@@ -157,7 +176,11 @@ class _Undone:
             return _Undone(scipy.interpolate.CubicSpline(t, torque)(t, 1))
         noise = signals.torque_noise[name]
         clear, visible = Clear(t, torque, CLEAR * noise), Clear(t, torque, VISIBLE * noise)
-        return _Undone(scipy.interpolate.CubicSpline(t, clear(torque, range(torque.shape[1])))(t, 1), clear, visible)
+        return _Undone(
+            scipy.interpolate.CubicSpline(t, clear(torque, range(torque.shape[1])))(t, 1),
+            clear,
+            visible,
+        )
 
 
 def moved(t: Array, values: Array, by: float) -> Array:

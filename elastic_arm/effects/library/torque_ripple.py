@@ -2,7 +2,16 @@
 
 import casadi as ca
 
-from elastic_arm.effects.law import Confusion, Contribution, Effect, Numbers, Parameter, SymbolicMotion, phase, searched
+from elastic_arm.effects.law import (
+    Confusion,
+    Contribution,
+    Effect,
+    Numbers,
+    Parameter,
+    SymbolicMotion,
+    phase,
+    searched,
+)
 
 
 def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
@@ -19,9 +28,21 @@ EFFECT = Effect(
     signature="A ripple of the motor residual, periodic in the rotor's angle, as high at all speeds and loads.",
     law=law,
     parameters=(
-        Parameter("amplitude", "Nm", 0.1, 50.0, neutral=0.0, meaning="A, at the harmonic-drive output"),
+        Parameter(
+            "amplitude", "Nm", 0.1, 50.0, neutral=0.0, meaning="A, at the harmonic-drive output"
+        ),
         phase(),
-        searched("order", "1", 0.5, 48.0, "k, per rotor turn", default=1.0, above=0.0, integer=True, draw=(1, 3)),
+        searched(
+            "order",
+            "1",
+            0.5,
+            48.0,
+            "k, per rotor turn",
+            default=1.0,
+            above=0.0,
+            integer=True,
+            draw=(1, 3),
+        ),
     ),
     sides=("motor",),
     regime="rotor_angle",

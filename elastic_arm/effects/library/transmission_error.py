@@ -2,7 +2,16 @@
 
 import casadi as ca
 
-from elastic_arm.effects.law import Confusion, Contribution, Effect, Numbers, Parameter, SymbolicMotion, phase, searched
+from elastic_arm.effects.law import (
+    Confusion,
+    Contribution,
+    Effect,
+    Numbers,
+    Parameter,
+    SymbolicMotion,
+    phase,
+    searched,
+)
 
 
 def slope(motion: SymbolicMotion, i: int, p: Numbers) -> ca.SX:
@@ -21,7 +30,11 @@ def twist(motion: SymbolicMotion, i: int, p: Numbers) -> tuple[ca.SX, ca.SX]:
 def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
     """K e + D e' in the drive; by virtual work the motor feels tau_J (1 + de/dtheta)."""
     error, rate = twist(motion, i, p)
-    return motion.at(i, drive=motion.K[i] * error + motion.D[i] * rate, motor=motion.tau_J[i] * slope(motion, i, p))
+    return motion.at(
+        i,
+        drive=motion.K[i] * error + motion.D[i] * rate,
+        motor=motion.tau_J[i] * slope(motion, i, p),
+    )
 
 
 EFFECT = Effect(
@@ -36,7 +49,16 @@ EFFECT = Effect(
     parameters=(
         Parameter("amplitude", "rad", 1e-6, 1e-3, neutral=0.0, meaning="A"),
         phase(),
-        searched("order", "1", 0.5, 8.0, "k, per wave-generator turn", default=2.0, above=0.0, integer=True),
+        searched(
+            "order",
+            "1",
+            0.5,
+            8.0,
+            "k, per wave-generator turn",
+            default=2.0,
+            above=0.0,
+            integer=True,
+        ),
     ),
     sides=("drive", "motor"),
     regime="wave_generator_angle",

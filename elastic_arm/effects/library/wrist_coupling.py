@@ -2,7 +2,15 @@
 
 import casadi as ca
 
-from elastic_arm.effects.law import Choice, Confusion, Contribution, Effect, Numbers, SymbolicMotion, amount
+from elastic_arm.effects.law import (
+    Choice,
+    Confusion,
+    Contribution,
+    Effect,
+    Numbers,
+    SymbolicMotion,
+    amount,
+)
 from elastic_arm.errors import EffectError
 
 # rad/s within which its dry friction turns over. As that of one joint does where velocities are differences of angles.
@@ -46,7 +54,11 @@ EFFECT = Effect(
     # Two joints of any arm might share a motor: a user knows which do.
     searched=False,
     confusions=(
-        Confusion("coulomb_friction", "the joint before stands still", "motion in which both joints turn"),
-        Confusion("viscous_friction", "the joint before stands still", "motion in which both joints turn"),
+        Confusion(
+            "coulomb_friction", "the joint before stands still", "motion in which both joints turn"
+        ),
+        Confusion(
+            "viscous_friction", "the joint before stands still", "motion in which both joints turn"
+        ),
     ),
 )

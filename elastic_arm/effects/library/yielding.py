@@ -31,7 +31,9 @@ from elastic_arm.errors import EffectError
 DAMPING = 0.1  # damping ratio of the link on its drive: of gears 0.05 to 0.2
 STOPPING = 0.02  # s, within which a link rests at the end of its play: as soft as MuJoCo's limits
 STEPS = 8  # between two samples; numerical
-SETTLING = 0.5  # s, for which the first sample is held before, as nobody knows how the link lay; numerical
+SETTLING = (
+    0.5  # s, for which the first sample is held before, as nobody knows how the link lay; numerical
+)
 SMALL = 1e-4  # rad, of the derivative of the load by the angle; numerical
 
 
@@ -151,7 +153,9 @@ EFFECTS: tuple[Effect, ...] = (
         signature="Torque is missing for a moment where the joint's load changes its sign, then the link strikes.",
         law=_nothing,
         change=_change,
-        parameters=(searched("half_gap", "rad", 1e-3, 0.05, "b", neutral=0.0, least=0.0, tried=25),),
+        parameters=(
+            searched("half_gap", "rad", 1e-3, 0.05, "b", neutral=0.0, least=0.0, tried=25),
+        ),
         sides=("link",),
         regime="load",
         regressor=partial(YieldingJoint, _stopped),

@@ -36,7 +36,9 @@ class Derived:
     method: str  # In words
     said: tuple[str, ...] = ()  # What is to be known of clock and pieces
     lengths: tuple[int, ...] = ()  # Samples of the recording in each run
-    zeros: tuple[Array, Array] | None = None  # deflections at no load and their deviations, (n,) rad, where measured
+    zeros: tuple[Array, Array] | None = (
+        None  # deflections at no load and their deviations, (n,) rad, where measured
+    )
     # (n,) rad added to the link angles, to count from where those of the first recording do
     shift: Array | None = None
 
@@ -62,16 +64,27 @@ class Derived:
 
     def _made(self, piece: Callable[[], Motion]) -> Motion:
         motion = piece()
-        return motion if self.shift is None or motion.q is None else replace(motion, q=motion.q + self.shift)
+        return (
+            motion
+            if self.shift is None or motion.q is None
+            else replace(motion, q=motion.q + self.shift)
+        )
 
     def notes(self, source: str, units: JointUnits) -> list[str]:
         """Return what was done to the recording `source` beside smoothing it; `units` are those of the arm's joints."""
         said = [f"{source}: {note}" for note in self.said]
         if self.shift is None or not self.shift.any():
             return said
-        moved = ", ".join(f"{name} {1e3 * by:+.3g}" for name, by in zip(units.joints, self.shift, strict=True) if by)
+        moved = ", ".join(
+            f"{name} {1e3 * by:+.3g}"
+            for name, by in zip(units.joints, self.shift, strict=True)
+            if by
+        )
         moved = f"{units.over('mrad')}: {moved}"
-        return [*said, f"{source}: zeros of the link encoders moved to those of the first recording, {moved}"]
+        return [
+            *said,
+            f"{source}: zeros of the link encoders moved to those of the first recording, {moved}",
+        ]
 
     def aligned(self, equations: BaseRegression, first: Derived | None) -> Derived:
         """Return it with the zeros of the link encoders as in the first recording, where deflections are measured."""
@@ -79,7 +92,9 @@ class Derived:
             return self
         found = zeros(list(self.motions), equations.model)
         return replace(
-            self, zeros=found, shift=None if first is None or first.zeros is None else shifts(found, first.zeros)
+            self,
+            zeros=found,
+            shift=None if first is None or first.zeros is None else shifts(found, first.zeros),
         )
 
 
@@ -105,9 +120,13 @@ class DerivativeStage:
         clock = Clock.of(samples, self._source)
         self._grids = clock.place(samples)
         if not self._grids:
-            raise IdentificationError(f"{self._source} has no run of samples without gaps", "Record seconds of motion.")
+            raise IdentificationError(
+                f"{self._source} has no run of samples without gaps", "Record seconds of motion."
+            )
         if not any(grid.moves() for grid in self._grids):
-            raise IdentificationError(f"{self._source} holds no motion", "Record one that `elastic-arm excite` makes.")
+            raise IdentificationError(
+                f"{self._source} holds no motion", "Record one that `elastic-arm excite` makes."
+            )
         self._said: tuple[str, ...] = (clock.note,) if clock.note else ()
         self._width = next(iter(self._grids[0].channels().values())).shape[1]
         self._longest = max(self._grids, key=len)
@@ -132,7 +151,11 @@ class DerivativeStage:
     @functools.cached_property
     def read(self) -> Array | None:
         """When torques were read, s; None where that is often enough for all that the smoother passes."""
-        return None if self._read is None or 0.5 / np.median(np.diff(self._read)) > self.band else self._read
+        return (
+            None
+            if self._read is None or 0.5 / np.median(np.diff(self._read)) > self.band
+            else self._read
+        )
 
     @functools.cached_property
     def _smoother(self) -> Smoother:
@@ -145,13 +168,21 @@ class DerivativeStage:
         grids = [grid for grid in self._grids if len(grid) > lost]
         names = [name for name in (angle, f"d{angle}") if getattr(grids[0], name) is not None]
         alone = (Grid(g.t, g.rate, **{name: getattr(g, name) for name in names}) for g in grids)
-        velocity = (getattr(self._smoother(run), f"d{angle}") for grid in alone for run in runs(grid, lost))
+        velocity = (
+            getattr(self._smoother(run), f"d{angle}") for grid in alone for run in runs(grid, lost)
+        )
         fastest = np.max([np.abs(v).max(axis=0) for v in velocity], axis=0)
         spans = [(getattr(g, angle).min(axis=0), getattr(g, angle).max(axis=0)) for g in grids]
-        travel = np.max([high for _, high in spans], axis=0) - np.min([low for low, _ in spans], axis=0)
-        return np.where(travel >= STILL, standing_speed(fastest, velocity_noise(self._smoother)), 0.0)
+        travel = np.max([high for _, high in spans], axis=0) - np.min(
+            [low for low, _ in spans], axis=0
+        )
+        return np.where(
+            travel >= STILL, standing_speed(fastest, velocity_noise(self._smoother)), 0.0
+        )
 
-    def __call__(self, equations: BaseRegression | None = None, *, ends: bool = False, stuck: bool = False) -> Derived:
+    def __call__(
+        self, equations: BaseRegression | None = None, *, ends: bool = False, stuck: bool = False
+    ) -> Derived:
         """Return the motion, the laws of `equations` through the same filter."""
         smoother, grids = self._smoother, self._grids
         twice = equations is not None and bool(equations.columns)
@@ -163,7 +194,9 @@ class DerivativeStage:
         standing = self._standing if stuck else None
         stage: Callable[[Grid], Motion] = smoother
         if equations is not None:
-            stage = partial(smoothed, smoother, equations=equations, standing=standing, read=self.read)
+            stage = partial(
+                smoothed, smoother, equations=equations, standing=standing, read=self.read
+            )
         pieces: list[Callable[[], Motion]] = []
         lengths: list[int] = []
         for grid in long_enough:
@@ -177,14 +210,22 @@ class DerivativeStage:
     def _too_short(self, lost: int, twice: bool) -> IdentificationError:
         """Return the error of a recording of which the smoother loses all, laws that pass it `twice` included."""
         whole, rate = len(self._longest), self._longest.rate
-        piece = "is" if len(self._grids) == 1 else f"has {len(self._grids)} pieces between gaps, the longest"
+        piece = (
+            "is"
+            if len(self._grids) == 1
+            else f"has {len(self._grids)} pieces between gaps, the longest"
+        )
         why = ", as laws beyond the model pass it twice" if twice else ""
         problem = (
             f"{self._source} {piece} {whole / rate:.2f} s long: the smoother to {self.band:.1f} Hz needs more than "
             f"{lost / rate:.2f} s{why}"
         )
         enough = twice and 2 * whole > lost
-        without = f", or identify without laws (--with), for which {lost / rate / 2:.2f} s are enough" if enough else ""
+        without = (
+            f", or identify without laws (--with), for which {lost / rate / 2:.2f} s are enough"
+            if enough
+            else ""
+        )
         gaps = "" if len(self._grids) == 1 else " without gaps"
         return IdentificationError(problem, f"Record longer{gaps}{without}.")
 
@@ -192,7 +233,9 @@ class DerivativeStage:
 def repeats(position: Array) -> bool:
     """Return whether angles (N, n) repeat within the recording: whether their autocorrelation has a peak."""
     n_samples = len(position)
-    columns = np.ascontiguousarray(position.T)  # NumPy is slow along the first axis of a narrow array
+    columns = np.ascontiguousarray(
+        position.T
+    )  # NumPy is slow along the first axis of a narrow array
     x = (columns - columns.mean(axis=1)[:, None]) / np.maximum(columns.std(axis=1), 1e-12)[:, None]
     spectrum = np.abs(np.fft.rfft(x, 2 * n_samples, axis=1)) ** 2
     # Over the powers of what overlaps: where the motion repeats, this is one, whatever part of a period the ends cut.

@@ -24,7 +24,11 @@ from elastic_arm.identification.batch.selection import (
     identifier_of,
     with_trace,
 )
-from elastic_arm.identification.consistent import correlation_of_errors, odd_masses, with_consistency
+from elastic_arm.identification.consistent import (
+    correlation_of_errors,
+    odd_masses,
+    with_consistency,
+)
 from elastic_arm.identification.law_columns import on_recorded_side, with_stated
 from elastic_arm.identification.least_squares import Prior
 from elastic_arm.identification.misfit import poor_fits, resonance
@@ -120,14 +124,26 @@ def identify_with(
     # What the description states of imperfections is as uncertain as what it does not.
     unasked = nuisance_effects(robot, settings.catalogue)
     effects = tuple(law for law in known if law in asked or law.effect.id not in unasked)
-    recorded, settings = list(zip(chosen, prepared, strict=True)), replace(settings, effects=effects)
+    recorded, settings = (
+        list(zip(chosen, prepared, strict=True)),
+        replace(settings, effects=effects),
+    )
     trials = Trials(recorded, robot, settings, report, unasked=bool(known))
     choice = trials.selected()
     tilted = any(instance.effect.id == TILT for instance in known)
-    mounting = None if tilted else other_mounting(robot, settings.model, [trials(choice).derived[0].longest])
+    mounting = (
+        None
+        if tilted
+        else other_mounting(robot, settings.model, [trials(choice).derived[0].longest])
+    )
     if mounting is not None:
-        robot, effects = mounting.of(robot), (*effects, *parse_laws([TILT], robot, settings.catalogue))
-        trials = replace(trials, robot=robot, settings=replace(settings, effects=effects), _known={})
+        robot, effects = (
+            mounting.of(robot),
+            (*effects, *parse_laws([TILT], robot, settings.catalogue)),
+        )
+        trials = replace(
+            trials, robot=robot, settings=replace(settings, effects=effects), _known={}
+        )
         choice = trials.selected()
     result, trial, correlated = _estimated(trials, choice)
     equations = {name for rms in result.noise.values() for name in rms}
@@ -138,7 +154,9 @@ def identify_with(
     result = result.with_(notes=tuple(dict.fromkeys([*result.notes, *notes])))
     if validate:
         motions = _held_out_motions(held_out, trial, not choice.sticking, report)
-        result = validated(result, trial.identifier, robot, (*effects, *choice.laws), motions, correlated)
+        result = validated(
+            result, trial.identifier, robot, (*effects, *choice.laws), motions, correlated
+        )
     if result.identified is not None:
         # Of the arm that is written, after validation has had its say.
         result = result.with_(notes=(*result.notes, *odd_masses(robot, result.identified)))
@@ -159,16 +177,26 @@ def _estimated(trials: Trials, choice: BatchChoice) -> tuple[Identification, Bat
     sources = tuple(recording.source for recording, _ in trials.recordings)
     correlated = 1.0
     if trials.settings.consistent or choice.held:
-        correlated = correlation_of_errors(identifier, repeats=any(stage.repeats for stage in trials.stages))
+        correlated = correlation_of_errors(
+            identifier, repeats=any(stage.repeats for stage in trials.stages)
+        )
     width, prior = _regularised(trial, choice, correlated)
     found = trial.fit if prior is None else identifier.fit(prior)
     result = identifier.estimate(sources, tuple(d.method for d in derived), found)
     units = trials.robot.units
     notes = [note for recording, _ in trials.recordings for note in recording.notes]
-    notes += [note for d, source in zip(derived, sources, strict=True) for note in d.notes(source, units)]
-    notes += [] if width is None else [described_width(width, "parts of the recordings left out in turn")]
+    notes += [
+        note for d, source in zip(derived, sources, strict=True) for note in d.notes(source, units)
+    ]
+    notes += (
+        []
+        if width is None
+        else [described_width(width, "parts of the recordings left out in turn")]
+    )
     notes += trials.notes(choice)
-    notes += poor_fits(identifier.equations, derived[0].longest, result.Psi_base, trials.stages[0].torque_noise)
+    notes += poor_fits(
+        identifier.equations, derived[0].longest, result.Psi_base, trials.stages[0].torque_noise
+    )
     result = result.with_(notes=tuple(dict.fromkeys([*result.notes, *notes])))
     if trials.settings.consistent:
         trials.report("physical consistency", 1.0)
@@ -177,7 +205,9 @@ def _estimated(trials: Trials, choice: BatchChoice) -> tuple[Identification, Bat
     return result, trial, correlated
 
 
-def _regularised(trial: BatchTrial, choice: BatchChoice, correlated: float) -> tuple[float | None, Prior | None]:
+def _regularised(
+    trial: BatchTrial, choice: BatchChoice, correlated: float
+) -> tuple[float | None, Prior | None]:
     """Return the width of the prior that predicts left-out parts best, None where it takes none, and the prior."""
     equations, blocks = trial.identifier.equations, trial.linear_blocks
     prior = partial(prior_of, equations, laws=law_sizes(blocks, equations), correlated=correlated)
@@ -189,7 +219,9 @@ def _regularised(trial: BatchTrial, choice: BatchChoice, correlated: float) -> t
     return width if chosen else None, prior(width, description_error(plain, equations, DOUBT))
 
 
-def _held_out(recordings: Sequence[Recording], fitted: Samples, robot: Robot, model: str) -> dict[str, DerivativeStage]:
+def _held_out(
+    recordings: Sequence[Recording], fitted: Samples, robot: Robot, model: str
+) -> dict[str, DerivativeStage]:
     """Return the derivative stage of each recording that no fit sees, by its source.
 
     What cannot be used fails before the fit, which would be lost.
@@ -217,7 +249,9 @@ def _held_out_motions(
     return HeldOut(equations, motions)
 
 
-def resonances(robot: Robot, model: str, recordings: Sequence[Sequence[Motion]]) -> dict[str, float]:
+def resonances(
+    robot: Robot, model: str, recordings: Sequence[Sequence[Motion]]
+) -> dict[str, float]:
     """Return the frequency, Hz, at which rigid joints answer their torque most, of those with such a peak."""
     plain, found = robot.with_(effects=()), dict[str, float]()
     friction = parse_laws(PLAIN, plain)

@@ -40,7 +40,9 @@ class NuisanceLaw:
     """A law that nobody asked for."""
 
     instance: EffectInstance  # The effect at its joint, as the description states it, if it does
-    ordinary: float | None = None  # Standard deviation of its prior, in the unit of its parameters; None where free
+    ordinary: float | None = (
+        None  # Standard deviation of its prior, in the unit of its parameters; None where free
+    )
     stated: bool = False  # Whether the description states it
 
     @property
@@ -52,12 +54,17 @@ class NuisanceLaw:
 def nuisance_effects(robot: Robot, catalogue: Catalogue | None = None) -> dict[str, str | None]:
     """Return the ids of effects that are identified unasked, each with the channel whose zero it is, or None."""
     known = catalogue or EFFECTS
-    found: dict[str, str | None] = {law: channel for channel, law in torque_zeros(known, robot).items()}
+    found: dict[str, str | None] = {
+        law: channel for channel, law in torque_zeros(known, robot).items()
+    }
     return found | ({TILT: None} if TILT in known else {})
 
 
 def possible_imperfections(
-    recordings: Sequence[Samples], robot: Robot, asked: Sequence[EffectInstance], catalogue: Catalogue | None = None
+    recordings: Sequence[Samples],
+    robot: Robot,
+    asked: Sequence[EffectInstance],
+    catalogue: Catalogue | None = None,
 ) -> tuple[NuisanceLaw, ...]:
     """Return the zeros of all recorded torques and the tilt of the base, but for those asked for, each ordinary."""
     places = {(instance.effect.id, instance.joint) for instance in asked}
@@ -73,23 +80,31 @@ def possible_imperfections(
     return tuple(found)
 
 
-def _ordinary_zeros(recordings: Sequence[Samples], robot: Robot, channel: str) -> dict[str | None, float]:
+def _ordinary_zeros(
+    recordings: Sequence[Samples], robot: Robot, channel: str
+) -> dict[str | None, float]:
     """Return the ordinary size of the zero of a torque channel at each joint that has it, and torque in it."""
     have = [values for samples in recordings if (values := getattr(samples, channel)) is not None]
     if not have:
         return {}
-    lacking = {robot.joint_names[j] for samples in recordings for c, j in samples.lacking if c == channel}
+    lacking = {
+        robot.joint_names[j] for samples in recordings for c, j in samples.lacking if c == channel
+    }
     sizes = ZERO * np.sqrt(np.nanmean(np.concatenate(have) ** 2, axis=0))
     named = zip(robot.joint_names, sizes.tolist(), strict=True)
     return {joint: size for joint, size in named if joint not in lacking and size > 0.0}
 
 
-def told_apart(possible: Sequence[NuisanceLaw], equations: BaseRegression) -> tuple[NuisanceLaw, ...]:
+def told_apart(
+    possible: Sequence[NuisanceLaw], equations: BaseRegression
+) -> tuple[NuisanceLaw, ...]:
     """Return the laws without a tilt that another parameter of the equations can stand for.
 
     About a horizontal first axis it is the same as another centre of mass, for one, and of a sliding axis as a zero.
     """
-    return tuple(e for e in possible if e.stated or e.place[0] != TILT or _is_by_itself(e, equations))
+    return tuple(
+        e for e in possible if e.stated or e.place[0] != TILT or _is_by_itself(e, equations)
+    )
 
 
 def _is_by_itself(each: NuisanceLaw, equations: BaseRegression) -> bool:
@@ -113,12 +128,24 @@ def judged_imperfections(
         at = [place[name] for name in _names(each, equations) if name in place]
         sizes[each.place] = float(np.max(np.abs(fit.Psi[at]) / fit.std[at], initial=0.0))
         # What the recordings show to be none, more closely than is ordinary, needs no parameter.
-        if at and sizes[each.place] <= NONE and np.all(fit.std[at] < KNOWN * (each.ordinary or np.inf)):
+        if (
+            at
+            and sizes[each.place] <= NONE
+            and np.all(fit.std[at] < KNOWN * (each.ordinary or np.inf))
+        ):
             known.add(each.place)
     shown = {law for (law, _), size in sizes.items() if size > CERTAIN}
-    free = {each.place for each in possible if each.place[0] in shown and sizes[each.place] > LIKELY}
-    kept = [each for each in possible if each.stated or each.place in free or (held and each.place not in known)]
-    return tuple(replace(each, ordinary=None) if each.place in free or not held else each for each in kept)
+    free = {
+        each.place for each in possible if each.place[0] in shown and sizes[each.place] > LIKELY
+    }
+    kept = [
+        each
+        for each in possible
+        if each.stated or each.place in free or (held and each.place not in known)
+    ]
+    return tuple(
+        replace(each, ordinary=None) if each.place in free or not held else each for each in kept
+    )
 
 
 def _names(each: NuisanceLaw, equations: BaseRegression) -> list[str]:
@@ -134,10 +161,14 @@ def described_imperfections(found: Sequence[NuisanceLaw]) -> list[str]:
     notes, usual = [], []
     if shown:
         free = ", ".join(f"{law}:{joint}" if joint else law for law, joint in shown)
-        notes.append(f"identified without being asked for, as they differ from none in the recordings: {free}")
+        notes.append(
+            f"identified without being asked for, as they differ from none in the recordings: {free}"
+        )
     if held - {TILT}:
         others = "the other " if shown else "the "
-        usual.append(f"{others}zeros of torques ({ZERO:.0%} of the joint's torque; free in robot.yaml)")
+        usual.append(
+            f"{others}zeros of torques ({ZERO:.0%} of the joint's torque; free in robot.yaml)"
+        )
     if TILT in held:
         usual.append(f"the tilt of the base ({1e3 * LEVEL:g} mrad)")
     if usual:

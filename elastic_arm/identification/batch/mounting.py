@@ -18,7 +18,13 @@ from elastic_arm.arrays import Array
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.identification.verdict import MotionStatistics
-from elastic_arm.recording.inspection.described_gravity import LEFT, OVERHEAD, SIZE, TURNED, angle_between
+from elastic_arm.recording.inspection.described_gravity import (
+    LEFT,
+    OVERHEAD,
+    SIZE,
+    TURNED,
+    angle_between,
+)
 from elastic_arm.robot import Robot
 from elastic_arm.robot.parts import placed
 
@@ -40,17 +46,23 @@ class Mounting:
 
     x: float  # rad; turned by Rx(x) Ry(y) in the ground frame from where the description has it
     y: float
-    shown: Array  # (3,) m/s², gravity in the frame of the ground as described, as the torques show it
+    shown: (
+        Array  # (3,) m/s², gravity in the frame of the ground as described, as the torques show it
+    )
     described: Array  # (3,) m/s²
 
     def of(self, robot: Robot) -> Robot:
         """Return the arm as it is mounted."""
-        return robot.with_(base_placement=placed(turned(self.x, self.y)) @ robot.base_placement, base_dh=None)
+        return robot.with_(
+            base_placement=placed(turned(self.x, self.y)) @ robot.base_placement, base_dh=None
+        )
 
     @property
     def note(self) -> str:
         """What the reader should know of it."""
-        gravities = (" ".join(f"{value:.3g}" for value in each) for each in (self.shown, self.described))
+        gravities = (
+            " ".join(f"{value:.3g}" for value in each) for each in (self.shown, self.described)
+        )
         note = WORDS.format(*gravities, np.degrees(self.x), np.degrees(self.y))
         overhead = angle_between(self.shown, self.described) >= OVERHEAD
         return f"{note}; slow torques of the wrong sign look the same" if overhead else note
@@ -78,7 +90,10 @@ def other_mounting(robot: Robot, model: str, motions: Sequence[Motion]) -> Mount
     The joints that carry most decide. Only where another direction explains them far better, by more than chance, and
     better than channels of the wrong sign or springs would, the arm is called mounted otherwise.
     """
-    described, turning = np.asarray(robot.gravity, dtype=float), [not joint.prismatic for joint in robot.joints]
+    described, turning = (
+        np.asarray(robot.gravity, dtype=float),
+        [not joint.prismatic for joint in robot.joints],
+    )
     size = float(np.linalg.norm(described))
     # Turns are those of gravity straight down.
     if not (size and motions and any(turning)) or described[2] > -(1.0 - STRAIGHT) * size:
@@ -90,8 +105,12 @@ def other_mounting(robot: Robot, model: str, motions: Sequence[Motion]) -> Mount
     measured, moved, pull, joints, springs = (each[:, turning] for each in torques)
     coefficients, left = _least_squares(np.concatenate([pull, joints], axis=2), measured - moved)
     # Each joint has its own friction and zero: what they leave of it does not depend on the others.
-    stands, reversed_ = (_left_by_joint(joints, sign * measured - moved - pull @ described) for sign in (1.0, -1.0))
-    sprung = _left_by_joint(np.concatenate([joints, springs], axis=2), measured - moved - pull @ described)
+    stands, reversed_ = (
+        _left_by_joint(joints, sign * measured - moved - pull @ described) for sign in (1.0, -1.0)
+    )
+    sprung = _left_by_joint(
+        np.concatenate([joints, springs], axis=2), measured - moved - pull @ described
+    )
     before = float(stands.sum())
     if float(np.min([stands, reversed_, sprung], axis=0).sum()) < left:
         return None
@@ -121,7 +140,9 @@ def _torques(robot: Robot, model: str, motion: Motion) -> tuple[Array, ...] | No
     # Links stand in for their motors, and the other way about: a deflection hardly turns what gravity pulls at.
     taken = (recorded[0], recorded[-1]) if robot.elastic else recorded[:1]
     x, dx, ddx = (np.hstack(rates)[every] for rates in zip(*taken, strict=True))
-    moved, pull = ArmEquations(robot, model).moved_and_pulled(x, dx, ddx, motors=motion.tau_m is not None)
+    moved, pull = ArmEquations(robot, model).moved_and_pulled(
+        x, dx, ddx, motors=motion.tau_m is not None
+    )
     friction = np.sign(dx[:, -n:])[:, :, None] * np.eye(n)
     joints = np.concatenate([friction, np.broadcast_to(np.eye(n), friction.shape)], axis=2)
     return torque[every], moved, pull, joints, x[:, :n, None] * np.eye(n)
@@ -143,7 +164,9 @@ def _chance(before: float, left: float, motion: Motion, laws: tuple[int, ...]) -
 
 def _left_by_joint(columns: Array, target: Array) -> Array:
     """Return the sum of squares (n,) that friction and zero (N, n, m) of each joint leave of its torque (N, n)."""
-    return np.array([_least_squares(columns[:, [j]], target[:, [j]])[1] for j in range(target.shape[1])])
+    return np.array(
+        [_least_squares(columns[:, [j]], target[:, [j]])[1] for j in range(target.shape[1])]
+    )
 
 
 def _least_squares(columns: Array, target: Array) -> tuple[Array, float]:

@@ -98,7 +98,12 @@ class BatchChoice:
     @property
     def key(self) -> tuple[object, ...]:
         """What distinguishes it from other choices."""
-        return self.sign_speed, self.averaged, self.sticking, tuple((e.place, e.ordinary) for e in self.imperfections)
+        return (
+            self.sign_speed,
+            self.averaged,
+            self.sticking,
+            tuple((e.place, e.ordinary) for e in self.imperfections),
+        )
 
     @property
     def held(self) -> bool:
@@ -165,7 +170,11 @@ class Trials:
         for stage, (recording, samples) in zip(self.stages, self.recordings, strict=True):
             self.report(f"equations of {recording.source}", self._made / (self._made + 1))
             equations = identifier.choose_equations(samples)
-            if lost := [c.name for c in equations.columns if c not in _traced(equations) and c.place not in unasked]:
+            if lost := [
+                c.name
+                for c in equations.columns
+                if c not in _traced(equations) and c.place not in unasked
+            ]:
                 raise IdentificationError(
                     f"{', '.join(lost)}: no trace in the torques that were recorded",
                     "Leave the law out, or let it act on the recorded side, as in coulomb_friction:side=link.",
@@ -186,7 +195,9 @@ class Trials:
         """Return an estimator with the columns of the laws asked for and of imperfections, these with their priors."""
         laws = [*self.effects, *choice.laws]
         columns = law_columns(laws, self.robot, self.settings.model, choice.sign_speed)
-        ordinary = {place_of(each.instance, self.robot): each.ordinary for each in choice.imperfections}
+        ordinary = {
+            place_of(each.instance, self.robot): each.ordinary for each in choice.imperfections
+        }
         columns = [replace(column, ordinary=ordinary.get(column.place)) for column in columns]
         arm = build_model(self.robot, self.settings.model)
         return Identifier(arm, columns, joints=self.robot.joint_names, **options)
@@ -207,8 +218,12 @@ class Trials:
         if not self.unasked:
             return ()
         samples = [each for _, each in self.recordings]
-        possible = possible_imperfections(samples, self.robot, self.effects, self.settings.catalogue)
-        equations = self._estimator(BatchChoice(imperfections=possible)).choose_equations(samples[0])
+        possible = possible_imperfections(
+            samples, self.robot, self.effects, self.settings.catalogue
+        )
+        equations = self._estimator(BatchChoice(imperfections=possible)).choose_equations(
+            samples[0]
+        )
         return told_apart(possible, equations)
 
     def final(self, choice: BatchChoice) -> BatchTrial:
@@ -220,7 +235,9 @@ class Trials:
         """Return in words what was chosen."""
         found = []
         if any(is_dry(instance) for instance in self.effects):
-            found.append(f"dry friction turns over within {standstill(choice.sign_speed, self.robot)} of standstill")
+            found.append(
+                f"dry friction turns over within {standstill(choice.sign_speed, self.robot)} of standstill"
+            )
         if not choice.sticking:
             found.append(STICKS)
         return found + described_imperfections(choice.imperfections)
@@ -249,9 +266,14 @@ class Trials:
         held = share > 0.0
         if not held.any():
             return choice
-        whole, left = (_errors_by_block(each, rest.fit).sum(axis=0) for each in (self(choice), rest))
+        whole, left = (
+            _errors_by_block(each, rest.fit).sum(axis=0) for each in (self(choice), rest)
+        )
         precision = held / rest.fit.noise**2
-        stuck, moving = precision @ (whole - left) / share.sum(), precision @ left / np.sum(1.0 - share[held])
+        stuck, moving = (
+            precision @ (whole - left) / share.sum(),
+            precision @ left / np.sum(1.0 - share[held]),
+        )
         return replace(choice, sticking=bool(stuck <= FAILS * moving))
 
     def _speed(self, choice: BatchChoice) -> BatchChoice:
@@ -278,9 +300,14 @@ class Trials:
 def standstill(sign_speed: float | Sequence[float], robot: Robot) -> str:
     """Return in words the speeds, of all joints or (n,), within which dry friction turns over."""
     by_unit: dict[str, list[float]] = {}
-    for name, speed in zip(robot.joint_names, np.broadcast_to(sign_speed, robot.n).tolist(), strict=True):
+    for name, speed in zip(
+        robot.joint_names, np.broadcast_to(sign_speed, robot.n).tolist(), strict=True
+    ):
         by_unit.setdefault(robot.units.at(name, "rad/s"), []).append(speed)
-    spans = [(" to ".join(f"{v:g}" for v in dict.fromkeys((min(s), max(s)))), unit) for unit, s in by_unit.items()]
+    spans = [
+        (" to ".join(f"{v:g}" for v in dict.fromkeys((min(s), max(s)))), unit)
+        for unit, s in by_unit.items()
+    ]
     return " and ".join(f"{span} {unit}" for span, unit in spans)
 
 
@@ -294,7 +321,11 @@ def turning_speed(errors: Array) -> float:
     `errors` (speeds, blocks) are squared, of one joint.
     """
     more = errors - errors[np.argmin(errors.sum(axis=1))]
-    doubt = np.std(more, axis=1, ddof=1) * np.sqrt(more.shape[1]) if more.shape[1] > 1 else np.full(len(more), np.inf)
+    doubt = (
+        np.std(more, axis=1, ddof=1) * np.sqrt(more.shape[1])
+        if more.shape[1] > 1
+        else np.full(len(more), np.inf)
+    )
     doubt = np.maximum(np.hypot(doubt, ALIKE * errors.sum(axis=1).min()), 1e-300)
     unlikely = 0.5 * (more.sum(axis=1) / doubt) ** 2
     unusual = 0.5 * (np.log(np.array(SIGN_SPEEDS) / USUAL_SIGN_SPEED) / np.log(SPREAD)) ** 2

@@ -40,7 +40,9 @@ class Tolerances:
     velocity: Array
 
     @classmethod
-    def of(cls, stated: Sequence[JointTolerance], joints: Sequence[str], velocity: float = 0.0) -> Self:
+    def of(
+        cls, stated: Sequence[JointTolerance], joints: Sequence[str], velocity: float = 0.0
+    ) -> Self:
         """Take the tolerances of a request: 0 stands for the default there, and less for no limit.
 
         joints: of the arm, (n,).
@@ -50,11 +52,15 @@ class Tolerances:
         values = {"position": np.zeros(len(joints)), "velocity": np.full(len(joints), velocity)}
         for tolerance in stated:
             if tolerance.name not in joints:
-                raise GraphError(f"has a tolerance for {tolerance.name!r}", f"There are {', '.join(joints)}.")
+                raise GraphError(
+                    f"has a tolerance for {tolerance.name!r}", f"There are {', '.join(joints)}."
+                )
             for name, column in values.items():
                 if getattr(tolerance, name) != 0.0:
                     column[list(joints).index(tolerance.name)] = getattr(tolerance, name)
-        return cls(**{name: np.where(column > 0.0, column, np.inf) for name, column in values.items()})
+        return cls(
+            **{name: np.where(column > 0.0, column, np.inf) for name, column in values.items()}
+        )
 
     def exceeded(self, joints: Sequence[str], position: Array, velocity: Array) -> str:
         """Return in words which error (n,) exceeds its tolerance first; empty where none does."""
@@ -89,7 +95,11 @@ class TrajectoryAction:
         self._active: _Active | None = None
         self._log = node.get_logger()
         self._server = ActionServer(
-            node, FollowJointTrajectory, NAME, self._execute, cancel_callback=lambda _: CancelResponse.ACCEPT
+            node,
+            FollowJointTrajectory,
+            NAME,
+            self._execute,
+            cancel_callback=lambda _: CancelResponse.ACCEPT,
         )
 
     def destroy(self) -> None:
@@ -108,7 +118,11 @@ class TrajectoryAction:
             self._end(Result.INVALID_GOAL, "another motion has taken its place")
         elif active.handle.is_cancel_requested:
             self._follower().stop()
-            self._end(Result.SUCCESSFUL, "cancelled: the arm slows down and stands", active.handle.canceled)
+            self._end(
+                Result.SUCCESSFUL,
+                "cancelled: the arm slows down and stands",
+                active.handle.canceled,
+            )
         elif now_ns < active.goal.end_ns:
             self._watch(active, reference, position, velocity)
         else:
@@ -119,15 +133,23 @@ class TrajectoryAction:
 
     def _watch(self, active: _Active, reference: Row, position: Array, velocity: Array) -> None:
         joints = self._follower().joints
-        if wrong := active.path.exceeded(joints, position - reference.position, velocity - reference.velocity):
+        if wrong := active.path.exceeded(
+            joints, position - reference.position, velocity - reference.velocity
+        ):
             self._follower().stop()
             self._end(Result.PATH_TOLERANCE_VIOLATED, f"on the way {wrong}")
 
-    def _arrive(self, active: _Active, now_ns: int, reference: Row, position: Array, velocity: Array) -> None:
-        wrong = active.end.exceeded(self._follower().joints, position - reference.position, velocity)
+    def _arrive(
+        self, active: _Active, now_ns: int, reference: Row, position: Array, velocity: Array
+    ) -> None:
+        wrong = active.end.exceeded(
+            self._follower().joints, position - reference.position, velocity
+        )
         if not wrong:
             words = f"{active.goal.slower:.3g} times slower: as asked for it {active.goal.reason}"
-            self._end(Result.SUCCESSFUL, words if active.goal.reason else "reached", active.handle.succeed)
+            self._end(
+                Result.SUCCESSFUL, words if active.goal.reason else "reached", active.handle.succeed
+            )
         elif active.patience_ns and now_ns > active.goal.end_ns + active.patience_ns:
             late = (now_ns - active.goal.end_ns) / NANOSECONDS
             self._end(Result.GOAL_TOLERANCE_VIOLATED, f"{late:.3g} s after the end {wrong}")
@@ -151,7 +173,9 @@ class TrajectoryAction:
             raise GraphError("moves joints of several degrees of freedom", "This arm has none.")
         path = Tolerances.of(request.path_tolerance, follower.joints)
         end = Tolerances.of(request.goal_tolerance, follower.joints, STOPPED)
-        seconds = request.goal_time_tolerance.sec + request.goal_time_tolerance.nanosec / NANOSECONDS
+        seconds = (
+            request.goal_time_tolerance.sec + request.goal_time_tolerance.nanosec / NANOSECONDS
+        )
         patience = round(seconds * NANOSECONDS)
         return _Active(handle, follower.go_to(request.trajectory), path, end, patience, Future())
 
@@ -168,8 +192,12 @@ class TrajectoryAction:
         feedback = FollowJointTrajectory.Feedback(joint_names=list(self._follower().joints))
         feedback.header.stamp.sec, feedback.header.stamp.nanosec = divmod(now_ns, NANOSECONDS)
         elapsed = now_ns - int(active.goal.stamps[0])
-        error = Row(desired.position - actual.position, desired.velocity - actual.velocity, np.zeros(0))
-        feedback.desired, feedback.actual, feedback.error = (_point(row, elapsed) for row in (desired, actual, error))
+        error = Row(
+            desired.position - actual.position, desired.velocity - actual.velocity, np.zeros(0)
+        )
+        feedback.desired, feedback.actual, feedback.error = (
+            _point(row, elapsed) for row in (desired, actual, error)
+        )
         active.handle.publish_feedback(feedback)
 
 
@@ -183,4 +211,8 @@ def _point(row: Row, elapsed_ns: int) -> JointTrajectoryPoint:
 def _code(error: GraphError) -> int:
     if error.problem.startswith("names "):
         return int(Result.INVALID_JOINTS)
-    return int(Result.OLD_HEADER_TIMESTAMP if error.problem.startswith("lies in the past") else Result.INVALID_GOAL)
+    return int(
+        Result.OLD_HEADER_TIMESTAMP
+        if error.problem.startswith("lies in the past")
+        else Result.INVALID_GOAL
+    )

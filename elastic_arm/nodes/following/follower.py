@@ -35,7 +35,9 @@ class Follower:
     (streams too). `stream` is the queue of streamed points, `goal` the goal followed now or last; None after a stream.
     """
 
-    def __init__(self, robot: Robot, start: Array, origin_ns: int, step_ns: int, policy: str = "refuse") -> None:
+    def __init__(
+        self, robot: Robot, start: Array, origin_ns: int, step_ns: int, policy: str = "refuse"
+    ) -> None:
         self.joints = robot.joint_names
         self.stream = ReferenceQueue(start, origin_ns, step_ns)
         self.goal: Goal | None = None
@@ -73,7 +75,9 @@ class Follower:
         Raises a GraphError if it cannot be followed; the arm goes on as before.
         """
         present = self.stream.present
-        goal = plan_goal(message, self.joints, self.now_ns, present, self._assumed, policy or self._policy)
+        goal = plan_goal(
+            message, self.joints, self.now_ns, present, self._assumed, policy or self._policy
+        )
         self._begin(goal)
         return goal
 
@@ -119,7 +123,9 @@ class Follower:
         else:  # what leads there from the last point counts as well
             tail, row, degree = bridge
             after_ns = np.concatenate(([tail - stamp], after_ns))
-            joined = Row(*(np.vstack((before, now)) for before, now in zip(row, points.row, strict=True)))
+            joined = Row(
+                *(np.vstack((before, now)) for before, now in zip(row, points.row, strict=True))
+            )
             degrees = np.concatenate(([degree], points.degree))
             points = Points(joined.position, joined.velocity, joined.acceleration, degrees)
         known, between = points.degree[:, None], _slopes(after_ns, points.position)
@@ -131,7 +137,10 @@ class Follower:
             np.where(known >= QUINTIC, points.acceleration, 0.0),
         )
         if (broken := self._stated.violation(motion, self.stream.present.position)) is not None:
-            raise GraphError(broken.problem, "Stream within the limits of the arm file, or set the parameter limits.")
+            raise GraphError(
+                broken.problem,
+                "Stream within the limits of the arm file, or set the parameter limits.",
+            )
 
     def _planned(self, stamp: int) -> Array:
         """Where the arm will be, as far as is known, (n,)."""

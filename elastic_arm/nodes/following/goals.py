@@ -46,11 +46,20 @@ class Goal:
         """Return the motion at `stamps` (N,) ns; the last position at rest after the end."""
         rows = interpolate(self.stamps, self.points, self.degree, np.minimum(stamps, self.end_ns))
         over = (stamps >= self.end_ns)[:, None]
-        return Row(rows.position, np.where(over, 0.0, rows.velocity), np.where(over, 0.0, rows.acceleration))
+        return Row(
+            rows.position,
+            np.where(over, 0.0, rows.velocity),
+            np.where(over, 0.0, rows.acceleration),
+        )
 
 
 def plan_goal(
-    message: JointTrajectory, joints: Sequence[str], now_ns: int, present: Row, limits: JointLimits, policy: str
+    message: JointTrajectory,
+    joints: Sequence[str],
+    now_ns: int,
+    present: Row,
+    limits: JointLimits,
+    policy: str,
 ) -> Goal:
     """Return the motion to a goal as joint_trajectory_controller plans it: from the present state through the points.
 
@@ -75,7 +84,8 @@ def plan_goal(
         )
     if (ahead := (begin + after_ns[-1] - now_ns) * 1e-9) > LATEST:
         raise GraphError(
-            f"is due {ahead:.3g} s from now", "Give time_from_start, and a stamp of the arm's clock or zero for now."
+            f"is due {ahead:.3g} s from now",
+            "Give time_from_start, and a stamp of the arm's clock or zero for now.",
         )
     if np.max(np.abs(points.velocity[-1])) > AT_REST:
         raise GraphError("ends in motion", "Give the last point zero velocities, or none.")
@@ -97,8 +107,12 @@ def plan_stop(now_ns: int, present: Row, limits: JointLimits) -> Goal:
 
 
 def _from_present(stamps: NDArray[np.int64], points: Points, now_ns: int, present: Row) -> Goal:
-    rows = Row(*(np.vstack((before, values)) for before, values in zip(present, points.row, strict=True)))
-    return Goal(np.concatenate(([now_ns], stamps)), rows, np.concatenate(([QUINTIC], points.degree)))
+    rows = Row(
+        *(np.vstack((before, values)) for before, values in zip(present, points.row, strict=True))
+    )
+    return Goal(
+        np.concatenate(([now_ns], stamps)), rows, np.concatenate(([QUINTIC], points.degree))
+    )
 
 
 def _within(goal: Goal, limits: JointLimits, policy: str) -> Goal:
@@ -115,7 +129,9 @@ def _within(goal: Goal, limits: JointLimits, policy: str) -> Goal:
         tried = _slowed(goal, slower, reason)
     whose = " (assumed: the arm file states none for some joints)" if limits.assumed else ""
     vain = ", however slow it is" if policy == "slow_down" else ""
-    raise GraphError(f"{reason}{whose}{vain}", "Plan within the limits, or set the parameter limits.")
+    raise GraphError(
+        f"{reason}{whose}{vain}", "Plan within the limits, or set the parameter limits."
+    )
 
 
 def _slowed(goal: Goal, slower: float, reason: str) -> Goal:

@@ -58,7 +58,10 @@ class JointLimits:
 
         start: (n,) where the arm stands: an arm outside its range may move back into it.
         """
-        past = np.maximum(motion.position - np.maximum(self.high, start), np.minimum(self.low, start) - motion.position)
+        past = np.maximum(
+            motion.position - np.maximum(self.high, start),
+            np.minimum(self.low, start) - motion.position,
+        )
         if past.max() > ANGLE_SLACK:
             row, joint = divmod(int(np.argmax(past)), past.shape[1])
             angle = float(motion.position[row, joint])
@@ -73,7 +76,9 @@ class JointLimits:
             return None
         joint = int(np.argmax(shares[kind]))
         limit = float(getattr(self, kind)[joint])
-        return Violation(self._words(kind, joint, float(shares[kind][joint]) * limit, limit), slower[kind])
+        return Violation(
+            self._words(kind, joint, float(shares[kind][joint]) * limit, limit), slower[kind]
+        )
 
     def _words(self, kind: str, joint: int, value: float, limit: float) -> str:
         unit = _UNITS[kind]

@@ -54,7 +54,10 @@ class ReferenceQueue:
         self.late = 0
 
     def add(
-        self, stamps: Sequence[int] | NDArray[np.int64], points: Row, degree: NDArray[np.int64] | int = QUINTIC
+        self,
+        stamps: Sequence[int] | NDArray[np.int64],
+        points: Row,
+        degree: NDArray[np.int64] | int = QUINTIC,
     ) -> None:
         """Take streamed points, which go on from those before where these lie less than half a second back.
 
@@ -66,10 +69,14 @@ class ReferenceQueue:
         self._cut(int(stamps[0]))
         if (tail := self.bridge(int(stamps[0]))) is not None:
             stamp, row, kind = tail
-            if min(kind, degree[0]) == LINEAR:  # the straight line leaves the last point at its own speed
+            if (
+                min(kind, degree[0]) == LINEAR
+            ):  # the straight line leaves the last point at its own speed
                 self._cut(stamp, keep=True)
             stamps, degree = np.concatenate(([stamp], stamps)), np.concatenate(([kind], degree))
-            points = Row(*(np.vstack((before, now)) for before, now in zip(row, points, strict=True)))
+            points = Row(
+                *(np.vstack((before, now)) for before, now in zip(row, points, strict=True))
+            )
         first = -(-(int(stamps[0]) - self._origin) // self._step)
         last = (int(stamps[-1]) - self._origin) // self._step
         end = self._motions[-1][-1][0] if self._motions else None
@@ -80,7 +87,9 @@ class ReferenceQueue:
         if len(steps):
             if end is None or steps[0] > end + 1:
                 self._motions.append(deque())
-            self._motions[-1].extend((int(k), Row(*row)) for k, *row in zip(steps, *rows, strict=True))
+            self._motions[-1].extend(
+                (int(k), Row(*row)) for k, *row in zip(steps, *rows, strict=True)
+            )
         self._tail = (int(stamps[-1]), Row(*(values[-1] for values in points)), int(degree[-1]))
 
     def bridge(self, stamp: int) -> tuple[int, Row, int] | None:
@@ -103,7 +112,9 @@ class ReferenceQueue:
         """Append rows that lie on the grid, (N, n) each, from the step `first` on, which follows the last one's."""
         if not self._motions or self._motions[-1][-1][0] != first - 1:
             self._motions.append(deque())
-        self._motions[-1].extend((first + k, Row(*row)) for k, row in enumerate(zip(*rows, strict=True)))
+        self._motions[-1].extend(
+            (first + k, Row(*row)) for k, row in enumerate(zip(*rows, strict=True))
+        )
 
     def last_position(self, stamp: int) -> Array:
         """Return where the arm will stand just before a stamp, as far as is known, (n,)."""
@@ -153,7 +164,12 @@ class ReferenceQueue:
         if not self._motions:
             return
         # A rest that has passed need not be waited through.
-        while len(motion) > 1 and motion[0][0] < step and _still(motion[0][1]) and _still(motion[1][1]):
+        while (
+            len(motion) > 1
+            and motion[0][0] < step
+            and _still(motion[0][1])
+            and _still(motion[1][1])
+        ):
             motion.popleft()
         if motion[0][0] <= step:
             self._following, self._speed = True, 1.0
@@ -192,13 +208,24 @@ class ReferenceQueue:
         row = motion[0][1]
         if rest > 0.0:
             stamps = np.array([0, self._step])
-            ends = Row(*(np.array(values) for values in zip(motion[0][1], motion[1][1], strict=True)))
-            row = Row(*(values[0] for values in interpolate(stamps, ends, QUINTIC, np.array([rest * self._step]))))
+            ends = Row(
+                *(np.array(values) for values in zip(motion[0][1], motion[1][1], strict=True))
+            )
+            row = Row(
+                *(
+                    values[0]
+                    for values in interpolate(stamps, ends, QUINTIC, np.array([rest * self._step]))
+                )
+            )
         if self._speed == 0.0:
             return resting(row)
         if self._speed == 1.0 and rise == 0.0:
             return row
-        return Row(row.position, self._speed * row.velocity, self._speed**2 * row.acceleration + rise * row.velocity)
+        return Row(
+            row.position,
+            self._speed * row.velocity,
+            self._speed**2 * row.acceleration + rise * row.velocity,
+        )
 
 
 def _still(row: Row) -> bool:

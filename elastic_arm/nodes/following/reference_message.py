@@ -37,7 +37,12 @@ class Points(NamedTuple):
 
     def where(self, chosen: NDArray[np.bool_]) -> Points:
         """Return some of the points."""
-        return Points(self.position[chosen], self.velocity[chosen], self.acceleration[chosen], self.degree[chosen])
+        return Points(
+            self.position[chosen],
+            self.velocity[chosen],
+            self.acceleration[chosen],
+            self.degree[chosen],
+        )
 
 
 def reference_points(
@@ -57,15 +62,22 @@ def reference_points(
     if not message.points:
         raise GraphError("holds no points", "Send one point or more.")
     if len(message.points) > MOST_POINTS:
-        raise GraphError(f"holds {len(message.points)} points", f"Send {MOST_POINTS} at most, or stream them.")
-    after = [point.time_from_start.sec * NANOSECONDS + point.time_from_start.nanosec for point in message.points]
+        raise GraphError(
+            f"holds {len(message.points)} points", f"Send {MOST_POINTS} at most, or stream them."
+        )
+    after = [
+        point.time_from_start.sec * NANOSECONDS + point.time_from_start.nanosec
+        for point in message.points
+    ]
     if np.any(np.diff(after) <= 0):
         raise GraphError("has points whose times do not increase", "Sort them by time_from_start.")
     columns = [_column(message, field, len(names)) for field in _FIELDS]
     if not np.all(np.isfinite(columns)):
         raise GraphError("has a value that is not finite", "Send finite numbers.")
     if (largest := max(float(np.max(np.abs(column))) for column in columns)) > LARGEST:
-        raise GraphError(f"has a value of {largest:.3g}", "Send angles in rad, velocities in rad/s.")
+        raise GraphError(
+            f"has a value of {largest:.3g}", "Send angles in rad, velocities in rad/s."
+        )
     named = [k for k, joint in enumerate(joints) if joint in names]
     order = [names.index(joints[k]) for k in named]
     position, velocity, acceleration = np.zeros((3, len(after), len(joints)))
@@ -73,8 +85,13 @@ def reference_points(
         position[:] = held
     for values, column in zip((position, velocity, acceleration), columns, strict=True):
         values[:, named] = column[:, order]
-    degree = [LINEAR if not point.velocities else QUINTIC if point.accelerations else CUBIC for point in message.points]
-    return np.array(after, dtype=np.int64), Points(position, velocity, acceleration, np.array(degree, dtype=np.int64))
+    degree = [
+        LINEAR if not point.velocities else QUINTIC if point.accelerations else CUBIC
+        for point in message.points
+    ]
+    return np.array(after, dtype=np.int64), Points(
+        position, velocity, acceleration, np.array(degree, dtype=np.int64)
+    )
 
 
 def commanded(command: JointState, period: float) -> JointTrajectory | None:
@@ -111,6 +128,8 @@ def _column(message: JointTrajectory, field: str, n: int) -> NDArray[np.float64]
         if len(values) == 0 and field != "positions":
             values = np.zeros(n)
         if len(values) != n:
-            raise GraphError(f"has {len(values)} {field} for {n} joints in point {k}", "Give one value a joint.")
+            raise GraphError(
+                f"has {len(values)} {field} for {n} joints in point {k}", "Give one value a joint."
+            )
         rows.append(values)
     return np.array(rows, dtype=float)

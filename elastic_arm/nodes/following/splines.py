@@ -29,7 +29,10 @@ def resting(row: Row) -> Row:
 
 
 def interpolate(
-    stamps: NDArray[np.int64], points: Row, degree: NDArray[np.int64] | int, wanted: NDArray[np.int64]
+    stamps: NDArray[np.int64],
+    points: Row,
+    degree: NDArray[np.int64] | int,
+    wanted: NDArray[np.int64],
 ) -> Row:
     """Return position, velocity and acceleration at the times `wanted` (M,), (M, n) each.
 
@@ -72,7 +75,11 @@ def _coefficients(start: Row, end: Row, h: Array, kind: NDArray[np.int64]) -> li
         start.position,
         np.where(cubic, v0, rise),
         np.where(quintic, a0, np.where(cubic, 3 * rise - 2 * v0 - v1, zero)),
-        np.where(quintic, 10 * rise - 6 * v0 - 4 * v1 - 3 * a0 + a1, np.where(cubic, v0 + v1 - 2 * rise, zero)),
+        np.where(
+            quintic,
+            10 * rise - 6 * v0 - 4 * v1 - 3 * a0 + a1,
+            np.where(cubic, v0 + v1 - 2 * rise, zero),
+        ),
         np.where(quintic, -15 * rise + 8 * v0 + 7 * v1 + 3 * a0 - 2 * a1, zero),
         np.where(quintic, 6 * rise - 3 * v0 - 3 * v1 - a0 + a1, zero),
     ]

@@ -50,7 +50,9 @@ class DriverSide:
         Raises a RecordingError if the map holds what a live graph does not give.
         """
         if missing := [name for name in names if name not in channels.joints]:
-            raise RecordingError(f"the channel map lacks {', '.join(missing)}", "Name every joint of the arm.")
+            raise RecordingError(
+                f"the channel map lacks {', '.join(missing)}", "Name every joint of the arm."
+            )
         if channels.time != "header" or channels.coupling:
             raise RecordingError(
                 "the channel map has arrival times or coupled motors",
@@ -105,10 +107,18 @@ class Collector:
         channels: ChannelMap | None = None,
     ) -> None:
         self.joints, self._shown = joints, shown
-        given = {} if channels is None else {t: DriverSide.of(channels, NAMED[t], joints) for t in SIDES[sides]}
+        given = (
+            {}
+            if channels is None
+            else {t: DriverSide.of(channels, NAMED[t], joints) for t in SIDES[sides]}
+        )
         self._driver = {topic: side for topic, side in given.items() if side is not None}
         # Side, by the topic that the suite has it on -> the topic that it comes on.
-        self._sources = {t: self._driver[t].topic if channels else t for t in SIDES[sides] if not channels or given[t]}
+        self._sources = {
+            t: self._driver[t].topic if channels else t
+            for t in SIDES[sides]
+            if not channels or given[t]
+        }
         self.inboxes = {topic: Inbox(topics.type_of(topic)) for topic in self._sources.values()}
         self._heard = dict.fromkeys(self.inboxes, time.monotonic())
         self._empty = dict.fromkeys(self.inboxes, 0)
@@ -132,7 +142,12 @@ class Collector:
     @property
     def channels(self) -> tuple[str, ...]:
         """Names of the channels that an arm with all sensors gives."""
-        return tuple(name for topic in self._sources for name, (side, _) in SAMPLED.items() if side == NAMED[topic])
+        return tuple(
+            name
+            for topic in self._sources
+            for name, (side, _) in SAMPLED.items()
+            if side == NAMED[topic]
+        )
 
     def take(self, everything: bool = False) -> Samples | None:
         """Return the samples that are ready, in order of time and never older than those before; None without any."""
@@ -145,7 +160,9 @@ class Collector:
                 for side in (side for side, source in self._sources.items() if source == topic):
                     there, rows = self._rows(side, names, stamps, numbers)
                     add[side](there, rows)
-                    if len(self._sources) == 1:  # the side that is not measured is no reason to wait
+                    if (
+                        len(self._sources) == 1
+                    ):  # the side that is not measured is no reason to wait
                         other = next(one for one in NAMED if one != side)
                         add[other](there, np.empty((len(there), 0)))
         pairs = self.pairing.take(everything)
@@ -177,14 +194,20 @@ class Collector:
             "messages hold numbers that are not finite": faults.not_finite,
             "messages have other fields than those before": faults.changed,
             "messages cannot be read": sum(box.unreadable for box in self.inboxes.values()),
-            "messages were dropped, as this node was busy": sum(box.overflowed for box in self.inboxes.values()),
+            "messages were dropped, as this node was busy": sum(
+                box.overflowed for box in self.inboxes.values()
+            ),
             "samples came too late": losses.late,
             "samples have no partner on the other topic": losses.unmatched,
         }
         return said + [f"{count} {what}" for what, count in counts.items() if count]
 
     def _rows(
-        self, topic: str, names: tuple[str, ...], stamps: NDArray[np.int64], numbers: dict[str, NDArray]
+        self,
+        topic: str,
+        names: tuple[str, ...],
+        stamps: NDArray[np.int64],
+        numbers: dict[str, NDArray],
     ) -> tuple[NDArray[np.int64], Array]:
         """Return the usable messages' stamps and their fields side by side, (N, fields * n), in the arm's order."""
         if topic in self._driver:

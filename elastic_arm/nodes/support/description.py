@@ -36,7 +36,11 @@ def ros_description(robot: Robot, namespace: str = "") -> str:
     for i, joint in enumerate(robot.joints):
         element = next(each for each in tree.findall("joint") if each.get("name") == joint.name)
         element.set("type", "revolute")
-        _set_limits(element, joint, (limits.low[i], limits.high[i], limits.velocity[i], _effort(robot, joint)))
+        _set_limits(
+            element,
+            joint,
+            (limits.low[i], limits.high[i], limits.velocity[i], _effort(robot, joint)),
+        )
         ET.SubElement(element, "dynamics", _friction(robot.effects, joint.name))
     for link in tree.findall("link"):
         for visual in link.findall("visual"):
@@ -47,20 +51,31 @@ def ros_description(robot: Robot, namespace: str = "") -> str:
     return '<?xml version="1.0"?>\n' + ET.tostring(tree, encoding="unicode") + "\n"
 
 
-def _set_limits(element: ET.Element, joint: Joint, values: tuple[float, float, float, float]) -> None:
+def _set_limits(
+    element: ET.Element, joint: Joint, values: tuple[float, float, float, float]
+) -> None:
     for found in element.findall("limit"):
         element.remove(found)
-    if None in (joint.limits.position_min, joint.limits.position_max, joint.limits.velocity, joint.limits.torque):
+    if None in (
+        joint.limits.position_min,
+        joint.limits.position_max,
+        joint.limits.velocity,
+        joint.limits.torque,
+    ):
         element.append(ET.Comment(" what the arm's description does not state is assumed "))
     names = ("lower", "upper", "velocity", "effort")
-    ET.SubElement(element, "limit", {name: _text(value) for name, value in zip(names, values, strict=True)})
+    ET.SubElement(
+        element, "limit", {name: _text(value) for name, value in zip(names, values, strict=True)}
+    )
 
 
 def _effort(robot: Robot, joint: Joint) -> float:
     """Return a joint's torque limit, Nm; where there is none, twice the torque of its weight when stretched out."""
     if joint.limits.torque is not None:
         return joint.limits.torque
-    reach = np.linalg.norm(np.diff(link_points(robot, np.zeros((1, robot.n)))[0, 1:], axis=0), axis=1).sum()
+    reach = np.linalg.norm(
+        np.diff(link_points(robot, np.zeros((1, robot.n)))[0, 1:], axis=0), axis=1
+    ).sum()
     weight = (robot.mass - robot.base_mass) * np.linalg.norm(robot.gravity)
     return float(f"{2.0 * weight * reach:.2g}")
 
@@ -77,7 +92,11 @@ def _friction(effects: Iterable[Mapping[str, Any]], joint: str) -> dict[str, str
 
 def _add_capsule(link: ET.Element, visual: ET.Element) -> None:
     """Add a collision shape to a bar: URDF has no capsules, so it is a cylinder with a sphere at both ends."""
-    cylinder, material, origin = visual.find("geometry/cylinder"), visual.find("material"), visual.find("origin")
+    cylinder, material, origin = (
+        visual.find("geometry/cylinder"),
+        visual.find("material"),
+        visual.find("origin"),
+    )
     if cylinder is None or material is None or origin is None or material.get("name") not in _BARS:
         return
     centre = vector(origin.get("xyz"), "visual: xyz")
@@ -86,7 +105,9 @@ def _add_capsule(link: ET.Element, visual: ET.Element) -> None:
     _collision(link, dict(origin.items()), "cylinder", dict(cylinder.items()))
     for end in (centre - half, centre + half):
         xyz = " ".join(_text(number) for number in end)
-        _collision(link, {"xyz": xyz, "rpy": "0 0 0"}, "sphere", {"radius": cylinder.get("radius", "0")})
+        _collision(
+            link, {"xyz": xyz, "rpy": "0 0 0"}, "sphere", {"radius": cylinder.get("radius", "0")}
+        )
 
 
 def _collision(link: ET.Element, origin: dict[str, str], shape: str, size: dict[str, str]) -> None:
@@ -110,7 +131,10 @@ def _add_tool(tree: ET.Element, robot: Robot) -> None:
 
 def _add_control(tree: ET.Element, robot: Robot, limits: JointLimits, namespace: str) -> None:
     control = ET.SubElement(tree, "ros2_control", name=robot.name, type="system")
-    hardware, prefix = ET.SubElement(control, "hardware"), f"/{namespace.strip('/')}/".replace("//", "/")
+    hardware, prefix = (
+        ET.SubElement(control, "hardware"),
+        f"/{namespace.strip('/')}/".replace("//", "/"),
+    )
     ET.SubElement(hardware, "plugin").text = _PLUGIN
     for name, topic in (("joint_commands_topic", COMMANDS), ("joint_states_topic", STATES)):
         ET.SubElement(hardware, "param", name=name).text = prefix + topic
@@ -118,7 +142,10 @@ def _add_control(tree: ET.Element, robot: Robot, limits: JointLimits, namespace:
     ET.SubElement(hardware, "param", name="trigger_joint_command_threshold").text = "-1"
     for i, name in enumerate(robot.joint_names):
         joint = ET.SubElement(control, "joint", name=name)
-        ranges = {"position": (limits.low[i], limits.high[i]), "velocity": (-limits.velocity[i], limits.velocity[i])}
+        ranges = {
+            "position": (limits.low[i], limits.high[i]),
+            "velocity": (-limits.velocity[i], limits.velocity[i]),
+        }
         for command in _COMMANDS:
             element = ET.SubElement(joint, "command_interface", name=command)
             for bound, value in zip(("min", "max"), ranges[command], strict=True):

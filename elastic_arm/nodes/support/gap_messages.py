@@ -4,7 +4,15 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from elastic_arm_msgs.msg import GapAlternative, GapCause, GapChange, GapDiagnosis, GapParameter, GapPlace, GapResidual
+from elastic_arm_msgs.msg import (
+    GapAlternative,
+    GapCause,
+    GapChange,
+    GapDiagnosis,
+    GapParameter,
+    GapPlace,
+    GapResidual,
+)
 from std_msgs.msg import Header
 
 from elastic_arm.estimation.equations import SIDES
@@ -14,7 +22,11 @@ def diagnosis_message(found: Mapping[str, Any]) -> GapDiagnosis:
     """Return the content of `diagnosis.json` as a message; its stamp is left to the caller."""
     return _filled(
         GapDiagnosis,
-        {**found, **found["recordings"], "shrink_interval": found["shrink_interval"] or (None, None)},
+        {
+            **found,
+            **found["recordings"],
+            "shrink_interval": found["shrink_interval"] or (None, None),
+        },
         header=Header(),
         residuals=[_residual(found, joint, side) for joint in found["noise"] for side in SIDES],
         causes=[_cause(cause) for cause in found["causes"]],
@@ -37,7 +49,10 @@ def _named(cause: Mapping[str, Any]) -> str:
 def _filled(kind: Any, content: Mapping[str, Any], **given: Any) -> Any:
     """Return a message of what is given, and of what the content has by the names of its other fields."""
     fields = kind.get_fields_and_field_types()
-    return kind(**given, **{name: _sent(content[name], fields[name]) for name in fields if name not in given})
+    return kind(
+        **given,
+        **{name: _sent(content[name], fields[name]) for name in fields if name not in given},
+    )
 
 
 def _sent(value: Any, kind: str) -> Any:
@@ -62,7 +77,9 @@ def _cause(cause: Mapping[str, Any]) -> GapCause:
 
 
 def _change(change: Mapping[str, Any]) -> GapChange:
-    by_recording = {name: [one[name] for one in change["values"]] for name in ("recording", "value", "std")}
+    by_recording = {
+        name: [one[name] for one in change["values"]] for name in ("recording", "value", "std")
+    }
     return _filled(GapChange, {**change, **by_recording})
 
 
@@ -73,7 +90,11 @@ def _parameter(name: str, estimate: Mapping[str, Any], stated: Any = None) -> Ga
         return GapParameter(name=name, words=words, unit=estimate["unit"])
     std = std if len(std) == len(value) else [None] * len(value)
     numbers = {"value": value, "std": std, "stated": [] if stated is None else _listed(stated)}
-    return GapParameter(name=name, unit=estimate["unit"], **{k: [_number(v) for v in vs] for k, vs in numbers.items()})
+    return GapParameter(
+        name=name,
+        unit=estimate["unit"],
+        **{k: [_number(v) for v in vs] for k, vs in numbers.items()},
+    )
 
 
 def _listed(value: Any) -> list[Any]:

@@ -48,7 +48,9 @@ def message_class(type_name: str) -> Any:
     try:
         return getattr(importlib.import_module(f"{package}.msg"), name)
     except (ImportError, AttributeError):
-        raise GraphError(f"message type {type_name} is not installed", f"Install or build {package}.") from None
+        raise GraphError(
+            f"message type {type_name} is not installed", f"Install or build {package}."
+        ) from None
 
 
 def other_publishers(node: Node, topic: str) -> list[str]:
@@ -59,7 +61,9 @@ def other_publishers(node: Node, topic: str) -> list[str]:
     """
     topic = resolved(node, topic)
     names = [
-        UNNAMED if "UNKNOWN" in info.node_name else f"{info.node_namespace.rstrip('/')}/{info.node_name}"
+        UNNAMED
+        if "UNKNOWN" in info.node_name
+        else f"{info.node_namespace.rstrip('/')}/{info.node_name}"
         for info in node.get_publishers_info_by_topic(topic)
     ]
     own = sum(1 for publisher in node.publishers if publisher.topic_name == topic)
@@ -84,7 +88,10 @@ def require_single_publisher(node: Node, wanted: Sequence[str], seconds: float =
     """
     end = time.monotonic() + seconds + (os.getpid() % 8) * 0.05
     while True:
-        found, now = {topic: others for topic in wanted if (others := other_publishers(node, topic))}, time.monotonic()
+        found, now = (
+            {topic: others for topic in wanted if (others := other_publishers(node, topic))},
+            time.monotonic(),
+        )
         for topic, others in found.items():
             if others[0] != UNNAMED or now >= end + NAMING:
                 raise company(others, resolved(node, topic))
@@ -97,7 +104,10 @@ def company(others: list[str], topic: str) -> GraphError:
     """Return the error of a topic that has another source already."""
     problem = f"{others[0]} publishes {topic} already: two sources of one topic would mix"
     if topic in topics.GLOBAL:  # which a namespace does not part
-        return GraphError(problem, "Start this one with real_time_factor:=1.0, or with another ROS_DOMAIN_ID.")
+        return GraphError(
+            problem, "Start this one with real_time_factor:=1.0, or with another ROS_DOMAIN_ID."
+        )
     return GraphError(
-        problem, "Stop it, or start this one in a namespace (--ros-args -r __ns:=/left) or with another ROS_DOMAIN_ID."
+        problem,
+        "Stop it, or start this one in a namespace (--ros-args -r __ns:=/left) or with another ROS_DOMAIN_ID.",
     )

@@ -42,7 +42,9 @@ class ArmNode(Node):
         """Return a publisher of one of the suite's topics."""
         return self.create_publisher(kind, graph.relative(topic), graph.qos(topic))
 
-    def serve(self, kind: Any, name: str, answer: Callable[[Any], Mapping[str, Any] | None]) -> Service:
+    def serve(
+        self, kind: Any, name: str, answer: Callable[[Any], Mapping[str, Any] | None]
+    ) -> Service:
         """Offer a service: `answer` makes the fields of the response that are not its defaults."""
 
         def reply(request: Any, response: Any) -> Any:
@@ -102,7 +104,9 @@ class Health:
         problems, values = self._look()
         level = DiagnosticStatus.WARN if problems else DiagnosticStatus.OK
         message = "; ".join(problems) or self._fine
-        status = DiagnosticStatus(level=level, name=self._name, message=message, hardware_id=self._arm)
+        status = DiagnosticStatus(
+            level=level, name=self._name, message=message, hardware_id=self._arm
+        )
         status.values = [KeyValue(key=key, value=_text(value)) for key, value in values.items()]
         array = DiagnosticArray(status=[status])
         array.header.stamp = self._now()
@@ -120,7 +124,15 @@ def _text(value: Any) -> str:
 class Listener:
     """A subscription that is made anew where publishers offer less than it requests, or something latched."""
 
-    def __init__(self, node: ArmNode, kind: Any, topic: str, take: Callable[[Any], None], *, raw: bool = False) -> None:
+    def __init__(
+        self,
+        node: ArmNode,
+        kind: Any,
+        topic: str,
+        take: Callable[[Any], None],
+        *,
+        raw: bool = False,
+    ) -> None:
         self._node, self._what, self._raw, self._closed = node, (kind, topic, take), raw, False
         self._subscribe(graph.qos(topic))
         self._timer = node.every(ADAPTING, self.adapt)
@@ -137,7 +149,10 @@ class Listener:
             return
         if infos := self._node.get_publishers_info_by_topic(self.topic):
             wanted = matching(infos)
-            if (wanted.reliability, wanted.durability) != (self._qos.reliability, self._qos.durability):
+            if (wanted.reliability, wanted.durability) != (
+                self._qos.reliability,
+                self._qos.durability,
+            ):
                 self._node.destroy_subscription(self._subscription)
                 self._subscribe(wanted)
 
@@ -145,7 +160,9 @@ class Listener:
         self._qos = qos
         # No warning of publishers that offer less: an event of a subscription that is gone would end the node.
         silent = SubscriptionEventCallbacks(use_default_callbacks=False)
-        self._subscription = self._node.create_subscription(*self._what, qos, raw=self._raw, event_callbacks=silent)
+        self._subscription = self._node.create_subscription(
+            *self._what, qos, raw=self._raw, event_callbacks=silent
+        )
 
     def close(self) -> None:
         """Receive nothing more."""

@@ -69,7 +69,9 @@ class Pairing:
             return None
         newest = max(stamp for stamp in self._newest if stamp is not None)
         limit = newest if everything else newest - self.window_ns
-        common, of_link, of_motor = np.intersect1d(link[0], motor[0], assume_unique=True, return_indices=True)
+        common, of_link, of_motor = np.intersect1d(
+            link[0], motor[0], assume_unique=True, return_indices=True
+        )
         ready = common <= limit
         pairs = Pairs(common[ready], link[1][of_link[ready]], motor[1][of_motor[ready]])
         self._drop_until(limit, len(pairs))
@@ -103,7 +105,12 @@ class Pairing:
     def _restart(self) -> None:
         self.losses.restarts += 1
         self.losses.unmatched += sum(len(held[0]) for held in self._sides if held is not None)
-        self._sides, self._newest, self._first, self._handed = [None, None], [None, None], [None, None], None
+        self._sides, self._newest, self._first, self._handed = (
+            [None, None],
+            [None, None],
+            [None, None],
+            None,
+        )
 
     def _drop_until(self, limit: int, handed_out: int) -> None:
         """Forget what is not younger than `limit`, and count what of it had no partner."""

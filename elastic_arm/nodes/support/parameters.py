@@ -56,13 +56,17 @@ def _declare(node: Node, name: str, row: Setting) -> Any:
     if row.choices:
         descriptor.additional_constraints = "one of " + ", ".join(row.choices)
     if row.between and isinstance(row.default, float):
-        descriptor.floating_point_range = [FloatingPointRange(from_value=row.between[0], to_value=row.between[1])]
+        descriptor.floating_point_range = [
+            FloatingPointRange(from_value=row.between[0], to_value=row.between[1])
+        ]
     elif row.between:
         low, high = map(int, row.between)
         descriptor.integer_range = [IntegerRange(from_value=low, to_value=high)]
     value = node.declare_parameter(name, row.default, descriptor).value
     if row.choices and value not in row.choices:
-        raise GraphError(f"parameter {name} is {value!r}", f"Choose one of {', '.join(row.choices)}.")
+        raise GraphError(
+            f"parameter {name} is {value!r}", f"Choose one of {', '.join(row.choices)}."
+        )
     return value
 
 
@@ -72,6 +76,12 @@ def texts(value: Any) -> list[str]:
     Raises a GraphError if it is no list of texts.
     """
     given = [] if value is None else value
-    if not isinstance(given, Sequence) or isinstance(given, str) or not all(isinstance(text, str) for text in given):
-        raise GraphError(f"{given!r} is no list of texts", "Write it as \"['first', 'second']\", or [] for none.")
+    if (
+        not isinstance(given, Sequence)
+        or isinstance(given, str)
+        or not all(isinstance(text, str) for text in given)
+    ):
+        raise GraphError(
+            f"{given!r} is no list of texts", "Write it as \"['first', 'second']\", or [] for none."
+        )
     return [text for text in given if text]

@@ -8,7 +8,11 @@ from collections.abc import Callable, Sequence
 from types import FrameType
 
 import rclpy
-from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException, ParameterException
+from rclpy.exceptions import (
+    InvalidParameterTypeException,
+    InvalidParameterValueException,
+    ParameterException,
+)
 from rclpy.executors import Executor
 from rclpy.experimental import EventsExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation as rcl
@@ -37,7 +41,10 @@ def run(make: Callable[[], ArmNode], args: Sequence[str] | None = None) -> int:
     stop = _Stop()
     choose_transport(os.environ)
     try:
-        rclpy.init(args=list(args) if args is not None else None, signal_handler_options=SignalHandlerOptions.NO)
+        rclpy.init(
+            args=list(args) if args is not None else None,
+            signal_handler_options=SignalHandlerOptions.NO,
+        )
     except (rcl.RCLError, rcl.RCLInvalidROSArgsError, rcl.UnknownROSArgsError) as error:
         words = " ".join(str(error).split()).removesuffix(".")
         return _refuse(f"{words}. `config/` shows the parameters and their types.")
@@ -45,11 +52,20 @@ def run(make: Callable[[], ArmNode], args: Sequence[str] | None = None) -> int:
         _spin(make, stop)
     except ElasticArmError as error:
         return _refuse(str(error))
-    except (ParameterException, InvalidParameterTypeException, InvalidParameterValueException) as error:
-        return _refuse(f"{str(error).strip().removesuffix('.')}. `config/` shows the parameters and their types.")
+    except (
+        ParameterException,
+        InvalidParameterTypeException,
+        InvalidParameterValueException,
+    ) as error:
+        return _refuse(
+            f"{str(error).strip().removesuffix('.')}. `config/` shows the parameters and their types."
+        )
     finally:
         rclpy.try_shutdown()
-        for number in (signal.SIGINT, signal.SIGTERM):  # one that comes now is late, and would count as a crash
+        for number in (
+            signal.SIGINT,
+            signal.SIGTERM,
+        ):  # one that comes now is late, and would count as a crash
             signal.signal(number, signal.SIG_IGN)
     return 0
 

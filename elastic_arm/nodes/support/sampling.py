@@ -31,7 +31,9 @@ class SamplingNode(ArmNode):
     def collect(self, robot: Robot) -> ChannelMap | None:
         """Prepare to take the samples of an arm; return the map of its channels, if any."""
         channels = load_channels(self.settings.channels) if self.settings.channels else None
-        self.collector = Collector(robot.joint_names, self.settings.sides, partial(graph.resolved, self), channels)
+        self.collector = Collector(
+            robot.joint_names, self.settings.sides, partial(graph.resolved, self), channels
+        )
         return channels
 
     def listen(self, what: str, fine: str) -> None:

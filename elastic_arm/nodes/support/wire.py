@@ -32,7 +32,9 @@ class Form:
         self._buffer = bytearray(serialize_message(message))
         layout = cdr.layout_of(memoryview(self._buffer), type_name)
         self._stamp = next(
-            layout.numbers[path].at for path in ("header.stamp.sec", "clock.sec") if path in layout.numbers
+            layout.numbers[path].at
+            for path in ("header.stamp.sec", "clock.sec")
+            if path in layout.numbers
         )
         self.fields: dict[str, NDArray] = {
             path: np.frombuffer(self._buffer, numbers.dtype, numbers.count, numbers.at)
@@ -92,7 +94,10 @@ class Inbox:
                     self.unreadable += 1
                     block = block[1:]
                     continue
-                alike = np.all([np.all(block[:, a:b] == block[0, a:b], axis=1) for a, b in layout.fixed], axis=0)
+                alike = np.all(
+                    [np.all(block[:, a:b] == block[0, a:b], axis=1) for a, b in layout.fixed],
+                    axis=0,
+                )
                 yield _decoded(layout, block[alike])
                 block = block[~alike]
             self.unreadable += len(block)
@@ -101,8 +106,12 @@ class Inbox:
 def _decoded(layout: cdr.Layout, block: NDArray[np.uint8]) -> Decoded:
     """Decode messages of one layout, (N, size) bytes."""
     numbers = {
-        path: block[:, field.at : field.at + field.count * field.dtype.itemsize].copy().view(field.dtype)
+        path: block[:, field.at : field.at + field.count * field.dtype.itemsize]
+        .copy()
+        .view(field.dtype)
         for path, field in layout.numbers.items()
     }
-    seconds, rest = (numbers.pop(f"header.stamp.{part}")[:, 0].astype(np.int64) for part in ("sec", "nanosec"))
+    seconds, rest = (
+        numbers.pop(f"header.stamp.{part}")[:, 0].astype(np.int64) for part in ("sec", "nanosec")
+    )
     return tuple(layout.strings.get("name", ())), seconds * NANOSECONDS + rest, numbers

@@ -46,7 +46,9 @@ class WorkerProcess:
         # A fork would take the threads' locks of the middleware along.
         context = multiprocessing.get_context("spawn")
         self._pipe, theirs = context.Pipe()
-        self._process = context.Process(target=_serve, args=(theirs, self._make, self._args), daemon=True)
+        self._process = context.Process(
+            target=_serve, args=(theirs, self._make, self._args), daemon=True
+        )
         with interrupts_held():
             self._process.start()
         theirs.close()
@@ -95,7 +97,9 @@ class WorkerProcess:
         return answer
 
 
-def _serve(pipe: Connection, make: Callable[..., Callable[[Any], Any]], args: tuple[Any, ...]) -> None:
+def _serve(
+    pipe: Connection, make: Callable[..., Callable[[Any], Any]], args: tuple[Any, ...]
+) -> None:
     """Answer questions until the node closes its end, or dies."""
     take_interrupts(signal.SIG_IGN)  # Ctrl-C reaches the whole group; the node ends this process
     os.nice(NICE)

@@ -23,7 +23,9 @@ Table = dict[str, np.ndarray]
 def export_paths(path: Path, joined: bool = False) -> list[Path]:
     """Return the files or folder that an export to `path` may make; refuse a path of another kind."""
     if path.suffix.lower() not in KINDS:
-        raise RecordingError(f"{path} is none of {', '.join(KINDS)}", "Give the file one of these endings.")
+        raise RecordingError(
+            f"{path} is none of {', '.join(KINDS)}", "Give the file one of these endings."
+        )
     return [path] if joined else [path, path.with_suffix(".yaml"), path.with_suffix(".urdf")]
 
 
@@ -41,7 +43,9 @@ def export_arrays(recording: Recording, path: Path, joined: bool = False) -> lis
 
 
 def _sides(recording: Recording, path: Path) -> list[str]:
-    sides = {"command" if name == "reference" else name: side for name, side in recording.sides().items()}
+    sides = {
+        "command" if name == "reference" else name: side for name, side in recording.sides().items()
+    }
     tables = {name: {"stamp_ns": side.stamp_ns, **side.channels()} for name, side in sides.items()}
     mapping: dict[str, Any] = {"times": {}, "joints": list(recording.joints)}
     # Blanks at the end of a line of names are none of a name.
@@ -61,9 +65,18 @@ def _sides(recording: Recording, path: Path) -> list[str]:
             mapping[side][name] = {"key": key, "unit": DEFAULT_UNIT[name]}  # type: ignore[index]
         if of_joints:
             _write(file, _columns(table, joints))
-        said.append(f"{file}: {len(table['stamp_ns'])} samples of the {side} side, {', '.join(table)}")
+        said.append(
+            f"{file}: {len(table['stamp_ns'])} samples of the {side} side, {', '.join(table)}"
+        )
     if not of_joints:
-        _write(path, {f"{side}.{name}": values for side, table in tables.items() for name, values in table.items()})
+        _write(
+            path,
+            {
+                f"{side}.{name}": values
+                for side, table in tables.items()
+                for name, values in table.items()
+            },
+        )
     if recording.currents:
         mapping["from_currents"] = list(recording.currents)
     if recording.robot_description is not None:
@@ -81,18 +94,33 @@ def _joined(recording: Recording, path: Path) -> list[str]:
     samples = recording.samples()
     channels = samples.recorded()
     one_table = path.suffix.lower() in _ONE_TABLE
-    _write(path, {"time": samples.t, **(_columns(channels, recording.joints) if one_table else channels)})
-    counts = " and ".join(f"{len(side)} of the {name} side" for name, side in recording.measured().items())
-    said = [f"{path}: {len(samples)} samples on one time base of {counts}: time, {', '.join(channels)}"]
+    _write(
+        path,
+        {"time": samples.t, **(_columns(channels, recording.joints) if one_table else channels)},
+    )
+    counts = " and ".join(
+        f"{len(side)} of the {name} side" for name, side in recording.measured().items()
+    )
+    said = [
+        f"{path}: {len(samples)} samples on one time base of {counts}: time, {', '.join(channels)}"
+    ]
     left = "; the commands are not in it" if recording.reference is not None else ""
-    return [*said, *samples.notes, f"time is in s from the first sample, at {samples.stamp_ns[0]} ns{left}"]
+    return [
+        *said,
+        *samples.notes,
+        f"time is in s from the first sample, at {samples.stamp_ns[0]} ns{left}",
+    ]
 
 
 def _columns(table: Mapping[str, np.ndarray], joints: Any) -> Table:
     """Return the columns of a table: one a joint for each channel."""
     columns: Table = {}
     for name, values in table.items():
-        columns |= {name: values} if values.ndim == 1 else {f"{name}.{j}": values[:, k] for k, j in enumerate(joints)}
+        columns |= (
+            {name: values}
+            if values.ndim == 1
+            else {f"{name}.{j}": values[:, k] for k, j in enumerate(joints)}
+        )
     return columns
 
 
@@ -106,7 +134,9 @@ def _write(path: Path, arrays: Table) -> None:
             csv.writer(names, lineterminator="\n").writerow(arrays)
             content.write(names.getvalue().encode())
             formats = ["%d" if values.dtype.kind == "i" else "%.17g" for values in arrays.values()]
-            np.savetxt(content, np.rec.fromarrays(list(arrays.values())), delimiter=",", fmt=formats)
+            np.savetxt(
+                content, np.rec.fromarrays(list(arrays.values())), delimiter=",", fmt=formats
+            )
         case ".parquet":
             import pyarrow as pa
             import pyarrow.parquet as pq

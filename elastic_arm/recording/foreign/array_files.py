@@ -36,10 +36,27 @@ _ELSEWHERE[".feather"] = (
     "is a Feather file",
     "Save it as Parquet: pandas.read_feather('{0}').to_parquet('t.parquet').",
 )
-FILE_INDEX = "file_index"  # array that numbers the files of a folder whose files hold the same arrays
+FILE_INDEX = (
+    "file_index"  # array that numbers the files of a folder whose files hold the same arrays
+)
 # What numpy, csv and the libraries of the formats raise for a file that is not what its name promises.
-_UNREADABLE: tuple[type[Exception], ...] = (OSError, ValueError, TypeError, LookupError, EOFError, MemoryError)
-_UNREADABLE += (AttributeError, NameError, SyntaxError, OverflowError, RuntimeError, AssertionError, struct.error)
+_UNREADABLE: tuple[type[Exception], ...] = (
+    OSError,
+    ValueError,
+    TypeError,
+    LookupError,
+    EOFError,
+    MemoryError,
+)
+_UNREADABLE += (
+    AttributeError,
+    NameError,
+    SyntaxError,
+    OverflowError,
+    RuntimeError,
+    AssertionError,
+    struct.error,
+)
 _UNREADABLE += (csv.Error, zlib.error, zipfile.BadZipFile, tokenize.TokenError)
 _WHOLE_TABLE = ""
 _BLANK = ("", "na", "n/a", "#n/a", "null", "none", "-", "--")  # cells that hold no number
@@ -49,10 +66,14 @@ _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?$")
 class Arrays(dict[str, np.ndarray]):
     """Arrays by name, with what a table as text states beside its numbers."""
 
-    def __init__(self, arrays: Mapping[str, np.ndarray] | Iterable[tuple[str, np.ndarray]] = ()) -> None:
+    def __init__(
+        self, arrays: Mapping[str, np.ndarray] | Iterable[tuple[str, np.ndarray]] = ()
+    ) -> None:
         super().__init__(arrays)
         self.units: dict[str, str] = {}  # of columns, by a row of units
-        self.faults: dict[str, str] = {}  # of columns that are no numbers: the first line that is none
+        self.faults: dict[
+            str, str
+        ] = {}  # of columns that are no numbers: the first line that is none
         self.decimal = "."
 
 
@@ -69,14 +90,26 @@ def load_arrays(path: Path, decimal: str | None = ".") -> Arrays:
         found.pop(_WHOLE_TABLE, None)
         return found
     try:
-        root = path / "data" if (path / "meta" / "info.json").is_file() else path  # a dataset of LeRobot's
-        files = [file for file in sorted(path.iterdir()) if file.suffix.lower() in set(ARRAY_FILES) - set(LEARNERS)]
+        root = (
+            path / "data" if (path / "meta" / "info.json").is_file() else path
+        )  # a dataset of LeRobot's
+        files = [
+            file
+            for file in sorted(path.iterdir())
+            if file.suffix.lower() in set(ARRAY_FILES) - set(LEARNERS)
+        ]
         below = [file for depth in ("*", "*/*", "*/*/*") for file in root.glob(depth)]
-        learned = sorted((f for f in below if f.suffix.lower() in LEARNERS and f.is_file()), key=_number)
+        learned = sorted(
+            (f for f in below if f.suffix.lower() in LEARNERS and f.is_file()), key=_number
+        )
     except OSError as error:
-        raise RecordingError(f"{path} cannot be read: {error.strerror}", "Check its permissions.") from None
+        raise RecordingError(
+            f"{path} cannot be read: {error.strerror}", "Check its permissions."
+        ) from None
     if not files and not learned:
-        raise RecordingError(f"{path} holds no arrays", f"Give a folder of files {', '.join(KINDS)}.")
+        raise RecordingError(
+            f"{path} holds no arrays", f"Give a folder of files {', '.join(KINDS)}."
+        )
     parts: dict[Path, Arrays] = {}
     for some in [*([file] for file in files), *([learned] if learned else [])]:
         parts |= zip(some, _load(some, decimal), strict=True)
@@ -91,7 +124,10 @@ def load_arrays(path: Path, decimal: str | None = ".") -> Arrays:
 
 def _number(file: Path) -> list[tuple[int, str]]:
     """Order `episode_2` before `episode_10`."""
-    return [(int(word), "") if word.isdecimal() else (-1, word) for word in re.split(r"(\d{1,18})", str(file))]
+    return [
+        (int(word), "") if word.isdecimal() else (-1, word)
+        for word in re.split(r"(\d{1,18})", str(file))
+    ]
 
 
 def _rows(part: Arrays) -> Arrays:
@@ -99,7 +135,9 @@ def _rows(part: Arrays) -> Arrays:
     texts = {name: values for name, values in part.items() if values.dtype.kind == "U"}
     lengths = Counter(len(values) for name, values in part.items() if name not in texts)
     count = max(lengths, key=lambda length: lengths[length], default=0)
-    return Arrays({name: values for name, values in part.items() if len(values) == count or name in texts})
+    return Arrays(
+        {name: values for name, values in part.items() if len(values) == count or name in texts}
+    )
 
 
 def _stacked(parts: Sequence[Arrays]) -> Arrays:
@@ -115,10 +153,16 @@ def _side_by_side(path: Path, parts: Mapping[Path, Arrays]) -> Arrays:
     for file, part in parts.items():
         # The one column of a file of one number a line is the file.
         only = _WHOLE_TABLE in part and len(part) == 2
-        names = {name: f"{file.stem}.{name}" if name else file.stem for name in part if not (only and name)}
+        names = {
+            name: f"{file.stem}.{name}" if name else file.stem
+            for name in part
+            if not (only and name)
+        }
         found = Arrays({called: part[name] for name, called in names.items()})
         if twice := sorted(arrays.keys() & found.keys()):
-            raise RecordingError(f"{path}: two files hold an array {twice[0][:60]!r}", "Give files other names.")
+            raise RecordingError(
+                f"{path}: two files hold an array {twice[0][:60]!r}", "Give files other names."
+            )
         arrays.update(found)
         arrays.units |= {f"{file.stem}.{name}": unit for name, unit in part.units.items()}
         arrays.faults |= {f"{file.stem}.{name}": fault for name, fault in part.faults.items()}
@@ -136,7 +180,9 @@ def _load(paths: Sequence[Path], decimal: str | None) -> list[Arrays]:
     try:
         for file in paths:
             if not stat.S_ISREG(file.stat().st_mode):
-                raise RecordingError(f"{file} is no file, but a pipe or a device", "Save it as a file first.")
+                raise RecordingError(
+                    f"{file} is no file, but a pipe or a device", "Save it as a file first."
+                )
         _refuse_large(path, sum(file.stat().st_size for file in paths))
         if kind in TABLES:
             return [_table(path, decimal)]
@@ -148,19 +194,29 @@ def _load(paths: Sequence[Path], decimal: str | None) -> list[Arrays]:
             return [Arrays({_WHOLE_TABLE: np.load(path, allow_pickle=False)})]
         found = load_compiled(paths, limits.unpacked_bytes())
         if empty := [file for file, arrays in zip(paths, found, strict=True) if not arrays]:
-            raise RecordingError(f"{empty[0]} holds no tables of numbers", "Give a file with joint states.")
+            raise RecordingError(
+                f"{empty[0]} holds no tables of numbers", "Give a file with joint states."
+            )
         return [Arrays(arrays) for arrays in found]
     except (RecordingError, MissingExtraError):
         raise
     except _UNREADABLE as error:
-        reason = getattr(error, "strerror", None) or " ".join(str(error).split())[:200] or type(error).__name__
-        raise RecordingError(f"{path} cannot be read: {reason}", "Check the path and the format.") from None
+        reason = (
+            getattr(error, "strerror", None)
+            or " ".join(str(error).split())[:200]
+            or type(error).__name__
+        )
+        raise RecordingError(
+            f"{path} cannot be read: {reason}", "Check the path and the format."
+        ) from None
 
 
 def _refuse_large(path: Path, size: int) -> None:
     """Refuse what does not fit into the memory."""
     if size > (most := limits.unpacked_bytes()):
-        raise RecordingError(f"{path} unpacks to {size} bytes, {most} are the limit", "Cut it into parts.")
+        raise RecordingError(
+            f"{path} unpacks to {size} bytes, {most} are the limit", "Cut it into parts."
+        )
 
 
 def _npz(path: Path) -> Arrays:
@@ -185,22 +241,32 @@ def _table(path: Path, decimal: str | None) -> Arrays:
     lines = _text(path).split("\n")
     numbered = [(n, line) for n, line in enumerate(lines, start=1) if line.strip()]
     # Names stand in the first line that is no comment, or in the last of the comments before it, as numpy writes them.
-    remarks = sum(1 for _ in itertools.takewhile(lambda row: row[1].lstrip().startswith("#"), numbered))
-    named = remarks < len(numbered) and not any(map(_is_number, re.split(r"[;,\s]+", numbered[remarks][1])))
+    remarks = sum(
+        1 for _ in itertools.takewhile(lambda row: row[1].lstrip().startswith("#"), numbered)
+    )
+    named = remarks < len(numbered) and not any(
+        map(_is_number, re.split(r"[;,\s]+", numbered[remarks][1]))
+    )
     numbered = numbered[remarks if named else max(remarks - 1, 0) :]
     if not numbered:
-        raise RecordingError(f"{path} cannot be read: it is empty", "Give a file with a table of numbers.")
+        raise RecordingError(
+            f"{path} cannot be read: it is empty", "Give a file with a table of numbers."
+        )
     delimiter = _delimiter([line for _, line in numbered[:2]], decimal)
     # Blanks may come several at a time, and stand behind the comment mark that numpy writes.
     head = numbered[0][1].lstrip("#")
     names, used = head.split(), 1
     if delimiter is not None:
         # A name in quotes may go over several lines.
-        reader = csv.reader([head + "\n", *(f"{line}\n" for line in lines[numbered[0][0] :])], delimiter=delimiter)
+        reader = csv.reader(
+            [head + "\n", *(f"{line}\n" for line in lines[numbered[0][0] :])], delimiter=delimiter
+        )
         names, used = next(reader), reader.line_num
     names = [name.strip().lstrip("#").strip() for name in names]
     nameless = all(_is_number(name) or _DECIMAL_COMMA.match(name) for name in names)
-    below = numbered if nameless else [(n, line) for n, line in numbered if n >= numbered[0][0] + used]
+    below = (
+        numbered if nameless else [(n, line) for n, line in numbered if n >= numbered[0][0] + used]
+    )
     rows = [(n, line) for n, line in below if line.partition("#")[0].strip()]
     if not rows:
         raise ValueError("there are no numbers below the first line")
@@ -209,21 +275,35 @@ def _table(path: Path, decimal: str | None) -> Arrays:
     elif len(set(names)) < len(names):
         raise ValueError(f"two columns are called {Counter(names).most_common(1)[0][0][:60]!r}")
     units = [cell.strip() for cell in _cells(rows[0][1], delimiter)]
-    stated = len(rows) > 1 and any(units) and not any(_is_number(cell.replace(",", ".")) for cell in units)
+    stated = (
+        len(rows) > 1
+        and any(units)
+        and not any(_is_number(cell.replace(",", ".")) for cell in units)
+    )
     rows = rows[1:] if stated else rows
     with_commas = (row for row in rows if "," in row[1] and (delimiter != "," or '"' in row[1]))
     cells = ((n, cell) for n, line in with_commas for cell in _cells(line, delimiter))
     comma = next(((n, cell) for n, cell in cells if _DECIMAL_COMMA.match(cell.strip())), None)
     if comma is not None and decimal == ".":
-        problem = f"{path} cannot be read: line {comma[0]}: {comma[1].strip()!r} has a decimal comma"
-        raise RecordingError(problem, "Write decimal: ',' in the mapping, or numbers with decimal points.")
-    plain = [line if comma is None or delimiter == "," else line.replace(",", ".") for _, line in rows]
+        problem = (
+            f"{path} cannot be read: line {comma[0]}: {comma[1].strip()!r} has a decimal comma"
+        )
+        raise RecordingError(
+            problem, "Write decimal: ',' in the mapping, or numbers with decimal points."
+        )
+    plain = [
+        line if comma is None or delimiter == "," else line.replace(",", ".") for _, line in rows
+    ]
     try:
         table = np.loadtxt(plain, delimiter=delimiter, ndmin=2)
         arrays = Arrays(zip(names, table.T, strict=True))
         # Of nanoseconds since 1970 doubles lose the last ones.
-        for k in np.flatnonzero((np.abs(table) > 2**53).all(axis=0) & (np.abs(table) < 2**63).all(axis=0)).tolist():
-            arrays[names[k]] = np.loadtxt(plain, delimiter=delimiter, usecols=k, dtype=np.int64, ndmin=1)
+        for k in np.flatnonzero(
+            (np.abs(table) > 2**53).all(axis=0) & (np.abs(table) < 2**63).all(axis=0)
+        ).tolist():
+            arrays[names[k]] = np.loadtxt(
+                plain, delimiter=delimiter, usecols=k, dtype=np.int64, ndmin=1
+            )
     except ValueError:
         arrays = _by_cells(path, names, rows, delimiter, "." if comma is None else ",")
     arrays.units = {name: unit for name, unit in zip(names, units, strict=False) if stated and unit}
@@ -246,7 +326,11 @@ def _text(path: Path) -> str:
 
 
 def _by_cells(
-    path: Path, names: Sequence[str], rows: Sequence[tuple[int, str]], delimiter: str | None, decimal: str
+    path: Path,
+    names: Sequence[str],
+    rows: Sequence[tuple[int, str]],
+    delimiter: str | None,
+    decimal: str,
 ) -> Arrays:
     """Read a table with blank cells or texts."""
     parted = [(n, _cells(line.partition("#")[0], delimiter)) for n, line in rows]
@@ -255,16 +339,24 @@ def _by_cells(
             cells.pop()  # a mark at the end of the line parts nothing
         if len(cells) != len(names):
             problem = f"{path} cannot be read: line {n}: {len(cells)} columns, where the lines before have {len(names)}"
-            raise RecordingError(problem, "Begin with the line of names, and give all lines as many columns.")
+            raise RecordingError(
+                problem, "Begin with the line of names, and give all lines as many columns."
+            )
     arrays = Arrays()
     for k, name in enumerate(names):
         column = [cells[k].strip().replace(decimal, ".") for _, cells in parted]
         try:
             if name or any(column):
-                arrays[name] = np.array([np.nan if cell.lower() in _BLANK else float(cell) for cell in column])
+                arrays[name] = np.array(
+                    [np.nan if cell.lower() in _BLANK else float(cell) for cell in column]
+                )
         except ValueError:
             arrays[name] = np.array(column)
-            wrong = next(i for i, cell in enumerate(column) if not (cell.lower() in _BLANK or _is_number(cell)))
+            wrong = next(
+                i
+                for i, cell in enumerate(column)
+                if not (cell.lower() in _BLANK or _is_number(cell))
+            )
             arrays.faults[name] = f"line {parted[wrong][0]}: {column[wrong][:60]!r} is no number"
     return arrays
 
@@ -278,7 +370,10 @@ def _laid_out(path: Path, table: Arrays) -> Arrays:
     arrays = Arrays(found)
     arrays.units = {name: unit for name, unit in table.units.items() if name in found} | units
     texts = {name for name, values in found.items() if values.dtype.kind == "U"}
-    faults = {name: table.faults.get(name, f"{values[0]!r} is no number") for name, values in found.items()}
+    faults = {
+        name: table.faults.get(name, f"{values[0]!r} is no number")
+        for name, values in found.items()
+    }
     arrays.faults = {name: fault for name, fault in faults.items() if name in texts}
     return arrays
 
@@ -306,7 +401,9 @@ def _json(path: Path) -> Arrays:
     arrays = Arrays(found)
     arrays.units = units
     texts = {name: values for name, values in found.items() if values.dtype.kind == "U"}
-    arrays.faults = {name: f"{str(values[0])[:60]!r} is no number" for name, values in texts.items()}
+    arrays.faults = {
+        name: f"{str(values[0])[:60]!r} is no number" for name, values in texts.items()
+    }
     return arrays
 
 

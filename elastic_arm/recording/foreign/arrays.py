@@ -49,7 +49,9 @@ class Times(Strict):
     key: Key | None = None  # name of the array
     unit: Literal["s", "ms", "us", "ns"] = "s"  # of its numbers
     rate: Annotated[Number, Field(gt=1e-6, lt=1e9)] | None = None  # hz, where there is no array
-    start: Annotated[Number, Field(ge=0, lt=2**31)] = 0.0  # unix seconds of the first sample, with `rate`
+    start: Annotated[Number, Field(ge=0, lt=2**31)] = (
+        0.0  # unix seconds of the first sample, with `rate`
+    )
 
     @model_validator(mode="after")
     def _one_of(self) -> Self:
@@ -99,7 +101,9 @@ class ArrayChannel(Strict):
         """Return which of all joints have the channel."""
         own = self.joints or list(joints)
         if unknown := [name for name in own if name not in joints]:
-            raise ValueError(f"there is no joint {', '.join(unknown)}; there are {', '.join(joints)}")
+            raise ValueError(
+                f"there is no joint {', '.join(unknown)}; there are {', '.join(joints)}"
+            )
         if len(set(own)) < len(own):
             raise ValueError(f"joints {', '.join(own)}: a name occurs twice")
         return [list(joints).index(name) for name in own]
@@ -112,7 +116,8 @@ class ArrayChannel(Strict):
             if isinstance(value, list) and len(value) != n:
                 raise ValueError(f"{channel}.{name} has {len(value)} values for {n} joints")
         of_joint = [
-            ChannelScale(**{k: v[joint] if isinstance(v, list) else v for k, v in given.items()}) for joint in range(n)
+            ChannelScale(**{k: v[joint] if isinstance(v, list) else v for k, v in given.items()})
+            for joint in range(n)
         ]
         for scale in of_joint:
             scale.check_unit(channel)
@@ -138,19 +143,29 @@ class ArrayMap(Strict):
     """A mapping of arrays to a recording, or to several runs."""
 
     times: Times  # of the samples
-    joints: Annotated[list[str], Field(min_length=1, max_length=MOST_JOINTS)]  # names, in robot-description order
+    joints: Annotated[
+        list[str], Field(min_length=1, max_length=MOST_JOINTS)
+    ]  # names, in robot-description order
     link: SideArrays = SideArrays()  # link, motor: the channels of each side
     motor: SideArrays = SideArrays()
     command: CommandArrays = CommandArrays()  # what the arm was told, the recording's reference
-    rows: Rows | None = None  # runs of several, such as the episodes of a dataset; all rows are one when None
+    rows: Rows | None = (
+        None  # runs of several, such as the episodes of a dataset; all rows are one when None
+    )
     every: Annotated[WholeNumber, Field(ge=1)] = 1  # of the rows each so many-th is taken
     decimal: Literal[".", ","] = "."  # mark of tables as text
     # arrays that are left out on purpose, `*` and `?` as in file names; any other that is not mapped is an error
     ignore: Annotated[list[str], Field(default_factory=list)]
-    robot_description: str | None = None  # URDF file to put into the bag; relative to the mapping file
-    coupling: Coupling = Field(default_factory=dict)  # of motors that move several joints: joint -> motor -> factor
+    robot_description: str | None = (
+        None  # URDF file to put into the bag; relative to the mapping file
+    )
+    coupling: Coupling = Field(
+        default_factory=dict
+    )  # of motors that move several joints: joint -> motor -> factor
     # torque channels that were computed from currents before
-    from_currents: Annotated[list[Literal["joint_torque", "motor_torque"]], Field(default_factory=list)]
+    from_currents: Annotated[
+        list[Literal["joint_torque", "motor_torque"]], Field(default_factory=list)
+    ]
 
     @model_validator(mode="after")
     def _usable(self) -> Self:
@@ -166,7 +181,9 @@ class ArrayMap(Strict):
     def channels(self) -> Iterator[tuple[SideName, ChannelName, ArrayChannel]]:
         """Yield the channels of all sides."""
         for side in SIDE_NAMES:
-            yield from ((side, name, channel) for name, channel in getattr(self, side).present().items())
+            yield from (
+                (side, name, channel) for name, channel in getattr(self, side).present().items()
+            )
 
     def currents(self) -> tuple[str, ...]:
         """Return the torque channels, by the names of a recording, that are currents of any joint."""
@@ -188,7 +205,9 @@ def import_arrays(path: str | Path, mapping: str | Path) -> Recording:
     """Make a recording of a file of arrays, or of all files of a folder."""
     runs = import_runs(path, mapping)
     if len(runs) > 1:
-        raise RecordingError(f"{path} holds {len(runs)} runs", "Give the number of one under rows.value.")
+        raise RecordingError(
+            f"{path} holds {len(runs)} runs", "Give the number of one under rows.value."
+        )
     return next(iter(runs.values()))
 
 
@@ -199,18 +218,26 @@ def import_runs(path: str | Path, mapping: str | Path) -> dict[str, Recording]:
     urdf = None
     if rules.robot_description is not None:
         file = Path(mapping).parent / rules.robot_description
-        urdf = read_text(file, RecordingError, f"Mend robot_description in {mapping}: a path from its folder.")
+        urdf = read_text(
+            file, RecordingError, f"Mend robot_description in {mapping}: a path from its folder."
+        )
     try:
         _refuse_strays(arrays, rules)
         notes: list[str] = []
-        sides = {side: _read_side(arrays, rules, side, notes) for side in SIDE_NAMES if getattr(rules, side).present()}
+        sides = {
+            side: _read_side(arrays, rules, side, notes)
+            for side in SIDE_NAMES
+            if getattr(rules, side).present()
+        }
         runs = {name: _recording(rules, sides, rows) for name, rows in _runs(arrays, rules)}
     except RecordingError as error:
         # There is no bag yet that could be repaired.
         remedy = MEND if REPAIR in error.remedy else error.remedy
         raise RecordingError(f"{path}: {error.problem}", remedy) from None
     return {
-        name: replace(run, robot_description=urdf, source=f"{path} {name}".strip(), notes=(*notes, *run.notes))
+        name: replace(
+            run, robot_description=urdf, source=f"{path} {name}".strip(), notes=(*notes, *run.notes)
+        )
         for name, run in runs.items()
     }
 
@@ -231,11 +258,17 @@ def _refuse_strays(arrays: Arrays, rules: ArrayMap) -> None:
     if missing := sorted(used - set(arrays)):
         problem = f"no array {', '.join(missing)}; there is {', '.join(arrays)}"
         raise RecordingError(problem, "Correct the names in the mapping.")
-    numbers = {name for name, values in arrays.items() if values.dtype.kind in "iufc" and name != FILE_INDEX}
+    numbers = {
+        name
+        for name, values in arrays.items()
+        if values.dtype.kind in "iufc" and name != FILE_INDEX
+    }
     # A bracket in a pattern may be one of the name: columns are called `Time [ms]`.
     patterns = [*rules.ignore, *(pattern.replace("[", "[[]") for pattern in rules.ignore)]
     left = {name for name in numbers - used if not _other_form(name, arrays, used)}
-    if strays := sorted(name for name in left if not any(fnmatchcase(name, pattern) for pattern in patterns)):
+    if strays := sorted(
+        name for name in left if not any(fnmatchcase(name, pattern) for pattern in patterns)
+    ):
         problem = f"arrays {', '.join(strays)} are not mapped"
         raise RecordingError(problem, "Map them, or list them under 'ignore' in the mapping.")
 
@@ -252,7 +285,9 @@ def _other_form(name: str, arrays: Mapping[str, np.ndarray], used: Collection[st
     return f"{name}.0" in arrays and any(key.rpartition(".")[0] == name for key in used)
 
 
-def _in_stated_unit(channel: ArrayChannel, name: ChannelName, arrays: Arrays, n: int) -> tuple[ArrayChannel, list[str]]:
+def _in_stated_unit(
+    channel: ArrayChannel, name: ChannelName, arrays: Arrays, n: int
+) -> tuple[ArrayChannel, list[str]]:
     """Give a channel without a unit those that its columns' names or a row of units state; note those that differ."""
     keys = channel.arrays()
     words = [stated_unit(key, arrays.units.get(key, "")) for key in keys]
@@ -262,15 +297,22 @@ def _in_stated_unit(channel: ArrayChannel, name: ChannelName, arrays: Arrays, n:
         others = [
             f"{key} is in {word} by its name, and was taken as {unit} by the mapping"
             for key, word, found, unit in zip(keys, words, known, units, strict=False)
-            if word and not (found[0] and unit.startswith(found[0]) and found[1] == 1.0) and channel.factor == 1.0
+            if word
+            and not (found[0] and unit.startswith(found[0]) and found[1] == 1.0)
+            and channel.factor == 1.0
         ]
         return channel, others
     if not any(words):
         return channel, []
     for key, word, (unit, _) in zip(keys, words, known, strict=True):
         if word and (unit not in TO_SI[name] or unit == "A"):
-            raise RecordingError(f"{key} is in {word}", f"Give {name} a unit in the mapping, and what belongs to it.")
-    known = [found if word else (DEFAULT_UNIT[name], 1.0) for word, found in zip(words, known, strict=True)]
+            raise RecordingError(
+                f"{key} is in {word}", f"Give {name} a unit in the mapping, and what belongs to it."
+            )
+    known = [
+        found if word else (DEFAULT_UNIT[name], 1.0)
+        for word, found in zip(words, known, strict=True)
+    ]
     known = known * n if len(known) == 1 else known
     factors = channel.factor if isinstance(channel.factor, list) else [channel.factor] * n
     scaled = [factor * size for factor, (_, size) in zip(factors, known, strict=False)]
@@ -283,21 +325,34 @@ def _read_side(arrays: Arrays, rules: ArrayMap, side: SideName, notes: list[str]
     if times.key is None:
         channel = next(iter(channels.values()))
         first = arrays[channel.arrays()[0]]
-        size = first.size // len(channel.places(rules.joints)) if channel.flat else max(first.shape, default=1)
+        size = (
+            first.size // len(channel.places(rules.joints))
+            if channel.flat
+            else max(first.shape, default=1)
+        )
         values = np.arange(size)
     else:
         values = np.asarray(arrays[times.key]).ravel()
         if values.dtype.kind not in "iuf":
-            raise RecordingError(f"{times.key} holds no numbers", "Name the array of times in the mapping.")
+            raise RecordingError(
+                f"{times.key} holds no numbers", "Name the array of times in the mapping."
+            )
         if "unit" not in times.model_fields_set:
-            word = stated_unit(times.key, arrays.units.get(times.key, "")).lower().replace("µ", "u").replace("sec", "s")
+            word = (
+                stated_unit(times.key, arrays.units.get(times.key, ""))
+                .lower()
+                .replace("µ", "u")
+                .replace("sec", "s")
+            )
             times = times.model_copy(update={"unit": word if word in _NS else "s"})
         # Beyond this 64 bits of nanoseconds, and the stamps of ROS, hold no time.
         late = np.abs(values.astype(np.float64)) >= 2**31 * 1e9 / _NS[times.unit]
         if late.any():
             row = int(np.argmax(late))
             problem = f"{times.key} is {values[row]} {times.unit} in row {row}; stamps end at 2^31 s, in 2038"
-            raise RecordingError(problem, "Give the right unit under times, or subtract a constant.")
+            raise RecordingError(
+                problem, "Give the right unit under times, or subtract a constant."
+            )
     tables = {}
     for name, channel in channels.items():
         places = channel.places(rules.joints)
@@ -305,43 +360,70 @@ def _read_side(arrays: Arrays, rules: ArrayMap, side: SideName, notes: list[str]
         notes += others
         table = _table(arrays, channel, len(values), len(places))
         tables[name] = np.full((len(values), len(rules.joints)), np.nan)
-        for i, (place, scale) in enumerate(zip(places, channel.scales(name, len(places)), strict=True)):
+        for i, (place, scale) in enumerate(
+            zip(places, channel.scales(name, len(places)), strict=True)
+        ):
             tables[name][:, place] = scale.applied(table[:, i], name)
     return _SideTable(times, values, tables)
 
 
-def _runs(arrays: Mapping[str, np.ndarray], rules: ArrayMap) -> list[tuple[str, NDArray[np.bool_] | None]]:
+def _runs(
+    arrays: Mapping[str, np.ndarray], rules: ArrayMap
+) -> list[tuple[str, NDArray[np.bool_] | None]]:
     """Return the runs by name, each with the rows that are its own; None for all."""
     if rules.rows is None:
         return [("", None)]
-    numbers, key, value = np.asarray(arrays[rules.rows.key]).ravel(), rules.rows.key, rules.rows.value
+    numbers, key, value = (
+        np.asarray(arrays[rules.rows.key]).ravel(),
+        rules.rows.key,
+        rules.rows.value,
+    )
     known = np.unique(numbers)
     wanted = known.tolist() if value is None else value if isinstance(value, list) else [value]
     if missing := [number for number in wanted if number not in known]:
         shown = ", ".join(f"{number:g}" for number in known[:8])
-        raise RecordingError(f"no row has {key} {missing[0]}", f"Take one of {shown} under rows.value.")
-    return [(f"{key}_{number:g}" if len(wanted) > 1 else "", numbers == number) for number in wanted]
+        raise RecordingError(
+            f"no row has {key} {missing[0]}", f"Take one of {shown} under rows.value."
+        )
+    return [
+        (f"{key}_{number:g}" if len(wanted) > 1 else "", numbers == number) for number in wanted
+    ]
 
 
-def _recording(rules: ArrayMap, tables: Mapping[SideName, _SideTable], chosen: NDArray[np.bool_] | None) -> Recording:
+def _recording(
+    rules: ArrayMap, tables: Mapping[SideName, _SideTable], chosen: NDArray[np.bool_] | None
+) -> Recording:
     """Build the recording of one run: rows with holes are left out of their side."""
     notes: list[str] = []
     sides: dict[str, Side | None] = dict.fromkeys(SIDE_NAMES)
     for side, table in tables.items():
         if chosen is not None and len(chosen) != len(table.times):
-            problem = f"the {side} side has {len(table.times)} rows, the array of the runs {len(chosen)}"
+            problem = (
+                f"the {side} side has {len(table.times)} rows, the array of the runs {len(chosen)}"
+            )
             raise RecordingError(problem, "Name another array under rows.key.")
-        rows = (np.arange(len(table.times)) if chosen is None else np.flatnonzero(chosen))[:: rules.every]
-        times, values = table.times[rows], {name: channel[rows] for name, channel in table.channels.items()}
+        rows = (np.arange(len(table.times)) if chosen is None else np.flatnonzero(chosen))[
+            :: rules.every
+        ]
+        times, values = (
+            table.times[rows],
+            {name: channel[rows] for name, channel in table.channels.items()},
+        )
         whole = ~np.isnan(times) if times.dtype.kind == "f" else np.ones(len(rows), np.bool_)
         for channel in values.values():
             whole &= ~np.isnan(channel[:, joints_with(channel)]).any(axis=1)
         if not whole.any() and len(whole):
-            raise RecordingError(f"no row has all numbers of the {side} side", "Map fewer of its channels.")
+            raise RecordingError(
+                f"no row has all numbers of the {side} side", "Map fewer of its channels."
+            )
         if not whole.all():
-            notes.append(f"{np.sum(~whole)} of {len(whole)} rows have holes on the {side} side and were left out of it")
+            notes.append(
+                f"{np.sum(~whole)} of {len(whole)} rows have holes on the {side} side and were left out of it"
+            )
         stamp_ns = _stamps(times[whole], table.rules, int(rows[0]) if len(rows) else 0)
-        sides[side] = checked(Side(stamp_ns, **{k: v[whole] for k, v in values.items()}), side, rules.joints)
+        sides[side] = checked(
+            Side(stamp_ns, **{k: v[whole] for k, v in values.items()}), side, rules.joints
+        )
     return Recording(
         tuple(rules.joints),
         sides["link"],
@@ -355,7 +437,9 @@ def _recording(rules: ArrayMap, tables: Mapping[SideName, _SideTable], chosen: N
 def _stamps(values: np.ndarray, times: Times, first: int) -> Stamps:
     """(N,) ns of times as they are."""
     if times.key is None:
-        return round(times.start * 1e9) + np.rint((values - first) * (1e9 / float(times.rate or 1))).astype(np.int64)
+        return round(times.start * 1e9) + np.rint(
+            (values - first) * (1e9 / float(times.rate or 1))
+        ).astype(np.int64)
     if values.dtype.kind in "iu":
         return values.astype(np.int64) * int(_NS[times.unit])
     # Whole units and the rest apart: unix seconds times 1e9 would lose the last bits.
@@ -369,7 +453,9 @@ def _table(arrays: Arrays, source: ArrayChannel, count: int, n: int) -> Array:
     keys = source.arrays()
     for key in keys:
         if key in arrays.faults:
-            raise RecordingError(f"{key}: {arrays.faults[key]}", "Write nan or nothing where there is no number.")
+            raise RecordingError(
+                f"{key}: {arrays.faults[key]}", "Write nan or nothing where there is no number."
+            )
         if arrays[key].dtype.kind not in "biuf":
             first = f"{arrays[key].ravel()[:1].tolist()!s:.80}"
             problem = f"{key} is no table of numbers, but of {arrays[key].dtype.name}: {first}"
@@ -378,7 +464,9 @@ def _table(arrays: Arrays, source: ArrayChannel, count: int, n: int) -> Array:
         parts = [np.asarray(arrays[key], dtype=np.float64) for key in keys]
         table = parts[0] if len(parts) == 1 else np.column_stack([part.ravel() for part in parts])
     except (TypeError, ValueError) as error:
-        raise RecordingError(f"{', '.join(keys)} is no table of numbers ({error})", "Map arrays of numbers.") from None
+        raise RecordingError(
+            f"{', '.join(keys)} is no table of numbers ({error})", "Map arrays of numbers."
+        ) from None
     if source.flat and table.size == count * n:
         table = table.reshape(count, n)
     table = table[:, None] if table.ndim == 1 else table
@@ -388,8 +476,16 @@ def _table(arrays: Arrays, source: ArrayChannel, count: int, n: int) -> Array:
         table = table[:, source.columns]
     if table.shape != (count, n):
         remedy = "Name one column a joint ('columns', or a list of keys), and the right times."
-        if 1 in table.shape and n > 1 and table.size % n == 0 and len(keys) == 1 and not source.flat:
+        if (
+            1 in table.shape
+            and n > 1
+            and table.size % n == 0
+            and len(keys) == 1
+            and not source.flat
+        ):
             remedy += f" If it holds {n} numbers a sample one after the other, add flat: true to the channel."
-        problem = f"{', '.join(keys)} has shape {table.shape}; {count} samples of {n} joints are wanted"
+        problem = (
+            f"{', '.join(keys)} has shape {table.shape}; {count} samples of {n} joints are wanted"
+        )
         raise RecordingError(problem, remedy)
     return table

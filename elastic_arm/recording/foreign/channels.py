@@ -34,7 +34,9 @@ _SIZES = {"rad": 1.0, "deg": math.pi / 180, "turns": 2 * math.pi, "m": 1.0, "mm"
 # A position's unit on a velocity means that unit per second.
 TO_SI: dict[ChannelName, dict[str, float]] = {
     "position": _SIZES,
-    "velocity": _SIZES | {f"{unit}/s": size for unit, size in _SIZES.items()} | {"rpm": 2 * math.pi / 60},
+    "velocity": _SIZES
+    | {f"{unit}/s": size for unit, size in _SIZES.items()}
+    | {"rpm": 2 * math.pi / 60},
     "effort": dict.fromkeys(("Nm", "N", "Nm_motor", "A"), 1.0),
     "acceleration": {f"{unit}/s^2": size for unit, size in _SIZES.items()},
 }
@@ -98,10 +100,14 @@ class ChannelScale(Strict):
     # of the recorded number; `Nm_motor` is a torque at the motor shaft, `A` a motor current. Lengths and forces are
     # those of a prismatic joint.
     unit: Unit | None = None
-    offset: Number = 0.0  # added to the recorded number, in its own unit: less what it reads at zero
+    offset: Number = (
+        0.0  # added to the recorded number, in its own unit: less what it reads at zero
+    )
     factor: Number = 1.0  # factor, sign: multiply the number
     sign: Sign = 1
-    torque_constant: Annotated[Number, Field(gt=0)] | None = None  # nm/A at the motor shaft; for currents
+    torque_constant: Annotated[Number, Field(gt=0)] | None = (
+        None  # nm/A at the motor shaft; for currents
+    )
     # motor turns per turn at the harmonic-drive output: what is measured at the motor shaft is reduced by it. Of a
     # prismatic joint rad of the motor per m.
     ratio: Annotated[Number, Field(gt=0)] | None = None
@@ -117,7 +123,9 @@ class ChannelScale(Strict):
         if self.unit == "Nm_motor" and self.ratio is None:
             raise ValueError("unit Nm_motor (torque at the motor shaft) needs ratio")
         if self.unit in ("Nm", "N") and self.ratio is not None:
-            raise ValueError("a torque with a ratio is measured at the motor shaft: give unit Nm_motor")
+            raise ValueError(
+                "a torque with a ratio is measured at the motor shaft: give unit Nm_motor"
+            )
         if self.torque_constant is not None and self.unit != "A":
             raise ValueError("torque_constant goes with unit A alone")
         return self
@@ -125,7 +133,9 @@ class ChannelScale(Strict):
     def check_unit(self, channel: ChannelName) -> None:
         """Raise a ValueError if the unit is none of this channel's."""
         if self.unit is not None and self.unit not in TO_SI[channel]:
-            raise ValueError(f"{channel} cannot have unit {self.unit}; one of {', '.join(TO_SI[channel])}")
+            raise ValueError(
+                f"{channel} cannot have unit {self.unit}; one of {', '.join(TO_SI[channel])}"
+            )
 
     def scale(self, channel: ChannelName) -> float:
         """Return the factor that turns the recorded number into rad, rad/s or Nm (m, m/s or N) at the output."""
@@ -154,7 +164,11 @@ class Present(Strict):
 
     def present(self) -> dict[ChannelName, Any]:
         """Return the channels that are there."""
-        return {name: own for name in get_args(ChannelName) if (own := getattr(self, name, None)) is not None}
+        return {
+            name: own
+            for name in get_args(ChannelName)
+            if (own := getattr(self, name, None)) is not None
+        }
 
 
 class SideChannels(Present):
@@ -173,7 +187,9 @@ class SideChannels(Present):
 
 def from_currents(link: Sequence[str | None], motor: Sequence[str | None]) -> tuple[str, ...]:
     """Return the torque channels, by the names of a recording, of which any joint has the unit of a current."""
-    return tuple(name for name, units in zip(TORQUE_CHANNELS, (link, motor), strict=True) if "A" in units)
+    return tuple(
+        name for name, units in zip(TORQUE_CHANNELS, (link, motor), strict=True) if "A" in units
+    )
 
 
 class JointChannels(Strict):
@@ -196,7 +212,9 @@ class ChannelMap(Strict):
     joints: Annotated[dict[str, JointChannels], Field(min_length=1, max_length=MOST_JOINTS)]
     # a sample's time: the message's `header` stamp, or its `arrival` where there is no header
     time: Literal["header", "arrival"] = "header"
-    coupling: Coupling = Field(default_factory=dict)  # of motors that move several joints: joint -> motor -> factor
+    coupling: Coupling = Field(
+        default_factory=dict
+    )  # of motors that move several joints: joint -> motor -> factor
 
     @model_validator(mode="before")
     @classmethod
@@ -204,9 +222,15 @@ class ChannelMap(Strict):
         """Fill in the defaults of all joints, and what a channel leaves out."""
         if not isinstance(data, dict):
             return data
-        defaults, rest = data.get("defaults") or {}, {key: value for key, value in data.items() if key != "defaults"}
+        defaults, rest = (
+            data.get("defaults") or {},
+            {key: value for key, value in data.items() if key != "defaults"},
+        )
         if isinstance(joints := rest.get("joints"), dict):
-            rest["joints"] = {name: _filled(str(name), _merged(defaults, own or {})) for name, own in joints.items()}
+            rest["joints"] = {
+                name: _filled(str(name), _merged(defaults, own or {}))
+                for name, own in joints.items()
+            }
         return rest
 
     @model_validator(mode="after")
@@ -231,8 +255,13 @@ class ChannelMap(Strict):
 
     def currents(self) -> tuple[str, ...]:
         """Return the torque channels, by the names of a recording, that are currents of any joint."""
-        sides = zip(*((joint.link.effort, joint.motor.effort) for joint in self.joints.values()), strict=True)
-        return from_currents(*([None if one is None else one.unit for one in efforts] for efforts in sides))
+        sides = zip(
+            *((joint.link.effort, joint.motor.effort) for joint in self.joints.values()),
+            strict=True,
+        )
+        return from_currents(
+            *([None if one is None else one.unit for one in efforts] for efforts in sides)
+        )
 
 
 def load_channels(path: str | Path) -> ChannelMap:
@@ -290,7 +319,9 @@ def _filled(joint_name: str, joint: Any) -> Any:
         if not isinstance(channels, dict):
             return channels
         return {
-            channel: {"name": name, "field": channel, **source} if isinstance(source, dict) else source
+            channel: {"name": name, "field": channel, **source}
+            if isinstance(source, dict)
+            else source
             for channel, source in channels.items()
         }
 
@@ -303,12 +334,16 @@ def coupling_matrix(coupling: Mapping[str, Mapping[str, float]], joints: Sequenc
     for joint, motors in coupling.items():
         for name in (joint, *motors):
             if name not in joints:
-                raise ValueError(f"coupling: there is no joint {name}; there are {', '.join(joints)}")
+                raise ValueError(
+                    f"coupling: there is no joint {name}; there are {', '.join(joints)}"
+                )
         matrix[joints.index(joint)] = [motors.get(name, 0.0) for name in joints]
     if not np.isfinite(matrix).all():
         raise ValueError("coupling: a factor is not finite")
     sizes = np.linalg.svd(matrix, compute_uv=False)
-    if sizes[-1] < 1e-9 * sizes[0]:  # relative singular value below which motors cannot move the joints apart
+    if (
+        sizes[-1] < 1e-9 * sizes[0]
+    ):  # relative singular value below which motors cannot move the joints apart
         raise ValueError(
             "coupling: the motors cannot move these joints apart; each row names the joint's own motor too"
         )
@@ -321,6 +356,7 @@ def coupled(side: Side | None, matrix: Array) -> Side | None:
         return side
     inverse = np.linalg.inv(matrix)
     moved = {
-        name: values @ inverse if name == "effort" else values @ matrix.T for name, values in side.channels().items()
+        name: values @ inverse if name == "effort" else values @ matrix.T
+        for name, values in side.channels().items()
     }
     return Side(side.stamp_ns, **moved)

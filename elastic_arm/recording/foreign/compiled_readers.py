@@ -39,21 +39,39 @@ def load_compiled(paths: Sequence[Path], most: int) -> list[dict[str, np.ndarray
     """
     kinds = sorted({path.suffix.lower() for path in paths})
     needed = [LIBRARIES[kind] for kind in kinds]
-    needed += ["h5py"] if any(path.suffix.lower() == ".mat" and h5_head(path) for path in paths) else []
+    needed += (
+        ["h5py"] if any(path.suffix.lower() == ".mat" and h5_head(path) for path in paths) else []
+    )
     require_libraries(f"{' and '.join(kinds)} files need", *dict.fromkeys(needed))
     seconds = START_SECONDS + sum(path.stat().st_size for path in paths) // BYTES_A_SECOND
     # As here, and without the folder that the user stands in, which may hold modules of any name.
-    command = [sys.executable, "-P", "-m", MODULE, str(most), str(seconds), *(str(path.absolute()) for path in paths)]
+    command = [
+        sys.executable,
+        "-P",
+        "-m",
+        MODULE,
+        str(most),
+        str(seconds),
+        *(str(path.absolute()) for path in paths),
+    ]
     known = [folder or os.getcwd() for folder in sys.path]
-    where = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1") | {"PYTHONPATH": os.pathsep.join(known)}
+    where = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1") | {
+        "PYTHONPATH": os.pathsep.join(known)
+    }
     try:
-        run = subprocess.run(command, capture_output=True, timeout=PATIENCE * seconds, env=os.environ | where)
+        run = subprocess.run(
+            command, capture_output=True, timeout=PATIENCE * seconds, env=os.environ | where
+        )
     except subprocess.TimeoutExpired:
-        raise RecordingError(f"{paths[0]} takes more than {PATIENCE * seconds} s to read", "Save it as .npz.") from None
+        raise RecordingError(
+            f"{paths[0]} takes more than {PATIENCE * seconds} s to read", "Save it as .npz."
+        ) from None
     if run.returncode != 0:
         # Every file is announced by a line with its number.
         said = run.stderr.decode("utf-8", "replace").strip().splitlines()
-        path = paths[max((int(line[len(_FILE) :]) for line in said if line.startswith(_FILE)), default=0)]
+        path = paths[
+            max((int(line[len(_FILE) :]) for line in said if line.startswith(_FILE)), default=0)
+        ]
         if run.returncode == REFUSED:
             raise RecordingError(f"{path}{said[-2]}", said[-1])
         reason = " ".join(said[-1:])[:200] or "it is damaged"
@@ -62,7 +80,9 @@ def load_compiled(paths: Sequence[Path], most: int) -> list[dict[str, np.ndarray
         raise RecordingError(f"{path} cannot be read: {reason}", "Check the path and the format.")
     found: list[dict[str, np.ndarray]] = [{} for _ in paths]
     with np.load(io.BytesIO(run.stdout), allow_pickle=False) as content:
-        for k, (file, name) in enumerate(zip(content["files"].tolist(), content["names"].tolist(), strict=True)):
+        for k, (file, name) in enumerate(
+            zip(content["files"].tolist(), content["names"].tolist(), strict=True)
+        ):
             found[file][name] = content[f"array_{k}"]
     return found
 
@@ -74,7 +94,9 @@ def _matlab(path: str, most: int) -> Iterator[tuple[str, np.ndarray]]:
         content = scipy.io.loadmat(path)
     except NotImplementedError:
         # Version 7.3 is HDF5; cells and texts lie under #refs#.
-        yield from ((name, values) for name, values in _hdf5(path, most) if not name.startswith("#"))
+        yield from (
+            (name, values) for name, values in _hdf5(path, most) if not name.startswith("#")
+        )
         return
     for name in content:
         yield from _fields(name, content[name])
@@ -100,8 +122,12 @@ def _parquet(path: str, most: int) -> Iterator[tuple[str, np.ndarray]]:
         # A few bytes may stand for any number of equal values, so that the file's own sizes do not count.
         groups = (file.metadata.row_group(k) for k in range(file.metadata.num_row_groups))
         columns = (group.column(k) for group in groups for k in range(group.num_columns))
-        _refuse_large(8 * sum(c.num_values for c in columns if c.physical_type != "BYTE_ARRAY"), most)
-        table = file.read(columns=[field.name for field in file.schema_arrow if _has_numbers(field.type)])
+        _refuse_large(
+            8 * sum(c.num_values for c in columns if c.physical_type != "BYTE_ARRAY"), most
+        )
+        table = file.read(
+            columns=[field.name for field in file.schema_arrow if _has_numbers(field.type)]
+        )
     for name in table.column_names:
         if (values := _column(table.column(name))) is not None:
             yield name, values
@@ -112,7 +138,12 @@ def _has_numbers(kind: Any) -> bool:
 
     if types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind):
         kind = kind.value_type
-    return bool(types.is_integer(kind) or types.is_floating(kind) or types.is_boolean(kind) or types.is_timestamp(kind))
+    return bool(
+        types.is_integer(kind)
+        or types.is_floating(kind)
+        or types.is_boolean(kind)
+        or types.is_timestamp(kind)
+    )
 
 
 def _column(column: Any) -> np.ndarray | None:
@@ -129,7 +160,9 @@ def _column(column: Any) -> np.ndarray | None:
     if len(lengths) != 1:
         return None
     values = np.full((len(column), lengths.pop()), np.nan)
-    values[column.is_valid().to_numpy()] = pc.list_flatten(column).to_numpy().reshape(-1, values.shape[1])
+    values[column.is_valid().to_numpy()] = (
+        pc.list_flatten(column).to_numpy().reshape(-1, values.shape[1])
+    )
     return values
 
 
@@ -146,17 +179,28 @@ def _hdf5(path: str, most: int) -> Iterator[tuple[str, np.ndarray]]:
                 continue
             if item.dtype.kind in "biuf" and _width(item.shape) in (1, 2):
                 if item.external or item.is_virtual:
-                    problem = f": {name[:60]} lies in other files, which an HDF5 file may name at will"
-                    raise RecordingError(problem, "Copy it into the file itself, for example with h5repack.")
+                    problem = (
+                        f": {name[:60]} lies in other files, which an HDF5 file may name at will"
+                    )
+                    raise RecordingError(
+                        problem, "Copy it into the file itself, for example with h5repack."
+                    )
                 found.append((name, item))
         _refuse_large(sum(item.size * item.dtype.itemsize for _, item in found), most)
         for name, item in found:
             # MATLAB gives every array two axes and more.
             values = item[()]
-            yield name.replace("/", "."), values.squeeze() if values.ndim > 2 or 1 in values.shape[1:] else values
+            yield (
+                name.replace("/", "."),
+                values.squeeze() if values.ndim > 2 or 1 in values.shape[1:] else values,
+            )
     for name, link in links:  # what is not followed is a text, as what is no numbers
         if not isinstance(link, h5py.HardLink):
-            where = f"{link.path} of {link.filename}" if isinstance(link, h5py.ExternalLink) else link.path
+            where = (
+                f"{link.path} of {link.filename}"
+                if isinstance(link, h5py.ExternalLink)
+                else link.path
+            )
             yield name.replace("/", "."), np.array([f"a link to {where}, which is not followed"])
 
 
@@ -167,7 +211,9 @@ def _width(shape: tuple[int, ...]) -> int:
 
 def _refuse_large(size: int, most: int) -> None:
     if size > most:
-        raise RecordingError(f" unpacks to {size} bytes, {most} are the limit", "Cut it into parts.")
+        raise RecordingError(
+            f" unpacks to {size} bytes, {most} are the limit", "Cut it into parts."
+        )
 
 
 def h5_head(path: Path) -> bool:
@@ -179,11 +225,20 @@ def h5_head(path: Path) -> bool:
 def _main(most: int, seconds: int, paths: Sequence[str]) -> int:
     """Read files within the bounds and write an .npz file to standard output."""
     seventh = any(Path(path).suffix.lower() == ".mat" and h5_head(Path(path)) for path in paths)
-    for library in {LIBRARIES[Path(path).suffix.lower()] for path in paths} | ({"h5py"} if seventh else set()):
+    for library in {LIBRARIES[Path(path).suffix.lower()] for path in paths} | (
+        {"h5py"} if seventh else set()
+    ):
         importlib.import_module(library)
-    own = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0]) * resource.getpagesize()
+    own = (
+        int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
+        * resource.getpagesize()
+    )
     # 3 of the arrays in the process, packed ones included
-    bounds = {resource.RLIMIT_AS: own + 3 * most, resource.RLIMIT_CPU: seconds, resource.RLIMIT_CORE: 0}
+    bounds = {
+        resource.RLIMIT_AS: own + 3 * most,
+        resource.RLIMIT_CPU: seconds,
+        resource.RLIMIT_CORE: 0,
+    }
     for limited, bound in bounds.items():
         _, allowed = resource.getrlimit(limited)  # a limit of the user's shell cannot be raised
         bound = bound if allowed == resource.RLIM_INFINITY else min(bound, allowed)

@@ -19,10 +19,14 @@ class Guess:
     table: JointTable  # its arrays
     unit: str  # of its numbers; empty if nothing shows it
     reasons: tuple[str, ...]  # why, in words
-    scales: Mapping[str, list[float]] = field(default_factory=dict)  # further keys of the mapping: sign, ratio
+    scales: Mapping[str, list[float]] = field(
+        default_factory=dict
+    )  # further keys of the mapping: sign, ratio
     # keys that the mapping needs and no array can show, with what they are
     missing: Mapping[str, str] = field(default_factory=dict)
-    units: tuple[str, ...] = ()  # one a joint, where some of them slide; empty where `unit` is that of all
+    units: tuple[
+        str, ...
+    ] = ()  # one a joint, where some of them slide; empty where `unit` is that of all
     places: tuple[int, ...] | None = None  # which joints have the channel; None for all
 
 
@@ -41,14 +45,20 @@ class Draft:
     def missing(self) -> list[str]:
         """What has to be filled in before the mapping can be used."""
         words = [] if self.times is not None else ["times.rate"]
-        if not any(guess.channel == "position" and guess.side != "command" for guess in self.channels):
+        if not any(
+            guess.channel == "position" and guess.side != "command" for guess in self.channels
+        ):
             words.append("a position of link or motor, which no array looks like")
         return words + [f"{g.side}.{g.channel}.{key}" for g in self.channels for key in g.missing]
 
     def to_yaml(self) -> str:
         """Return the text of the mapping file, with the reasons as comments."""
-        lines = ["# Draft of an array mapping, guessed from the numbers and names of the arrays: read every line and"]
-        lines += ["# correct it (docs/channel_maps.md). Signs and zeros of the joints cannot be guessed."]
+        lines = [
+            "# Draft of an array mapping, guessed from the numbers and names of the arrays: read every line and"
+        ]
+        lines += [
+            "# correct it (docs/channel_maps.md). Signs and zeros of the joints cannot be guessed."
+        ]
         if self.times is None:
             lines += ["# No array looks like times: give the sample rate, Hz.", "times: {rate: }"]
         else:
@@ -56,7 +66,9 @@ class Draft:
             lines += [f"times: {times}          # {self.times.rate:.6g} Hz"]
         if self.runs is not None:
             key, count = self.runs
-            lines += [f"rows: {_inline({'key': key})}          # {count} runs, a bag each; value: N takes one"]
+            lines += [
+                f"rows: {_inline({'key': key})}          # {count} runs, a bag each; value: N takes one"
+            ]
         if self.decimal != ".":
             lines += [f"decimal: {_inline(self.decimal)}"]
         lines += [f"joints: {_inline(list(self.joints))}"]
@@ -66,7 +78,10 @@ class Draft:
                 for guess in chosen:
                     lines += _channel_lines(guess, self.joints)
         lines.append("ignore:" if self.ignored else "ignore: []")
-        lines += [f"  - {_inline(key)}    # {_comment(reason)}" for key, reason in self._ignored_patterns()]
+        lines += [
+            f"  - {_inline(key)}    # {_comment(reason)}"
+            for key, reason in self._ignored_patterns()
+        ]
         return "\n".join(lines) + "\n"
 
     def _ignored_patterns(self) -> list[tuple[str, str]]:
@@ -79,13 +94,17 @@ class Draft:
             stem = f"{key.rpartition('.')[0]}." if "." in key else re.sub(r"\d+\D*$", "", key)
             whole = not stem or stem == key or any(name.startswith(stem) for name in used)
             patterns.setdefault(key if whole else f"{stem}*", []).append(reason)
-        return [(pattern, "; ".join(dict.fromkeys(reasons))) for pattern, reasons in patterns.items()]
+        return [
+            (pattern, "; ".join(dict.fromkeys(reasons))) for pattern, reasons in patterns.items()
+        ]
 
 
 def _channel_lines(guess: Guess, joints: Sequence[str]) -> list[str]:
     table, places = guess.table, range(len(joints)) if guess.places is None else guess.places
     all_keys = list(table.keys)
-    keys: dict[str, object] = {"key": all_keys[0] if len(all_keys) == 1 else [all_keys[k] for k in places]}
+    keys: dict[str, object] = {
+        "key": all_keys[0] if len(all_keys) == 1 else [all_keys[k] for k in places]
+    }
     if guess.places is not None:
         keys["joints"] = [joints[k] for k in places]
     if len(all_keys) == 1 and (table.columns is not None or guess.places is not None):
@@ -109,4 +128,8 @@ def _comment(text: str) -> str:
 
 def _inline(value: object) -> str:
     """Return YAML on one line."""
-    return yaml.safe_dump(value, default_flow_style=True, width=10**6, allow_unicode=True).removesuffix("...\n").strip()
+    return (
+        yaml.safe_dump(value, default_flow_style=True, width=10**6, allow_unicode=True)
+        .removesuffix("...\n")
+        .strip()
+    )

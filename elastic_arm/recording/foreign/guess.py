@@ -20,7 +20,13 @@ from elastic_arm.recording.foreign.channels import (
     known_unit,
 )
 from elastic_arm.recording.foreign.draft import Draft, Guess
-from elastic_arm.recording.foreign.tables import TIME_NAME, Contents, JointTable, TimeArray, find_tables
+from elastic_arm.recording.foreign.tables import (
+    TIME_NAME,
+    Contents,
+    JointTable,
+    TimeArray,
+    find_tables,
+)
 from elastic_arm.recording.inspection.percent import ranges_by_steps
 
 # Above this correlation one array counts as the derivative of another.
@@ -56,9 +62,7 @@ _WORDS = {
     "position": r"pos|winkel|ang|theta|(?<![a-z])q(?=_|\d|$)|joint_state|(?<![a-z])state$",
 }
 # What the arm was told; without a further word its positions, as a dataset's `action`.
-_COMMAND = (
-    r"target|goal|demand|soll|desired|des(?=_|\d|$)|ref(?!l)|cmd|command(ed)?|set_?point|(?<![a-z])action(?![a-z])"
-)
+_COMMAND = r"target|goal|demand|soll|desired|des(?=_|\d|$)|ref(?!l)|cmd|command(ed)?|set_?point|(?<![a-z])action(?![a-z])"
 # Read in this order: a sensor of a motor's torque is rarer than a torque sensor.
 _SIDE_WORDS: dict[SideName, str] = {
     "command": _COMMAND,
@@ -71,7 +75,9 @@ _MEASURED = r"act(?=_|ual)|meas|rec|sens|raw|abs"
 
 
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")
-def guess_mapping(arrays: Mapping[str, np.ndarray], joints: Sequence[str], prismatic: Collection[str] = ()) -> Draft:
+def guess_mapping(
+    arrays: Mapping[str, np.ndarray], joints: Sequence[str], prismatic: Collection[str] = ()
+) -> Draft:
     """Return a draft of the mapping from arrays to a recording.
 
     Units follow from names, ranges, and slopes of derivatives; sides and kinds of torque from names.
@@ -83,9 +89,15 @@ def guess_mapping(arrays: Mapping[str, np.ndarray], joints: Sequence[str], prism
         # What is in the columns is told by those of joints that turn.
         turning = [replace(table, values=table.values[:, ~slides]) for table in contents.tables]
         contents = replace(contents, tables=tuple(turning))
-    texts = {key: values.ravel()[0] for key, values in arrays.items() if values.dtype.kind == "U" and values.size}
+    texts = {
+        key: values.ravel()[0]
+        for key, values in arrays.items()
+        if values.dtype.kind == "U" and values.size
+    }
     faults = texts | getattr(arrays, "faults", {})
-    numbers = [key for key in contents.rest if arrays[key].dtype.kind in "iufc" and key != FILE_INDEX]
+    numbers = [
+        key for key in contents.rest if arrays[key].dtype.kind in "iufc" and key != FILE_INDEX
+    ]
     ignored = [(key, "no table of all joints") for key in numbers]
     chosen: dict[tuple[SideName, ChannelName], Guess] = {}
     for guess in _Reader(contents).guesses():
@@ -94,7 +106,10 @@ def guess_mapping(arrays: Mapping[str, np.ndarray], joints: Sequence[str], prism
             continue
         if isinstance(guess, Guess):
             first = chosen[guess.side, guess.channel]
-            table, reason = guess.table, f"{guess.side} {guess.channel} too; {first.table.name} was chosen"
+            table, reason = (
+                guess.table,
+                f"{guess.side} {guess.channel} too; {first.table.name} was chosen",
+            )
             if np.array_equal(table.values, first.table.values):
                 reason = f"the same numbers as {first.table.name}"
             else:
@@ -108,27 +123,39 @@ def guess_mapping(arrays: Mapping[str, np.ndarray], joints: Sequence[str], prism
             f"no array holds positions or torques of {len(joints)} joints; there are {', '.join(arrays)[:300]}",
             "Check --robot: it needs as many joints as the arrays have columns; or write the mapping by hand.",
         )
-    chosen = {place: replace(guess, table=whole[guess.table.keys]) for place, guess in chosen.items()}
+    chosen = {
+        place: replace(guess, table=whole[guess.table.keys]) for place, guess in chosen.items()
+    }
     command = chosen.get(("command", "position"))
     followed = chosen.get(("link", "position")) or chosen.get(("motor", "position"))
     if command is not None and followed is not None:
         ranges = [np.median(np.std(guess.table.values, axis=0)) for guess in (followed, command)]
         why = f"{followed.table.name} moves {ranges[0] / ranges[1]:.3g} times as far"
         chosen["command", "position"] = replace(command, reasons=(*command.reasons, why))
-    found = {place: _with_lengths(guess, slides.tolist()) for place, guess in _with_ratio(chosen).items()}
+    found = {
+        place: _with_lengths(guess, slides.tolist()) for place, guess in _with_ratio(chosen).items()
+    }
     found = {place: _without_dead(guess, found) for place, guess in found.items()}
     for guess in found.values():
         if guess.places is not None and len(guess.table.keys) > 1:  # an array a column
-            ignored += [(key, DEAD) for k, key in enumerate(guess.table.keys) if k not in guess.places]
+            ignored += [
+                (key, DEAD) for k, key in enumerate(guess.table.keys) if k not in guess.places
+            ]
     ordered = [found[place] for place in product(SIDE_NAMES, CHANNEL_NAMES) if place in found]
     ignored += [(key, f"no numbers: {fault}") for key, fault in faults.items()]
     decimal = getattr(arrays, "decimal", ".")
-    return Draft(tuple(joints), contents.times, tuple(ordered), tuple(ignored), contents.runs, decimal)
+    return Draft(
+        tuple(joints), contents.times, tuple(ordered), tuple(ignored), contents.runs, decimal
+    )
 
 
 def _without_dead(guess: Guess, chosen: Mapping[tuple[SideName, ChannelName], Guess]) -> Guess:
     """Return a guess without columns that stay as they are although another position shows that their joints move."""
-    positions = [other for (_, channel), other in chosen.items() if channel == "position" and other is not guess]
+    positions = [
+        other
+        for (_, channel), other in chosen.items()
+        if channel == "position" and other is not guess
+    ]
     moving = np.any([np.ptp(other.table.values, axis=0) > 0.0 for other in positions], axis=0)
     dead = (np.ptp(guess.table.values, axis=0) == 0.0) & moving
     if not dead.any() or dead.all():
@@ -148,8 +175,14 @@ def _with_lengths(guess: Guess, slides: Sequence[bool]) -> Guess:
     own = {"position": length, "velocity": f"{length}/s", "effort": "N"}[guess.channel]
     why = f"joints that slide have {own}: the largest number is {largest:.3g}"
     if all(slides):
-        return replace(guess, unit=own, reasons=(*(r for r in guess.reasons if guess.unit not in r), why))
-    return replace(guess, units=tuple(own if slide else guess.unit for slide in slides), reasons=(*guess.reasons, why))
+        return replace(
+            guess, unit=own, reasons=(*(r for r in guess.reasons if guess.unit not in r), why)
+        )
+    return replace(
+        guess,
+        units=tuple(own if slide else guess.unit for slide in slides),
+        reasons=(*guess.reasons, why),
+    )
 
 
 class _Reader:
@@ -165,27 +198,40 @@ class _Reader:
         # Wherever they stand in the file: angles without a name are those of which a rate is the derivative, and which
         # are the derivative of none of themselves.
         rates = [*self.speeds, *nameless]
-        sources = [t for t in nameless if any(self.sources(rate, [t]) for rate in rates if rate is not t)]
+        sources = [
+            t for t in nameless if any(self.sources(rate, [t]) for rate in rates if rate is not t)
+        ]
         self.angles = [t for t in sources if not self.sources(t, sources)]
         self.positions += self.angles
 
     def guesses(self) -> list[Guess | tuple[JointTable, str]]:
         """Return each table as a guess, or with the reason why it is left out; those recognised by name come first."""
-        read = [(_quantity(table)[0] is not None or _is_command(table), self._read(table)) for table in self.tables]
+        read = [
+            (_quantity(table)[0] is not None or _is_command(table), self._read(table))
+            for table in self.tables
+        ]
         named = [guess for by_name, guess in read if by_name and isinstance(guess, Guess)]
         return [*sorted(named, key=_rank), *(guess for _, guess in read if guess not in named)]
 
-    def sources(self, rate: JointTable, among: Sequence[JointTable]) -> list[tuple[float, float, JointTable]]:
+    def sources(
+        self, rate: JointTable, among: Sequence[JointTable]
+    ) -> list[tuple[float, float, JointTable]]:
         """Return those tables whose derivative a rate follows: correlation, slope and table, the most alike first."""
         if self.times is None:
             return []
-        slopes = [(*_slope(source, rate, self.times), source) for source in among if source is not rate]
+        slopes = [
+            (*_slope(source, rate, self.times), source) for source in among if source is not rate
+        ]
         return sorted((found for found in slopes if found[0] > ALIKE), key=lambda found: -found[0])
 
     def _read(self, table: JointTable) -> Guess | tuple[JointTable, str]:
         quantity, word = _quantity(table)
         by_name = [f"called {word}"] if word else []
-        same = [t for t in self.tables if len(t.keys) == 1 < len(table.keys) and np.array_equal(t.values, table.values)]
+        same = [
+            t
+            for t in self.tables
+            if len(t.keys) == 1 < len(table.keys) and np.array_equal(t.values, table.values)
+        ]
         if quantity == "other":
             return table, "no sensor by its name"
         if quantity == "acceleration":
@@ -197,8 +243,16 @@ class _Reader:
         if _is_command(table):
             return self._guess(table, quantity or "position", by_name)
         # That of a rotor follows the joint's, by the ratio.
-        if quantity == "velocity" and self.times and self.positions and not self.sources(table, self.positions):
-            return table, "called a velocity, and the derivative of no position in the file: map it by hand"
+        if (
+            quantity == "velocity"
+            and self.times
+            and self.positions
+            and not self.sources(table, self.positions)
+        ):
+            return (
+                table,
+                "called a velocity, and the derivative of no position in the file: map it by hand",
+            )
         if quantity is not None:
             return self._guess(table, quantity, by_name)
         if table in self.angles:
@@ -208,8 +262,15 @@ class _Reader:
         if self.sources(table, self.speeds):
             return table, "the derivative of a velocity: derived, no measurement"
         if (told := self._commanded(table)) is not None:
-            return self._guess(table, "position", [f"goes with {told.name}, and is called by no quantity"], "command")
-        return self._guess(table, "effort", ["neither an angle nor a velocity by its name or its derivatives"])
+            return self._guess(
+                table,
+                "position",
+                [f"goes with {told.name}, and is called by no quantity"],
+                "command",
+            )
+        return self._guess(
+            table, "effort", ["neither an angle nor a velocity by its name or its derivatives"]
+        )
 
     def _commanded(self, table: JointTable) -> JointTable | None:
         """Return the position that a table without a name of its own goes with, as commands do: number for number."""
@@ -220,25 +281,43 @@ class _Reader:
                 return position
         return None
 
-    def _guess(self, table: JointTable, channel: ChannelName, reasons: list[str], of: SideName | None = None) -> Guess:
+    def _guess(
+        self,
+        table: JointTable,
+        channel: ChannelName,
+        reasons: list[str],
+        of: SideName | None = None,
+    ) -> Guess:
         """Return a table as a channel, with side and unit."""
         side, word = (of, "") if of is not None else _side_by_name(table.name)
         n, missing, scales = table.values.shape[1], {}, {}
         stated = known_unit(table.stated)
         unit: str
         if table.stated and (stated is None or stated[0] not in TO_SI[channel]):
-            unit, why = DEFAULT_UNIT[channel], f"in {table.stated} by its name, which is no unit of {channel}"
+            unit, why = (
+                DEFAULT_UNIT[channel],
+                f"in {table.stated} by its name, which is no unit of {channel}",
+            )
             missing = {"factor": f"how many {unit} are one {table.stated}"}
         elif stated is not None:
             unit, why = stated[0], f"in {table.stated} by its name"
             scales = {} if stated[1] == 1.0 else {"factor": [stated[1]] * n}
         else:
-            unit, why = {"position": _angle_unit, "velocity": self._speed_unit, "effort": _torque_unit}[channel](table)
+            unit, why = {
+                "position": _angle_unit,
+                "velocity": self._speed_unit,
+                "effort": _torque_unit,
+            }[channel](table)
             ranges = ranges_by_steps(table.values) if channel == "position" else None
             if ranges is not None:
                 factors = ", ".join(f"{size / 200.0:.3g}" for size in ranges)
-                unit, why = "deg", "per cent of each joint's range, by the encoders' steps, which differ"
-                missing = {"factor": f"range / 200 of the calibration file; by steps of 12 bits [{factors}]"}
+                unit, why = (
+                    "deg",
+                    "per cent of each joint's range, by the encoders' steps, which differ",
+                )
+                missing = {
+                    "factor": f"range / 200 of the calibration file; by steps of 12 bits [{factors}]"
+                }
             if _counts(table) and channel in COUNTED:
                 unit, what = COUNTED[channel]
                 largest = f"{np.abs(table.values).max():.0f}"
@@ -249,7 +328,10 @@ class _Reader:
             if not word:
                 why += "; a motor's torque unless the arm has joint torque sensors: then it goes under link"
             if unit == "A":
-                missing |= {"torque_constant": "Nm/A at the motor shaft", "ratio": "motor turns per output turn"}
+                missing |= {
+                    "torque_constant": "Nm/A at the motor shaft",
+                    "ratio": "motor turns per output turn",
+                }
         if word:
             reasons = [*reasons, f"{side} side by {word!r} in its name"]
         elif channel != "effort":
@@ -259,9 +341,15 @@ class _Reader:
         if table.flat:
             reasons = [*reasons, f"numbers one after the other, {n} a sample"]
         if still := [str(k) for k in np.flatnonzero(np.ptp(table.values, axis=0) == 0)]:
-            reasons = [*reasons, f"{CONSTANT} {', '.join(still)} is constant: no sensor there, or a joint that stood"]
+            reasons = [
+                *reasons,
+                f"{CONSTANT} {', '.join(still)} is constant: no sensor there, or a joint that stood",
+            ]
         if table.available > n:
-            reasons = [*reasons, f"the first {n} of {table.available} columns: check that these are the arm's joints"]
+            reasons = [
+                *reasons,
+                f"the first {n} of {table.available} columns: check that these are the arm's joints",
+            ]
         return Guess(side or "link", channel, table, unit, (*reasons, why), scales, missing)
 
     def _speed_unit(self, table: JointTable) -> tuple[str, str]:
@@ -270,7 +358,10 @@ class _Reader:
             return found
         if (word := re.search(r"deg|rpm|rad", table.name, re.I)) is not None:
             unit = {"deg": "deg/s", "rpm": "rpm"}.get(word[0].lower(), "rad/s")
-            return unit, f"unit by {word[0]!r} in its name; it is the derivative of no position in the file"
+            return (
+                unit,
+                f"unit by {word[0]!r} in its name; it is the derivative of no position in the file",
+            )
         return "rad/s", "unit is a guess: it is the derivative of no position in the file"
 
     def _speed_by_slope(self, table: JointTable) -> tuple[str, str] | None:
@@ -282,7 +373,10 @@ class _Reader:
             for unit, size in _SPEEDS.items():
                 ratio = steep * _ANGLES[_angle_unit(source)[0]] / size
                 if abs(ratio - 1) < CLOSE:
-                    return unit, f"derivative of {source.name} (correlation {alike:.3f}, slope {ratio:.3f})"
+                    return (
+                        unit,
+                        f"derivative of {source.name} (correlation {alike:.3f}, slope {ratio:.3f})",
+                    )
         return None
 
 
@@ -293,14 +387,18 @@ def _slope(source: JointTable, rate: JointTable, times: TimeArray) -> tuple[floa
     derivative = np.gradient(source.values, axis=0) / dt
     # Where angles wrap, the difference is no velocity.
     derivative[np.abs(derivative) > 50 * np.median(np.abs(derivative), axis=0) + 1e-12] = 0.0
-    sums = [np.cumsum(np.vstack([np.zeros(v.shape[1]), v]), axis=0) for v in (derivative, rate.values)]
+    sums = [
+        np.cumsum(np.vstack([np.zeros(v.shape[1]), v]), axis=0) for v in (derivative, rate.values)
+    ]
     d, v = ((total[width:] - total[:-width]) / width for total in sums)
     power = np.sqrt((d * d).sum(axis=0) * (v * v).sum(axis=0))
     moving = power > 0
     if not moving.any():
         return 0.0, 0.0
     both = (d * v).sum(axis=0)[moving]
-    return float(np.median(both / power[moving])), float(np.median(both / (v * v).sum(axis=0)[moving]))
+    return float(np.median(both / power[moving])), float(
+        np.median(both / (v * v).sum(axis=0)[moving])
+    )
 
 
 def _is_command(table: JointTable) -> bool:
@@ -312,7 +410,11 @@ def _rank(guess: Guess) -> tuple[int, bool]:
 
     Beside a torque by the motor's current, one that is called a torque and nothing else may be the controller's model.
     """
-    sided = guess.channel == "effort" and guess.unit == "Nm" and bool(_side_by_name(guess.table.name)[1])
+    sided = (
+        guess.channel == "effort"
+        and guess.unit == "Nm"
+        and bool(_side_by_name(guess.table.name)[1])
+    )
     return -len(re.findall(_MEASURED, guess.table.name, re.I)), not sided
 
 
@@ -341,14 +443,19 @@ def _angle_unit(table: JointTable) -> tuple[str, str]:
     if stated is not None and stated[0] in _ANGLES:
         return stated[0], ""
     if (word := re.search(_ANGLE_WORDS, table.name, re.I)) is not None:
-        return {"deg": "deg", "rad": "rad"}.get(word[0].lower(), "turns"), f"unit by {word[0]!r} in its name"
+        return {"deg": "deg", "rad": "rad"}.get(
+            word[0].lower(), "turns"
+        ), f"unit by {word[0]!r} in its name"
     largest = float(np.abs(table.values).max())
     unit = "rad" if largest < LARGEST_ANGLE else "deg"
     # Neither numbers nor a robot's limits tell degrees of a joint from a rotor's radians.
     instead = "" if unit == "rad" else ", or rad of a rotor: then under motor, with ratio"
     # Where columns end at 100 it is the end of a calibrated range.
     full = 99.5 < largest <= 100.0
-    instead += ", or per cent of each joint's range, as LeRobot's default is: then factor, its degrees / 100" * full
+    instead += (
+        ", or per cent of each joint's range, as LeRobot's default is: then factor, its degrees / 100"
+        * full
+    )
     return unit, f"largest angle {largest:.3g}: {unit}{instead}"
 
 
@@ -363,10 +470,15 @@ def _torque_unit(table: JointTable) -> tuple[str, str]:
     if current is not None and "torq" not in table.name.lower():
         return "A", "a current by its name"
     largest = float(np.abs(table.values).max())
-    return "Nm", f"largest {largest:.3g}: taken as Nm at the joint (at the motor shaft: unit Nm_motor, with ratio)"
+    return (
+        "Nm",
+        f"largest {largest:.3g}: taken as Nm at the joint (at the motor shaft: unit Nm_motor, with ratio)",
+    )
 
 
-def _with_ratio(chosen: dict[tuple[SideName, ChannelName], Guess]) -> dict[tuple[SideName, ChannelName], Guess]:
+def _with_ratio(
+    chosen: dict[tuple[SideName, ChannelName], Guess],
+) -> dict[tuple[SideName, ChannelName], Guess]:
     """Give the motor side's channels the ratio that shows where both sides' positions are there."""
     motor, link = chosen.get(("motor", "position")), chosen.get(("link", "position"))
     if motor is None or link is None or not {motor.unit, link.unit} <= set(_ANGLES):
@@ -388,5 +500,7 @@ def _with_ratio(chosen: dict[tuple[SideName, ChannelName], Guess]) -> dict[tuple
             of_angle = guess.unit.replace(motor.unit, unit)
             reasons = (*(r for r in guess.reasons if not r.startswith("largest")), why)
             both = {**guess.scales, **scales}
-            chosen["motor", guess.channel] = replace(guess, unit=of_angle, reasons=reasons, scales=both)
+            chosen["motor", guess.channel] = replace(
+                guess, unit=of_angle, reasons=reasons, scales=both
+            )
     return chosen

@@ -38,7 +38,9 @@ def mapped_side(
             continue
         side = _channel(sources, channel_name, series, channels, found)
         if built is not None:
-            built, side = pair(built, side, f"{side_name} {channel_name}", f"the {side_name} side", found)
+            built, side = pair(
+                built, side, f"{side_name} {channel_name}", f"the {side_name} side", found
+            )
         built = side if built is None else built.beside(side)
     if side_name == "motor":
         built = coupled(built, coupling_matrix(channels.coupling, list(channels.joints)))
@@ -74,8 +76,13 @@ def _channel(
             if built is None:
                 built = side
             else:
-                built, side = pair(built, side, f"{topic} ({', '.join(some)})", next(iter(by_topic)), found)
-                built = Side(built.stamp_ns, **{name: np.hstack([built.channels()[name], side.channels()[name]])})
+                built, side = pair(
+                    built, side, f"{topic} ({', '.join(some)})", next(iter(by_topic)), found
+                )
+                built = Side(
+                    built.stamp_ns,
+                    **{name: np.hstack([built.channels()[name], side.channels()[name]])},
+                )
             order += some
     if built is None:
         raise RecordingError(f"the channel map names no source for {name}")
@@ -89,7 +96,9 @@ def _parts(messages: Series, sources: Mapping[str, Channel]) -> list[tuple[Serie
     if not messages.names() or any(source.index is not None for source in sources.values()):
         return [(messages, list(sources))]
     called = {source.name: joint for joint, source in sources.items()}
-    return [(part, [called[name] for name in names]) for part, names in messages.holding(list(called))]
+    return [
+        (part, [called[name] for name in names]) for part, names in messages.holding(list(called))
+    ]
 
 
 def _one(messages: Series, source: Channel, name: ChannelName) -> Array:

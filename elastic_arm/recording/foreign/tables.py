@@ -15,7 +15,9 @@ from elastic_arm.recording.sides import Array, short_names
 _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 # Sample rates of arms, Hz: the unit of the times is the one with which the rate is among them.
 _RATES = (15.0, 12_000.0)
-TIME_NAME = re.compile(r"(^|[._ ])(t|time|times|stamp|stamps|timestamp|timestamps|sec|secs|seconds)($|[._ \[(])", re.I)
+TIME_NAME = re.compile(
+    r"(^|[._ ])(t|time|times|stamp|stamps|timestamp|timestamps|sec|secs|seconds)($|[._ \[(])", re.I
+)
 _RUN_NAME = re.compile(r"(episode|file|run|trial|traj(ectory)?)(_?(index|id|number|nr))?$", re.I)
 _NONE: Mapping[str, str] = MappingProxyType({})
 _COUNTED = re.compile(r"^(.*?)(\d+)(\D*)$")
@@ -26,7 +28,9 @@ class JointTable:
     """One quantity of all joints."""
 
     keys: tuple[str, ...]  # names of the arrays: one with a column a joint, or one a joint
-    columns: tuple[int, ...] | None  # columns of a single array that has more than the joints; None for all
+    columns: (
+        tuple[int, ...] | None
+    )  # columns of a single array that has more than the joints; None for all
     values: Array  # (N, n) numbers as recorded
     pattern: str = ""  # what its arrays are called, with * for the joint, where their names hold the joints' own
     available: int = 0  # columns that there are; 0 where these are all
@@ -70,23 +74,35 @@ class Contents:
     times: TimeArray | None  # none if no array looks like times
     tables: tuple[JointTable, ...]  # in the file's order
     rest: tuple[str, ...]  # names of the arrays that are neither
-    runs: tuple[str, int] | None = None  # the array that numbers several runs, and how many there are
+    runs: tuple[str, int] | None = (
+        None  # the array that numbers several runs, and how many there are
+    )
 
 
-def find_tables(arrays: Mapping[str, np.ndarray], joints: Sequence[str], units: Mapping[str, str] = _NONE) -> Contents:
+def find_tables(
+    arrays: Mapping[str, np.ndarray], joints: Sequence[str], units: Mapping[str, str] = _NONE
+) -> Contents:
     """Sort arrays into times, tables of n joints, and others, by the first run where there are several.
 
     An array of more than n columns is a table of its first n; columns whose names hold the joints' names are one of
     these, as are those whose names count the joints; columns without names are taken n at a time. For one joint every
     column is a table.
     """
-    numeric = {key: np.squeeze(values) for key, values in arrays.items() if values.dtype.kind in "iuf"}
+    numeric = {
+        key: np.squeeze(values) for key, values in arrays.items() if values.dtype.kind in "iuf"
+    }
     runs = _find_runs(numeric)
     if runs is not None:
         numbers = numeric.pop(runs[0])
         first = numbers == numbers[0]
-        numeric = {key: v[first] if len(v) == len(first) else v for key, v in numeric.items() if v.ndim}
-    numeric = {key: _without_holes(values) for key, values in numeric.items() if values.ndim in (1, 2) and values.size}
+        numeric = {
+            key: v[first] if len(v) == len(first) else v for key, v in numeric.items() if v.ndim
+        }
+    numeric = {
+        key: _without_holes(values)
+        for key, values in numeric.items()
+        if values.ndim in (1, 2) and values.size
+    }
     n, count = len(joints), _sample_count(numeric)
     times, tables = _sorted(numeric, joints, count, units)
     if not tables and n > 1 and count % n == 0:
@@ -95,8 +111,13 @@ def find_tables(arrays: Mapping[str, np.ndarray], joints: Sequence[str], units: 
         times, tables = _sorted(shaped, joints, count // n, units)
         tables = [replace(table, flat=numeric[table.keys[0]].ndim == 1) for table in tables]
     used = {key for table in tables for key in table.keys}
-    used |= ({times.key} if times is not None else set()) | ({runs[0]} if runs is not None else set())
-    tables = [replace(table, stated=stated_unit(table.keys[0], units.get(table.keys[0], ""))) for table in tables]
+    used |= ({times.key} if times is not None else set()) | (
+        {runs[0]} if runs is not None else set()
+    )
+    tables = [
+        replace(table, stated=stated_unit(table.keys[0], units.get(table.keys[0], "")))
+        for table in tables
+    ]
     return Contents(times, tuple(tables), tuple(key for key in arrays if key not in used), runs)
 
 
@@ -106,7 +127,11 @@ def _sorted(
     n = len(joints)
     numeric = {key: values for key, values in numeric.items() if count in values.shape}
     times = _find_times(numeric, count, units)
-    columns = {key: values for key, values in numeric.items() if values.ndim == 1 and not (times and key == times.key)}
+    columns = {
+        key: values
+        for key, values in numeric.items()
+        if values.ndim == 1 and not (times and key == times.key)
+    }
     tables = [
         table
         for key, values in numeric.items()
@@ -117,14 +142,21 @@ def _sorted(
     tables += _counted({key: values for key, values in columns.items() if key not in named}, n)
     if n == 1:
         taken = {key for table in tables for key in table.keys}
-        tables += [JointTable((key,), None, v[:, None]) for key, v in columns.items() if key not in taken]
+        tables += [
+            JointTable((key,), None, v[:, None]) for key, v in columns.items() if key not in taken
+        ]
     return times, tables
 
 
 def _find_runs(arrays: Mapping[str, np.ndarray]) -> tuple[str, int] | None:
     """Return the array that numbers runs, which stand one below the other, and how many there are."""
     for key, values in arrays.items():
-        if _RUN_NAME.search(key) and values.ndim == 1 and len(values) > 1 and np.array_equal(values, np.round(values)):
+        if (
+            _RUN_NAME.search(key)
+            and values.ndim == 1
+            and len(values) > 1
+            and np.array_equal(values, np.round(values))
+        ):
             count = 1 + int(np.count_nonzero(np.diff(values)))
             if 1 < count == len(np.unique(values)):
                 return key, count
@@ -137,7 +169,9 @@ def _without_holes(values: np.ndarray) -> np.ndarray:
     for column in found.reshape(len(found), -1).T if found.dtype.kind == "f" else ():
         if not (whole := np.isfinite(column)).all():
             rows = np.arange(len(column))
-            column[~whole] = np.interp(rows[~whole], rows[whole], column[whole]) if whole.any() else 0.0
+            column[~whole] = (
+                np.interp(rows[~whole], rows[whole], column[whole]) if whole.any() else 0.0
+            )
     return found
 
 
@@ -150,10 +184,14 @@ def _sample_count(arrays: Mapping[str, np.ndarray]) -> int:
     return lengths.most_common(1)[0][0] if lengths else 0
 
 
-def _find_times(arrays: Mapping[str, np.ndarray], count: int, units: Mapping[str, str]) -> TimeArray | None:
+def _find_times(
+    arrays: Mapping[str, np.ndarray], count: int, units: Mapping[str, str]
+) -> TimeArray | None:
     """Return the array that grows from sample to sample with a rate that arms have; one called time before others."""
     found = []
-    called = [key for key, values in arrays.items() if values.shape == (count,) and TIME_NAME.search(key)]
+    called = [
+        key for key, values in arrays.items() if values.shape == (count,) and TIME_NAME.search(key)
+    ]
     for key in called:
         if np.isfinite(arrays[key]).all() and np.abs(arrays[key]).max(initial=0.0) < 9e9:
             check_stamped(np.round(1e9 * arrays[key].astype(np.float64)).astype(np.int64), key)
@@ -165,7 +203,9 @@ def _find_times(arrays: Mapping[str, np.ndarray], count: int, units: Mapping[str
         if np.all(steps >= 0) and np.mean(steps > 0) > 0.5:
             step = float(np.median(steps[steps > 0]))
             # An index grows by one too: times that are whole milliseconds are called times.
-            unit = next((u for u, s in _SECONDS.items() if _RATES[0] <= 1 / (step * s) <= _RATES[1]), None)
+            unit = next(
+                (u for u, s in _SECONDS.items() if _RATES[0] <= 1 / (step * s) <= _RATES[1]), None
+            )
             stated = stated_unit(key, units.get(key, ""))
             unit = stated if stated in _SECONDS else unit
             named = bool(TIME_NAME.search(key)) or key == next(iter(arrays))
@@ -180,23 +220,36 @@ def _whole(key: str, values: np.ndarray, count: int, n: int) -> JointTable | Non
     width = values.shape[1]
     if width < n:
         return None
-    return JointTable((key,), None if width == n else tuple(range(n)), values[:, :n], available=width)
+    return JointTable(
+        (key,), None if width == n else tuple(range(n)), values[:, :n], available=width
+    )
 
 
 def _named(columns: Mapping[str, np.ndarray], joints: Sequence[str]) -> list[JointTable]:
     """Return the groups of columns whose names differ by the name of a joint alone, in the order of the joints."""
-    called = {**dict(zip(short_names(joints), joints, strict=True)), **{joint: joint for joint in joints}}
+    called = {
+        **dict(zip(short_names(joints), joints, strict=True)),
+        **{joint: joint for joint in joints},
+    }
     longest_first = sorted(called, key=len, reverse=True)
     own = re.compile(rf"(?<![a-zA-Z0-9])({'|'.join(map(re.escape, longest_first))})(?![a-zA-Z0-9])")
     groups: dict[str, dict[str, str]] = {}
     for key in columns:
         if (match := own.search(key)) is not None:
-            groups.setdefault(f"{key[: match.start()]}*{key[match.end() :]}", {})[called[match[0]]] = key
-    complete = {pattern: members for pattern, members in groups.items() if len(members) == len(joints) > 1}
+            groups.setdefault(f"{key[: match.start()]}*{key[match.end() :]}", {})[
+                called[match[0]]
+            ] = key
+    complete = {
+        pattern: members for pattern, members in groups.items() if len(members) == len(joints) > 1
+    }
     found = []
     for pattern, members in complete.items():
         keys = tuple(members[joint] for joint in joints)
-        found.append(JointTable(keys, None, np.column_stack([columns[k].astype(np.float64) for k in keys]), pattern))
+        found.append(
+            JointTable(
+                keys, None, np.column_stack([columns[k].astype(np.float64) for k in keys]), pattern
+            )
+        )
     return found
 
 
@@ -210,7 +263,9 @@ def _counted(columns: Mapping[str, np.ndarray], n: int) -> list[JointTable]:
     for stem, members in groups.items():
         keys = [members[number] for number in sorted(members)]
         # Columns without names hold several quantities one after the other; a counted name is one quantity.
-        parts = [keys[k : k + n] for k in range(0, len(keys), n)] if stem == ("", "") else [keys[:n]]
+        parts = (
+            [keys[k : k + n] for k in range(0, len(keys), n)] if stem == ("", "") else [keys[:n]]
+        )
         for part in parts:
             if len(part) == n:
                 values = np.column_stack([columns[key].astype(np.float64) for key in part])

@@ -22,7 +22,12 @@ _VALUE = re.compile(r"^(value|val|data|number)s?$", re.I)
 _CLOCK = re.compile(r"(\d{1,2}):(\d{2}):(\d{2}(?:[.,]\d+)?)$")
 _SECONDS = re.compile(r"(.*[._]?)(?:secs?|seconds)$", re.I)
 _NAMES = re.compile(r"(^|[._ ])(joint_?)?names?$", re.I)
-_FORMATS = ("%d.%m.%Y %H:%M:%S.%f", "%d.%m.%Y %H:%M:%S", "%Y/%m/%d %H:%M:%S.%f", "%Y/%m/%d %H:%M:%S")
+_FORMATS = (
+    "%d.%m.%Y %H:%M:%S.%f",
+    "%d.%m.%Y %H:%M:%S",
+    "%Y/%m/%d %H:%M:%S.%f",
+    "%Y/%m/%d %H:%M:%S",
+)
 _FEWEST = 3  # rows a name, of a table that has a row for each
 
 
@@ -40,11 +45,16 @@ def arrays_of(columns: Columns) -> tuple[dict[str, np.ndarray], dict[str, str]]:
             read[name], units[name] = found[0].tolist(), found[1]
     _join_stamps(read, units)
     read = _wide(read)
-    names = next((name for name, cells in read.items() if _NAMES.search(name) and _lists_of(cells, str)), None)
+    names = next(
+        (name for name, cells in read.items() if _NAMES.search(name) and _lists_of(cells, str)),
+        None,
+    )
     arrays: dict[str, np.ndarray] = {}
     for name, cells in read.items():
         if _lists_of(cells, float):
-            arrays |= _by_names(name, cells, read[names]) if names is not None else _table(name, cells)
+            arrays |= (
+                _by_names(name, cells, read[names]) if names is not None else _table(name, cells)
+            )
         elif name != names:
             arrays[name] = _column(cells, units.get(name))
     return arrays, {name: unit for name, unit in units.items() if name in arrays}
@@ -69,7 +79,9 @@ def _lists_of(cells: Sequence[Any], kind: type) -> bool:
     """Return whether all cells that are there are lists of numbers, or of texts."""
     lists = [cell for cell in cells if cell is not None]
     kinds = (int, float, type(None)) if kind is float else (kind,)
-    return bool(lists) and all(isinstance(one, list) and all(isinstance(x, kinds) for x in one) for one in lists)
+    return bool(lists) and all(
+        isinstance(one, list) and all(isinstance(x, kinds) for x in one) for one in lists
+    )
 
 
 def _table(name: str, cells: Sequence[Any]) -> dict[str, np.ndarray]:
@@ -79,7 +91,10 @@ def _table(name: str, cells: Sequence[Any]) -> dict[str, np.ndarray]:
         return {}
     lengths = {len(cell) for cell in cells if cell}
     if len(lengths) > 1:
-        raise RecordingError(f"the lists of {name} have {min(lengths)} to {max(lengths)} numbers", "Give all as many.")
+        raise RecordingError(
+            f"the lists of {name} have {min(lengths)} to {max(lengths)} numbers",
+            "Give all as many.",
+        )
     rows = [cell or [np.nan] * width for cell in cells]
     return {name: np.array([[np.nan if x is None else x for x in row] for row in rows], np.float64)}
 
@@ -111,12 +126,16 @@ def _column(cells: Sequence[Any], unit: str | None) -> np.ndarray:
 
 def _dates(cells: Sequence[Any]) -> tuple[np.ndarray, str] | None:
     """Return dates as ns since 1970, times of day as s, each with its unit; None where any cell is neither."""
-    if not cells or not all(isinstance(cell, str) and re.match(r"\s*\d{1,4}[-:./]\d", cell) for cell in cells):
+    if not cells or not all(
+        isinstance(cell, str) and re.match(r"\s*\d{1,4}[-:./]\d", cell) for cell in cells
+    ):
         return None
     texts = [cell.strip() for cell in cells]
     if all(map(_CLOCK.match, texts)):
         parts = [_CLOCK.match(text).groups() for text in texts]  # type: ignore[union-attr]
-        seconds = np.array([3600.0 * int(h) + 60.0 * int(m) + float(s.replace(",", ".")) for h, m, s in parts])
+        seconds = np.array(
+            [3600.0 * int(h) + 60.0 * int(m) + float(s.replace(",", ".")) for h, m, s in parts]
+        )
         # Midnight is no step back.
         days = np.concatenate([[0.0], np.cumsum(np.diff(seconds) < -43_200.0)])
         return seconds + 86_400.0 * days, "s"
@@ -127,7 +146,9 @@ def _dates(cells: Sequence[Any]) -> tuple[np.ndarray, str] | None:
 
 def _nanoseconds(text: str) -> int:
     """Return the ns since 1970 of a date, of one without a zone as UTC."""
-    whole, _, fraction = text.replace(",", ".").partition(".") if text.count(".") < 2 else (text, "", "")
+    whole, _, fraction = (
+        text.replace(",", ".").partition(".") if text.count(".") < 2 else (text, "", "")
+    )
     digits = re.match(r"\d*", fraction)
     part, zone = (digits[0], fraction[digits.end() :]) if digits else ("", "")
     try:
@@ -163,14 +184,22 @@ def _join_stamps(columns: Columns, units: dict[str, str]) -> None:
 def _wide(columns: Columns) -> Columns:
     """Return a table that has a row for each name and time with a column for each name; any other as it is."""
     times = next((name for name in columns if _TIME.search(name)), None)
-    words = [name for name, cells in columns.items() if cells and all(isinstance(c, str) and c for c in cells)]
+    words = [
+        name
+        for name, cells in columns.items()
+        if cells and all(isinstance(c, str) and c for c in cells)
+    ]
     keys = [name for name in words if not _is_numbers(columns[name])]
     if times is None or times in keys or len(keys) != 1:
         return columns
     key, stamps = keys[0], columns[times]
     known = list(dict.fromkeys(columns[key]))
     advancing = all(str(a) != str(b) for a, b in pairwise(stamps))
-    if len(known) < 2 or len(stamps) < _FEWEST * len(known) or (advancing and len(known) > len(stamps) // _FEWEST):
+    if (
+        len(known) < 2
+        or len(stamps) < _FEWEST * len(known)
+        or (advancing and len(known) > len(stamps) // _FEWEST)
+    ):
         return columns
     rows: dict[Any, list[int]] = {name: [] for name in known}
     for k, name in enumerate(columns[key]):
@@ -197,7 +226,11 @@ def _is_numbers(cells: Sequence[Any]) -> bool:
 
 def records(content: Any, path: str) -> Columns:
     """Return the columns of JSON: a list of records, or an object of lists; objects within are named with dots."""
-    while isinstance(content, Mapping) and len(content) == 1 and isinstance(next(iter(content.values())), list | dict):
+    while (
+        isinstance(content, Mapping)
+        and len(content) == 1
+        and isinstance(next(iter(content.values())), list | dict)
+    ):
         content = next(iter(content.values()))
     if isinstance(content, list) and content and all(isinstance(row, Mapping) for row in content):
         flat = [_flat(row) for row in content]
@@ -207,7 +240,8 @@ def records(content: Any, path: str) -> Columns:
     lists = {name: values for name, values in columns.items() if isinstance(values, list)}
     if not lists:
         raise RecordingError(
-            f"{path} holds no table", "Give a list of records, an object of lists, or a record a line (JSON Lines)."
+            f"{path} holds no table",
+            "Give a list of records, an object of lists, or a record a line (JSON Lines).",
         )
     count = max(map(len, lists.values()))
     return {name: values for name, values in lists.items() if len(values) == count}
@@ -216,5 +250,9 @@ def records(content: Any, path: str) -> Columns:
 def _flat(record: Mapping[str, Any], within: str = "") -> dict[str, Any]:
     found: dict[str, Any] = {}
     for name, value in record.items():
-        found |= _flat(value, f"{within}{name}.") if isinstance(value, Mapping) else {f"{within}{name}": value}
+        found |= (
+            _flat(value, f"{within}{name}.")
+            if isinstance(value, Mapping)
+            else {f"{within}{name}": value}
+        )
     return found

@@ -10,12 +10,24 @@ import numpy as np
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording.foreign.channels import ChannelMap
 from elastic_arm.recording.inspection.commands import followed
-from elastic_arm.recording.inspection.described_gravity import Motions, contradicted, misread_channels, side_motions
+from elastic_arm.recording.inspection.described_gravity import (
+    Motions,
+    contradicted,
+    misread_channels,
+    side_motions,
+)
 from elastic_arm.recording.inspection.magnitudes import beyond_limits, of_no_arm
 from elastic_arm.recording.inspection.outliers import cleared, without_zeros
 from elastic_arm.recording.inspection.percent import in_percent
 from elastic_arm.recording.inspection.plausibility import implausible
-from elastic_arm.recording.inspection.report import REPAIR, Finding, Report, moment, note, wrong_rate
+from elastic_arm.recording.inspection.report import (
+    REPAIR,
+    Finding,
+    Report,
+    moment,
+    note,
+    wrong_rate,
+)
 from elastic_arm.recording.inspection.stuck_channels import channel_findings, frozen
 from elastic_arm.recording.inspection.two_encoders import disagreeing
 from elastic_arm.recording.reading import Content, contents, recording_of, urdf_joints
@@ -30,12 +42,17 @@ from elastic_arm.robot.plausible import doubtful
 
 CHECKED = 1_200_000  # messages of a part of a long bag: ten minutes of two topics at 1 kHz
 _THROUGHOUT = ("short", "no_motion", "one_side")  # what nothing is wrong with in a part
-_ONCE = ("commands",)  # what is said of the first part that shows it, whichever joints move in the others
+_ONCE = (
+    "commands",
+)  # what is said of the first part that shows it, whichever joints move in the others
 _NUMBER = re.compile(r"(?<!\w)\d[\d.e+-]*")  # which findings of two parts may not share
 _STATES = (JOINT_STATES, MOTOR_STATES)
 _SIDES = {"link": JOINT_STATES, "motor": MOTOR_STATES, "reference": REFERENCE}
 _GAP = 2.5  # sample intervals: more is a gap, not jitter
-_BRIDGED, _LOST = 0.1, 0.03  # s of a gap, and share of the samples, that nothing which follows misses
+_BRIDGED, _LOST = (
+    0.1,
+    0.03,
+)  # s of a gap, and share of the samples, that nothing which follows misses
 _JITTER = 0.05  # of the sample interval
 _DRIFT = 20e-6  # two good crystals differ by less
 
@@ -64,21 +81,30 @@ def check_bag(
             report.add("warning", "description", words)
     except RecordingError as error:
         report.add("error", "undecodable", str(error))
-    report.findings += [*_together(parts), *(contradicted(motions, robot) if robot is not None else [])]
+    report.findings += [
+        *_together(parts),
+        *(contradicted(motions, robot) if robot is not None else []),
+    ]
     return report
 
 
-def _checked(content: Content, channels: ChannelMap | None, robot: Robot | None, motions: Motions) -> Report:
+def _checked(
+    content: Content, channels: ChannelMap | None, robot: Robot | None, motions: Motions
+) -> Report:
     """Report what is wrong with a part of a bag, and add its motions."""
     report = Report(content.source)
     recording = _read(content, channels, robot, report)
     if recording is not None:
-        report.begin_ns = recording.start_ns if any(map(len, recording.measured().values())) else None
+        report.begin_ns = (
+            recording.start_ns if any(map(len, recording.measured().values())) else None
+        )
         seen: set[bytes] = set()
         for name, side in without_zeros(recording, []).sides().items():
             if (stamps := side.stamp_ns.tobytes()) not in seen:
                 seen.add(stamps)
-                _check_stamps(_SIDES[name] if channels is None else f"the {name} side", side.stamp_ns, report)
+                _check_stamps(
+                    _SIDES[name] if channels is None else f"the {name} side", side.stamp_ns, report
+                )
         try:
             report.findings += looked_through(recording, robot, motions)
         except RecordingError as error:
@@ -89,19 +115,31 @@ def _checked(content: Content, channels: ChannelMap | None, robot: Robot | None,
 def _together(parts: Sequence[Report]) -> Iterator[Finding]:
     """Yield what was found in parts of a bag, each in the first that has it; of the whole what all of them have."""
     seen = set[str]()
-    every = set[str].intersection(*({one.code for one in part.findings} for part in parts)) if parts else set()
+    every = (
+        set[str].intersection(*({one.code for one in part.findings} for part in parts))
+        if parts
+        else set()
+    )
     first = next((part.begin_ns for part in parts if part.begin_ns is not None), 0)
     for k, part in enumerate(parts):
         offset = ((part.begin_ns or first) - first) * 1e-9
-        words = [one.code if one.code in _ONCE else _NUMBER.sub("", one.message) for one in part.findings]
+        words = [
+            one.code if one.code in _ONCE else _NUMBER.sub("", one.message) for one in part.findings
+        ]
         for one, same in zip(part.findings, words, strict=True):
             if same not in seen and (one.code in every or one.code not in _THROUGHOUT):
                 time = None if one.time is None else one.time + offset
-                yield replace(one, message=f"from {offset:.0f} s on: {one.message}", time=time) if k else one
+                yield (
+                    replace(one, message=f"from {offset:.0f} s on: {one.message}", time=time)
+                    if k
+                    else one
+                )
         seen.update(words)
 
 
-def looked_through(recording: Recording, robot: Robot | None = None, motions: Motions | None = None) -> list[Finding]:
+def looked_through(
+    recording: Recording, robot: Robot | None = None, motions: Motions | None = None
+) -> list[Finding]:
     """Return what had to be done to use a recording, and what no sensors of a moving arm, or of this one, measure.
 
     What the description is to be compared with is added to `motions`.
@@ -117,10 +155,16 @@ def doubts(recording: Recording, robot: Robot) -> list[str]:
     """Return in words what cannot be right of a recording to be fitted; fits look for the mounting themselves."""
     whole = cleared(recording)[0]
     found = _seen(whole, recording, robot) + contradicted([*side_motions(whole, robot)], robot)
-    return [finding.message for finding in found if finding.severity == "warning" and finding.code != "mounting"]
+    return [
+        finding.message
+        for finding in found
+        if finding.severity == "warning" and finding.code != "mounting"
+    ]
 
 
-def misread(recordings: Sequence[Recording], robot: Robot, *, explained: bool = False) -> str | None:
+def misread(
+    recordings: Sequence[Recording], robot: Robot, *, explained: bool = False
+) -> str | None:
     """Return which channels are not what they are taken for, in words; no arm is to be written by them.
 
     explained: whether effects stand for missing gravity and for encoders that disagree, as those of a diagnosis do.
@@ -128,18 +172,28 @@ def misread(recordings: Sequence[Recording], robot: Robot, *, explained: bool = 
     for recording in recordings:
         whole = cleared(recording)[0]
         words = [] if explained else [finding.message for finding in disagreeing(whole)]
-        if first := next(filter(None, [*words, misread_channels(whole, robot, weight=not explained)]), None):
+        if first := next(
+            filter(None, [*words, misread_channels(whole, robot, weight=not explained)]), None
+        ):
             return f"{recording.source}: {first}"
     return None
 
 
 def _seen(whole: Recording, recording: Recording, robot: Robot | None) -> list[Finding]:
-    found = [*channel_findings(whole), *frozen(recording), *implausible(whole), *disagreeing(whole), *followed(whole)]
+    found = [
+        *channel_findings(whole),
+        *frozen(recording),
+        *implausible(whole),
+        *disagreeing(whole),
+        *followed(whole),
+    ]
     found += [*of_no_arm(whole), *in_percent(recording)]
     return found if robot is None else [*found, *beyond_limits(whole, robot)]
 
 
-def _read(content: Content, channels: ChannelMap | None, robot: Robot | None, report: Report) -> Recording | None:
+def _read(
+    content: Content, channels: ChannelMap | None, robot: Robot | None, report: Report
+) -> Recording | None:
     """Return the recording as readers do, None where they refuse it; what they say goes into the report."""
     joints = None if robot is None else robot.joint_names
     if channels is None:
@@ -160,7 +214,9 @@ def _check_content(content: Content, report: Report) -> None:
         missing = damage.endswith("metadata.yaml is missing")
         report.add(*(("warning", "missing_metadata") if missing else ("error", "damaged")), damage)
     if content.promised is not None and content.promised != content.messages:
-        message = f"metadata.yaml promises {content.promised} messages, the files hold {content.messages}"
+        message = (
+            f"metadata.yaml promises {content.promised} messages, the files hold {content.messages}"
+        )
         report.add("error", "count", message)
     if not content.topics:
         report.add("error", "empty", "the bag holds no messages")
@@ -178,12 +234,20 @@ def _check_names(content: Content, report: Report, joints: Sequence[str] | None)
         others = [name for name in series.names() if name not in set(known)]
         if known and others and matched_names(known, series.names()) != series.names():
             message = f"{topic} names joints that the robot description does not have: {', '.join(others)}"
-            report.add("note" if joints is not None else "warning", "unknown_joint", message, topic=topic)
-        if len({piece.names for piece in series.pieces}) > len({frozenset(piece.names) for piece in series.pieces}):
+            report.add(
+                "note" if joints is not None else "warning", "unknown_joint", message, topic=topic
+            )
+        if len({piece.names for piece in series.pieces}) > len(
+            {frozenset(piece.names) for piece in series.pieces}
+        ):
             message = f"{topic} names its joints in several orders; they are matched by name"
             report.add("note", "joint_order", message, topic=topic)
         if not series.has("effort") and JOINT_TORQUES not in content.series:
-            instead = [f"those of {other} are used" for other in present if content.series[other].has("effort")]
+            instead = [
+                f"those of {other} are used"
+                for other in present
+                if content.series[other].has("effort")
+            ]
             if REFERENCE in content.series:
                 instead.append("a `controller:` in the arm file makes them of the commands")
             message = ": ".join([f"{topic} has no torques (effort is empty)", *instead[:1]])
@@ -236,7 +300,9 @@ def _check_drift(content: Content, report: Report) -> None:
     # Mean intervals without gaps.
     every = [(np.diff(series.stamp_ns), step) for series, step in zip(both, steps, strict=True)]
     rates = [float(np.mean(apart[apart < 1.5 * step])) for apart, step in every]
-    if abs(drift) <= _DRIFT and abs(rates[1] / rates[0] - 1) < 0.01:  # rates this close are meant to be equal
+    if (
+        abs(drift) <= _DRIFT and abs(rates[1] / rates[0] - 1) < 0.01
+    ):  # rates this close are meant to be equal
         drift = rates[1] / rates[0] - 1
     duration = (both[0].stamp_ns[-1] - both[0].stamp_ns[0]) * 1e-9
     if abs(drift) > _DRIFT and abs(drift) * duration * 1e9 > 0.5 * steps[0]:

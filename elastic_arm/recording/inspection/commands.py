@@ -26,13 +26,21 @@ NEAR = 1.15  # times such a factor; a loop's own gain is off by less, and servos
 def followed(recording: Recording) -> Iterator[Finding]:
     """Yield what is seen of commands: a note on lag and rate, and warnings where they cannot be what was followed."""
     reference = recording.reference
-    side = recording.motor if recording.motor is not None and recording.motor.position is not None else recording.link
+    side = (
+        recording.motor
+        if recording.motor is not None and recording.motor.position is not None
+        else recording.link
+    )
     if reference is None or reference.position is None or side is None or side.position is None:
         return
     if min(len(reference), len(side)) < FEWEST:
         return
     given, t = ((one.stamp_ns - reference.stamp_ns[0]) * 1e-9 for one in (reference, side))
-    moves = joints_with(reference.position) & joints_with(side.position) & (np.ptp(side.position, axis=0) > STILL)
+    moves = (
+        joints_with(reference.position)
+        & joints_with(side.position)
+        & (np.ptp(side.position, axis=0) > STILL)
+    )
     if not moves.any():
         return
     found = np.full((3, recording.n), np.nan)
@@ -40,33 +48,55 @@ def followed(recording: Recording) -> Iterator[Finding]:
         found[:, j] = _lag(given, reference.position[:, j], t, side.position[:, j])
     lag, gain, left = found
     # Computed torque follows as closely as its model is right; only what was copied has the same digits.
-    torques = any(one.effort is not None for one in (recording.link, recording.motor) if one is not None)
-    copied = moves & (left < (DIGITS if torques else COPIED)) & (np.abs(lag) < (SHIFTED + 0.5) * np.median(np.diff(t)))
+    torques = any(
+        one.effort is not None for one in (recording.link, recording.motor) if one is not None
+    )
+    copied = (
+        moves
+        & (left < (DIGITS if torques else COPIED))
+        & (np.abs(lag) < (SHIFTED + 0.5) * np.median(np.diff(t)))
+    )
     apart = moves & (left > APART)
     good = moves & ~apart & ~(left < COPIED)
     rates = [1.0 / float(np.median(np.diff(stamps))) for stamps in (given, t)]
-    joints, told = recording.joints, "they were made of the recording; record what the drives were told"
+    joints, told = (
+        recording.joints,
+        "they were made of the recording; record what the drives were told",
+    )
     samples = np.round(lag / float(np.median(np.diff(t))))
     for shift in np.unique(samples[copied]).tolist():
         count = f"{abs(shift):.0f} sample{'s' if abs(shift) > 1.0 else ''}"
         which = "themselves" if not shift else f"of {count} {'later' if shift > 0.0 else 'before'}"
         of_shift = copied & (samples == shift)
         off = f"but for {span_of(1e2 * left[of_shift])} % of their spread, closer than any drive follows"
-        yield from about(joints, of_shift, "copied_command", "commands", f"are the positions {which}, {off}", told)
+        yield from about(
+            joints,
+            of_shift,
+            "copied_command",
+            "commands",
+            f"are the positions {which}, {off}",
+            told,
+        )
     if apart.any():
         words = f"{listed(joints, apart)} did not follow the recorded commands"
-        yield warning("not_followed", words, "look for another joint's command, or one of another controller")
+        yield warning(
+            "not_followed", words, "look for another joint's command, or one of another controller"
+        )
     late = f"are {span_of(1e3 * lag[good])} ms behind the commands (delay and drive together)"
     size = f"{span_of(gain[good])} times as large and {span_of(1e2 * left[good])} % of their spread off"
     rate = f"commands come at {rates[0]:.4g} Hz, positions at {rates[1]:.4g} Hz"
-    yield from about(joints, good, "commands", "positions", f"{late}, {size}; {rate}", severity="note")
+    yield from about(
+        joints, good, "commands", "positions", f"{late}, {size}; {rate}", severity="note"
+    )
     early = good & (lag < -0.5 / rates[1])
     clocks = "are they stamped by two clocks, or are commands those of the next step?"
     yield from about(joints, early, "early", "positions", "are ahead of the commands", clocks)
     near = np.abs(np.log(np.abs(gain)[:, None] / np.array(MISTAKEN))).min(axis=1) < np.log(NEAR)
     odd = good & ((gain < 0.0) | near)
     times = f"are {span_of(gain[odd])} times the commands"
-    yield from about(joints, odd, "command_unit", "positions", times, "look at unit and sign of both")
+    yield from about(
+        joints, odd, "command_unit", "positions", times, "look at unit and sign of both"
+    )
 
 
 def _lag(given: Array, command: Array, t: Array, angle: Array) -> tuple[float, float, float]:

@@ -38,13 +38,18 @@ CHANCE = 0.01  # probability that unrelated torques correlate so; convention
 FACTOR = (1.0 / 3.0, 3.0)
 # Beyond, a unit is mistaken. Masses of a description are not off by so much; convention.
 FAR = (0.2, 5.0)
-LIKE_DEGREES = (57.3 / 2.5, 57.3 * 2.5)  # masses are off, and a small angle is not a small part of a sine
+LIKE_DEGREES = (
+    57.3 / 2.5,
+    57.3 * 2.5,
+)  # masses are off, and a small angle is not a small part of a sine
 LIKE_KILO = (0.5e-3, 2e-3)
 # Another direction of gravity, here and where `identification.batch.mounting` looks for it; conventions.
 TURNED = 0.35  # rad from the described direction: beyond the tilts that linear columns describe
 SIZE = (0.6, 1.5)  # of the described gravity: masses are off as well
 LEFT = 0.3  # of the squares that the described direction leaves
-OVERHEAD = 0.75 * np.pi  # rad: nearer to upside down, which all signs together are, too, than to any side
+OVERHEAD = (
+    0.75 * np.pi
+)  # rad: nearer to upside down, which all signs together are, too, than to any side
 RANK = 1e-9  # of the largest singular value; numerical
 CREEP = 0.05  # rad/s, root mean square over joints and samples, below which single joints are not judged
 SIDES = {"tau_J": "link", "tau_m": "motor"}
@@ -54,8 +59,10 @@ CERTAIN, BESIDE = 10.0, float(np.log(100.0))
 MASSES = 0.3  # relative: a payload, a tool, another motor; of links as described and of the arm's mean link; convention
 COUPLED = "coupled"
 MISSING = "gravity_missing"
-TAKEN = "it was subtracted before the torque was recorded, or something else carries the arm: record all of it, or \
+TAKEN = (
+    "it was subtracted before the torque was recorded, or something else carries the arm: record all of it, or \
 describe what does (gravity_compensation)"
+)
 SHARE = 0.4  # of gravity that is compensated, and of gains, by logarithm: as `effects.library` draws them
 ZERO = 0.1  # rad, of the zeros of exchanged motors and encoders, as `effects.library.joint_zero` draws them
 
@@ -149,7 +156,9 @@ def _fits(motions: Motions, robot: Robot) -> Iterator[tuple[str, SideMotion, Gra
         if not own:
             continue
         every = max(1, sum(len(motion.q) for motion in own) // ENOUGH)
-        q, dq, ddq, torque = (np.concatenate(parts)[::every] for parts in list(zip(*own, strict=True))[:4])
+        q, dq, ddq, torque = (
+            np.concatenate(parts)[::every] for parts in list(zip(*own, strict=True))[:4]
+        )
         measured = sorted(set.intersection(*(set(motion.measured) for motion in own)))
         whole = SideMotion(q, dq, ddq, torque, measured)
         if len(whole.q) < FEWEST:  # holes everywhere
@@ -164,7 +173,12 @@ def side_motions(recording: Recording, robot: Robot) -> Iterator[tuple[str, Side
     samples = recording.select(robot.joint_names).samples()
     position = samples.q if samples.q is not None else samples.theta
     # 1.0 s; the ends that differentiation spoils take 0.2 s
-    if position is None or len(samples) < FEWEST or samples.t[-1] < 1.0 or not is_motion(samples.t, position):
+    if (
+        position is None
+        or len(samples) < FEWEST
+        or samples.t[-1] < 1.0
+        or not is_motion(samples.t, position)
+    ):
         return
     for channel, side in SIDES.items():
         if getattr(samples, channel) is not None:
@@ -198,16 +212,26 @@ def _fit_gravity(motion: SideMotion, robot: Robot, *, motors: bool) -> GravityFi
     states = (np.hstack([rate, rate]) if robot.elastic else rate for rate in motion[:3])
     moved, pull = ArmEquations(robot).moved_and_pulled(*states, motors=motors)
     count = len(motion.measured)
-    left, weight, free = np.zeros((len(pull), count)), np.zeros((len(pull), count, 3)), np.zeros(count)
+    left, weight, free = (
+        np.zeros((len(pull), count)),
+        np.zeros((len(pull), count, 3)),
+        np.zeros(count),
+    )
     for k, j in enumerate(motion.measured):
         basis = _own(motion, j, moved[:, j])
-        left[:, k], weight[:, k] = (rows - basis @ (basis.T @ rows) for rows in (motion.torque[:, j], pull[:, j]))
+        left[:, k], weight[:, k] = (
+            rows - basis @ (basis.T @ rows) for rows in (motion.torque[:, j], pull[:, j])
+        )
         free[k] = max(_independent(left[:, k], weight[:, k] @ robot.gravity) - 2.0, 0.1)
     gravity = weight @ robot.gravity
     # What rounding leaves of the gravity of a joint that has none is no gravity.
     if not count or np.abs(gravity).max() <= RANK * float(np.abs(pull @ robot.gravity).max()):
         return GravityFit(left, np.zeros_like(gravity), weight, 0.0, 0.0, 1.0, False)
-    squares, power, both = np.sum(left**2, axis=0), np.sum(gravity**2, axis=0), np.sum(left * gravity, axis=0)
+    squares, power, both = (
+        np.sum(left**2, axis=0),
+        np.sum(gravity**2, axis=0),
+        np.sum(left * gravity, axis=0),
+    )
     # 0.05 of the largest gravity among the joints; less of it, as wrists have, a payload turns over
     heavy = power > 0.05**2 * power.max()
     factors, rest = both[heavy] / power[heavy], squares[heavy] - both[heavy] ** 2 / power[heavy]
@@ -222,16 +246,23 @@ def _fit_gravity(motion: SideMotion, robot: Robot, *, motors: bool) -> GravityFi
 
 def _own(motion: SideMotion, j: int, *more: Array) -> Array:
     """Return an orthonormal basis (N, r) of a joint's zero, friction, motor inertia, and of further columns."""
-    friction = np.tanh(motion.dq[:, j] / 0.01)  # 0.01 rad/s within which friction turns over; convention
+    friction = np.tanh(
+        motion.dq[:, j] / 0.01
+    )  # 0.01 rad/s within which friction turns over; convention
     columns = [np.ones(len(friction)), friction, motion.dq[:, j], motion.ddq[:, j], *more]
-    scaled = np.column_stack([column / max(float(np.linalg.norm(column)), 1e-300) for column in columns])
+    scaled = np.column_stack(
+        [column / max(float(np.linalg.norm(column)), 1e-300) for column in columns]
+    )
     basis, sizes, _ = np.linalg.svd(scaled, full_matrices=False)
     return np.asarray(basis[:, sizes > RANK * sizes[0]])
 
 
 def _independent(one: Array, other: Array) -> float:
     """Return how many independent samples two series (N,) are worth."""
-    alike = [fftconvolve(each, each[::-1])[len(each) :] / max(float(each @ each), 1e-300) for each in (one, other)]
+    alike = [
+        fftconvolve(each, each[::-1])[len(each) :] / max(float(each @ each), 1e-300)
+        for each in (one, other)
+    ]
     return len(one) / max(1.0, 1.0 + 2.0 * float(alike[0] @ alike[1]))
 
 
@@ -261,7 +292,11 @@ def _told(motion: SideMotion, side: str, fit: GravityFit, robot: Robot) -> Itera
     several = len(motion.measured) > 1 and float(np.sqrt(np.mean(motion.dq**2))) > CREEP
     confused = _size(fit, side) or (_arranged(few, side, robot, arm) if several else [])
     yield confused
-    yield [] if confused else _judged(fit, side, robot) or (_sized(few, side, robot, arm) if several else [])
+    yield (
+        []
+        if confused
+        else _judged(fit, side, robot) or (_sized(few, side, robot, arm) if several else [])
+    )
 
 
 def _spread(model: Model) -> Array:
@@ -271,11 +306,15 @@ def _spread(model: Model) -> Array:
     for (owner, _, what), value in zip(names, model.Psi.tolist(), strict=True):
         mass[owner] += value if what == "m" else 0.0
         inertia[owner] += 0.5 * value if what in {"Ixx", "Iyy", "Izz"} else 0.0
-    of_all = [float(np.mean([each[owner] for owner in mass if mass[owner]])) for each in (mass, inertia)]
+    of_all = [
+        float(np.mean([each[owner] for owner in mass if mass[owner]])) for each in (mass, inertia)
+    ]
     sizes = []
     for (owner, *_), parameter in zip(names, model.parameters, strict=True):
         m, j = mass[owner] + of_all[0], inertia[owner] + of_all[1]
-        sizes.append(MASSES * {"kg": m, "kg m": np.sqrt(m * j), "kg m^2": j}.get(parameter.unit, 0.0))
+        sizes.append(
+            MASSES * {"kg": m, "kg m": np.sqrt(m * j), "kg m^2": j}.get(parameter.unit, 0.0)
+        )
     return np.array(sizes)
 
 
@@ -294,32 +333,67 @@ def _sized(motion: SideMotion, side: str, robot: Robot, arm: _Arm) -> list[Findi
     def share(at: Array, size: float) -> float:
         return _likelihood(motion, motion.torque + size * at * weight, arm, free, Y)[0]
 
-    def gain(at: Array, size: float) -> float:  # the noise stays with the torques as they were given
-        return _likelihood(motion, motion.torque * np.exp(-size * at), arm, free, Y)[0] - size * float(free @ at)
+    def gain(
+        at: Array, size: float
+    ) -> float:  # the noise stays with the torques as they were given
+        return _likelihood(motion, motion.torque * np.exp(-size * at), arm, free, Y)[
+            0
+        ] - size * float(free @ at)
 
     places = [(unit[j], robot.joint_names[j]) for j in range(robot.n)]
-    loaded = [*(places[j] for j in motion.measured), (unit[motion.measured].sum(axis=0), "all joints")]
-    turning = [place for place, joint in zip(places, robot.joints, strict=True) if not joint.prismatic]
+    loaded = [
+        *(places[j] for j in motion.measured),
+        (unit[motion.measured].sum(axis=0), "all joints"),
+    ]
+    turning = [
+        place for place, joint in zip(places, robot.joints, strict=True) if not joint.prismatic
+    ]
     kinds = (
-        ("the zero of {} seems to lie {} rad from the described one", "the zero of {} ({})", zero, ZERO, turning),
-        ("the torque of {} lacks a share of {} of its described gravity", "gravity of {} ({})", share, SHARE, loaded),
+        (
+            "the zero of {} seems to lie {} rad from the described one",
+            "the zero of {} ({})",
+            zero,
+            ZERO,
+            turning,
+        ),
+        (
+            "the torque of {} lacks a share of {} of its described gravity",
+            "gravity of {} ({})",
+            share,
+            SHARE,
+            loaded,
+        ),
         ("", "the gain of {}", gain, SHARE, loaded),
     )
     tried = []
-    for words, short, of, usual, at, name in ((*kind, *place) for *kind, where in kinds for place in where):
+    for words, short, of, usual, at, name in (
+        (*kind, *place) for *kind, where in kinds for place in where
+    ):
 
         def worth(size: float, of: Any = of, usual: float = usual, at: Array = at) -> float:
             return float(of(at, size)) - given - 0.5 * (size / usual) ** 2
 
-        best = minimize_scalar(lambda size: -worth(size), bounds=(-3 * usual, 3 * usual), method="bounded")
+        best = minimize_scalar(
+            lambda size: -worth(size), bounds=(-3 * usual, 3 * usual), method="bounded"
+        )
         size, step = float(best.x), 0.1 * ZERO
         bend = (2.0 * worth(size) - worth(size - step) - worth(size + step)) / step**2
         std = max(bend, usual**-2) ** -0.5
         text = " ± ".join(rounded(size, std))
-        tried.append((float(-best.fun) + np.log(std / usual), words.format(name, text), short.format(name, text)))
+        tried.append(
+            (
+                float(-best.fun) + np.log(std / usual),
+                words.format(name, text),
+                short.format(name, text),
+            )
+        )
     said = max(tried)[1]
     if not said or said.startswith("the zero"):
-        return _named(tried, "other_zero", side, "measure it, or state it (joint_zero)") if said else []
+        return (
+            _named(tried, "other_zero", side, "measure it, or state it (joint_zero)")
+            if said
+            else []
+        )
     return _named(tried, MISSING, side, TAKEN)
 
 
@@ -331,7 +405,9 @@ def _arranged(motion: SideMotion, side: str, robot: Robot, arm: _Arm) -> list[Fi
         given, free = _likelihood(motion, motion.torque, arm)
         tried, changes = [], []
         for angles, ways in _arrangements(robot.joint_names, motion.measured):
-            moved = motion._replace(q=angles(motion.q), dq=angles(motion.dq), ddq=angles(motion.ddq))
+            moved = motion._replace(
+                q=angles(motion.q), dq=angles(motion.dq), ddq=angles(motion.ddq)
+            )
             Y = arm.regressor(*moved[:3])
             for code, words, torques in ways:
                 # The noise stays with the torques as they were given.
@@ -356,7 +432,9 @@ def _named(tried: list[tuple[float, str, str]], code: str, side: str, remedy: st
     if odds < CERTAIN + np.log(len(tried)):
         return []
     beside = "".join(f", or {short}" for gain, _, short in others if odds - gain < BESIDE)
-    likely = f"so the torques are 10^{int(odds / np.log(10.0))} times as likely as by the description"
+    likely = (
+        f"so the torques are 10^{int(odds / np.log(10.0))} times as likely as by the description"
+    )
     return [warning(code, f"{side} side: {words}{beside}: {likely}", remedy)]
 
 
@@ -383,7 +461,9 @@ def _coupled(joints: Sequence[str]) -> Iterator[tuple[_Turn, list[_Way]]]:
             yield _Mix(angles), [(COUPLED, alone, same), (COUPLED, both, _Mix(torques))]
 
 
-def _arrangements(joints: Sequence[str], measured: Sequence[int]) -> Iterator[tuple[_Turn, list[_Way]]]:
+def _arrangements(
+    joints: Sequence[str], measured: Sequence[int]
+) -> Iterator[tuple[_Turn, list[_Way]]]:
     """Yield what may have been confused: how angles (…, n) come right, and how torques do beside it."""
 
     yield from _coupled(joints)
@@ -396,7 +476,13 @@ def _arrangements(joints: Sequence[str], measured: Sequence[int]) -> Iterator[tu
         angle = f"the angle of {name} has the other sign than described"
         yield mirrored, [("mirrored", both, mirrored), ("mirrored", angle, same)]
         if j in measured:
-            alone.append(("gravity_sign", f"the torque of {name} has the other sign than described", mirrored))
+            alone.append(
+                (
+                    "gravity_sign",
+                    f"the torque of {name} has the other sign than described",
+                    mirrored,
+                )
+            )
     backwards = _Change(every, -plain)
     words = "every joint turns the other way than described, angles and torques have the other sign"
     yield backwards, [("mirrored", words, backwards)]
@@ -405,7 +491,11 @@ def _arrangements(joints: Sequence[str], measured: Sequence[int]) -> Iterator[tu
         exchanged = _Change(every.copy(), plain)
         exchanged.order[old] = old[::-1]
         names = " and ".join(joints[k] for k in old)
-        whose = f"of {names} seem to be exchanged" if len(old) == 2 else "are in the reversed order of joints"
+        whose = (
+            f"of {names} seem to be exchanged"
+            if len(old) == 2
+            else "are in the reversed order of joints"
+        )
         yield exchanged, [("exchanged", f"all channels {whose}", exchanged)]
         alone.append(("exchanged", f"efforts {whose}", exchanged))
     yield same, alone
@@ -442,7 +532,9 @@ def _likelihood(
             break
     if free is None:
         free = np.zeros(motion.torque.shape[1])
-        free[motion.measured] = [_independent(r, r) for r in (r - c @ size for r, c in zip(rows, columns, strict=True))]
+        free[motion.measured] = [
+            _independent(r, r) for r in (r - c @ size for r, c in zip(rows, columns, strict=True))
+        ]
         return _likelihood(motion, torque, arm, free, Y)[0], free
     right = weight @ rights
     likely = -0.5 * float(worth @ np.log(squares / count) + weight @ power - right @ spread @ right)
@@ -460,7 +552,9 @@ def _size(fit: GravityFit, side: str) -> list[Finding]:
     )
     remedy = "check its unit (Nm, Nm_motor with its ratio, A), that of the angles, and the masses of the description"
     if LIKE_DEGREES[0] < factor < LIKE_DEGREES[1]:
-        remedy += "; angles in radians taken for degrees are 57 times too small, and so is gravity then"
+        remedy += (
+            "; angles in radians taken for degrees are 57 times too small, and so is gravity then"
+        )
     elif LIKE_KILO[0] < factor < LIKE_KILO[1]:
         remedy += "; torques in kNm taken for Nm are 1000 times too small"
     return [warning("gravity_size", message, remedy)]
@@ -470,18 +564,31 @@ def _judged(fit: GravityFit, side: str, robot: Robot) -> list[Finding]:
     """Return what the torques of a side show: another direction or sign of gravity, none of it, or nothing."""
     columns, target = fit.pull.reshape(-1, 3), fit.torque.ravel()
     shown: Any = np.linalg.lstsq(columns, target, rcond=None)[0]
-    left, straight = (float(np.sum((target - columns @ g) ** 2)) for g in (shown, fit.factor * robot.gravity))
-    turned, size = angle_between(shown, robot.gravity), float(np.linalg.norm(shown) / np.linalg.norm(robot.gravity))
+    left, straight = (
+        float(np.sum((target - columns @ g) ** 2)) for g in (shown, fit.factor * robot.gravity)
+    )
+    turned, size = (
+        angle_between(shown, robot.gravity),
+        float(np.linalg.norm(shown) / np.linalg.norm(robot.gravity)),
+    )
     if left < LEFT * straight and turned > TURNED and SIZE[0] < size < SIZE[1]:
         numbers = (" ".join(f"{value:.3g}" for value in each) for each in (shown, robot.gravity))
-        message = "{} effort shows gravity of {} m/s², where the description has {}".format(side, *numbers)
+        message = "{} effort shows gravity of {} m/s², where the description has {}".format(
+            side, *numbers
+        )
         remedy = "the arm is mounted otherwise (base in its arm file; identify and diagnose look for it themselves)"
         return [warning("mounting", message, remedy)]
     times = f"{fit.factor:.3g} times the described one, correlation {fit.correlation:.3g}"
     if fit.certain and FACTOR[0] < -fit.factor < FACTOR[1]:
         message = f"{side} effort runs against the gravity that the description predicts ({times})"
         remedy = "either all torques have the wrong sign (sign: -1 in the map), or the arm hangs upside down (base in "
-        return [warning("gravity_sign", message, f"{remedy}its arm file); gravity alone does not tell the two apart")]
+        return [
+            warning(
+                "gravity_sign",
+                message,
+                f"{remedy}its arm file); gravity alone does not tell the two apart",
+            )
+        ]
     if fit.missing:
         part = "no" if abs(fit.factor) < FAR[0] else "a part only of the"
         message = f"{side} effort holds {part} gravity that the description predicts ({times})"

@@ -35,7 +35,9 @@ class RecordingDifference:
 
     joints: tuple[str, ...]  # Names
     offset: float  # s to add to times of the real recording for those of the simulated one
-    aligned_by: str  # "reference", or the channel that was brought to cover where no reference was recorded
+    aligned_by: (
+        str  # "reference", or the channel that was brought to cover where no reference was recorded
+    )
     t: Array  # (N,) s of the real recording that both hold
     channels: tuple[ChannelDifference, ...]  # What both hold
 
@@ -67,7 +69,10 @@ def differences(real: Recording, simulated: Recording) -> RecordingDifference:
     inside = (t + offset >= t_other[0]) & (t + offset <= t_other[-1])
     seconds = float(np.ptp(t[inside])) if inside.any() else 0.0
     if seconds < SHORTEST:
-        raise RecordingError(f"{_named(real)} and {_named(simulated)} share {seconds:.2g} s", "Record the same motion")
+        raise RecordingError(
+            f"{_named(real)} and {_named(simulated)} share {seconds:.2g} s",
+            "Record the same motion",
+        )
     found = []
     theirs_too = b.recorded()
     for channel, own in a.recorded().items():
@@ -75,11 +80,15 @@ def differences(real: Recording, simulated: Recording) -> RecordingDifference:
             other = CubicSpline(t_other, theirs_too[channel])
             found.append(_channel(channel, t[inside], own[inside], other, offset))
     if not found:
-        raise RecordingError(f"{_named(real)} and {_named(simulated)} share no channel", "Record the same topics")
+        raise RecordingError(
+            f"{_named(real)} and {_named(simulated)} share no channel", "Record the same topics"
+        )
     return RecordingDifference(real.joints, offset, name, t[inside], tuple(found))
 
 
-def _channel(name: str, t: Array, values: Array, other: CubicSpline, offset: float) -> ChannelDifference:
+def _channel(
+    name: str, t: Array, values: Array, other: CubicSpline, offset: float
+) -> ChannelDifference:
     apart, rate = values - other(t + offset), other(t + offset, 1)
     spread, power = values.std(axis=0), np.sum(rate**2, axis=0)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -93,7 +102,9 @@ def _origin(recording: Recording) -> int:
     return min(int(side.stamp_ns[0]) for side in recording.sides().values())
 
 
-def _commands(real: Recording, simulated: Recording) -> tuple[str, tuple[Array, Array], tuple[Array, Array]]:
+def _commands(
+    real: Recording, simulated: Recording
+) -> tuple[str, tuple[Array, Array], tuple[Array, Array]]:
     """Return what the two are aligned by: times (N,) s from each origin, and positions (N, n)."""
     for name in ("reference", "motor", "link"):
         sides = [recording.sides().get(name) for recording in (real, simulated)]
@@ -105,7 +116,8 @@ def _commands(real: Recording, simulated: Recording) -> tuple[str, tuple[Array, 
         if len(pairs) == 2:
             return name, pairs[0], pairs[1]
     raise RecordingError(
-        f"{_named(real)} and {_named(simulated)} share neither reference nor positions", "Record the same topics"
+        f"{_named(real)} and {_named(simulated)} share neither reference nor positions",
+        "Record the same topics",
     )
 
 

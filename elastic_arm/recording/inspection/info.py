@@ -38,7 +38,9 @@ class BagInfo:
     # Of the recording in it: `link.position` ...; empty where it holds none
     joints: list[str] = field(default_factory=list)
     channels: list[str] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)  # What a reader assumes, or why it cannot use the bag
+    notes: list[str] = field(
+        default_factory=list
+    )  # What a reader assumes, or why it cannot use the bag
     damage: list[str] = field(default_factory=list)  # What is wrong with the files
 
     @property
@@ -62,10 +64,17 @@ class BagInfo:
         plain = asdict(self)
         for topic, source in zip(plain["topics"], self.topics, strict=True):
             topic["rate"] = source.rate
-        return {**plain, "messages": self.messages, "start_ns": self.start_ns, "duration": self.duration}
+        return {
+            **plain,
+            "messages": self.messages,
+            "start_ns": self.start_ns,
+            "duration": self.duration,
+        }
 
 
-def bag_info(path: str | Path, channels: ChannelMap | None = None, namespace: str | None = None) -> BagInfo:
+def bag_info(
+    path: str | Path, channels: ChannelMap | None = None, namespace: str | None = None
+) -> BagInfo:
     """Sum up a bag, of the arm in a namespace where it holds several; a RecordingError if nothing can be read."""
     info = _counted(path)
     try:
@@ -73,8 +82,13 @@ def bag_info(path: str | Path, channels: ChannelMap | None = None, namespace: st
     except RecordingError as error:
         info.notes.append(str(error))
         return info
-    info.joints, info.notes = list(recording.joints), [n for n in recording.notes if n not in info.damage]
-    info.channels = [f"{side}.{name}" for side, values in recording.sides().items() for name in values.channels()]
+    info.joints, info.notes = (
+        list(recording.joints),
+        [n for n in recording.notes if n not in info.damage],
+    )
+    info.channels = [
+        f"{side}.{name}" for side, values in recording.sides().items() for name in values.channels()
+    ]
     return info
 
 
@@ -88,9 +102,14 @@ def _counted(path: str | Path) -> BagInfo:
         for block in file.blocks(strict=False):
             for channel, count in block.counts().items():
                 described, log_ns = file.topic(channel), block.log_ns(channel)
-                new = TopicInfo(described.name, described.type_name, 0, int(log_ns.min()), int(log_ns.max()))
+                new = TopicInfo(
+                    described.name, described.type_name, 0, int(log_ns.min()), int(log_ns.max())
+                )
                 topic = topics.setdefault(described.name, new)
                 topic.count += count
-                topic.first_ns, topic.last_ns = min(topic.first_ns, new.first_ns), max(topic.last_ns, new.last_ns)
+                topic.first_ns, topic.last_ns = (
+                    min(topic.first_ns, new.first_ns),
+                    max(topic.last_ns, new.last_ns),
+                )
     sizes = {file.path.name: file.path.stat().st_size for file in bag.files}
     return BagInfo(str(path), sizes, sorted(kinds), list(topics.values()), damage=bag.all_damage())

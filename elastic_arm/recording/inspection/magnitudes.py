@@ -21,13 +21,17 @@ def hardly_usable(recording: Recording) -> list[str]:
     sides, words = recording.measured(), []
     count = min((len(side) for side in sides.values()), default=0)
     if count < FEWEST:
-        words.append(f"there are {count} samples only: nothing can be concluded of fewer than {FEWEST}")
+        words.append(
+            f"there are {count} samples only: nothing can be concluded of fewer than {FEWEST}"
+        )
     have = np.zeros(len(recording.joints), np.bool_)
     for side in sides.values():
         have |= False if side.position is None else joints_with(side.position)
     if not have.all():
         which = "any joint" if not have.any() else listed(recording.joints, ~have)
-        words.append(f"no position of {which}, of link or motor: without it no recording is identified or diagnosed")
+        words.append(
+            f"no position of {which}, of link or motor: without it no recording is identified or diagnosed"
+        )
     return words
 
 
@@ -47,18 +51,26 @@ def of_no_arm(recording: Recording) -> list[Finding]:
             step = float(np.median(np.diff(side.stamp_ns))) * 1e-9
             width = min(max(round(0.1 / max(step, 1e-9)), 1), len(side) - 1)
             seconds = (side.stamp_ns[width:] - side.stamp_ns[:-width])[:, None] * 1e-9
-            speeds, what = (side.position[width:] - side.position[:-width]) / seconds, f"{name} position"
+            speeds, what = (
+                (side.position[width:] - side.position[:-width]) / seconds,
+                f"{name} position",
+            )
         if speeds is not None:
             speed = np.nan_to_num(np.sqrt(np.mean(speeds**2, axis=0)))
             fast = speed > FASTEST_JOINT
             words = f"goes at {span_of(speed[fast])} rad/s (root mean square), no arm at more than {FASTEST_JOINT:g}"
-            remedy = "degrees taken as radians, a rotor without its ratio, or times in another unit?"
+            remedy = (
+                "degrees taken as radians, a rotor without its ratio, or times in another unit?"
+            )
             findings += about(joints, fast, "no_arm", what, words, remedy)
         if side.effort is not None:
             size = np.nan_to_num(np.sqrt(np.mean(side.effort**2, axis=0)))
             for odd, hint in (
                 (size > STRONGEST, "counts of a register, or Nmm taken as Nm?"),
-                ((size < WEAKEST) & (size > 0.0), "kNm taken as Nm, or a share of the full torque?"),
+                (
+                    (size < WEAKEST) & (size > 0.0),
+                    "kNm taken as Nm, or a share of the full torque?",
+                ),
             ):
                 words = f"is {span_of(size[odd])} Nm (root mean square), any arm's {WEAKEST:g} to {STRONGEST:g}"
                 findings += about(joints, odd, "no_arm", f"{name} effort", words, hint)
@@ -78,7 +90,9 @@ def beyond_limits(recording: Recording, robot: Robot) -> list[Finding]:
 
 def _positions(name: str, position: Array, robot: Robot) -> list[Finding]:
     ends = np.stack([position.min(axis=0), position.max(axis=0)], axis=1)
-    found = joints_with(position) & [not _within(joint, *own) for joint, own in zip(robot.joints, ends, strict=True)]
+    found = joints_with(position) & [
+        not _within(joint, *own) for joint, own in zip(robot.joints, ends, strict=True)
+    ]
     if not found.any():
         return []
     j = int(np.argmax(np.where(found, np.ptp(ends, axis=1), -np.inf)))
@@ -89,9 +103,14 @@ def _positions(name: str, position: Array, robot: Robot) -> list[Finding]:
         f"{limits.position_max or 0.0:.3g}"
     )
     units, what = _other_units(robot, found)
-    fit = [_within(joint, *own / unit) for joint, own, unit in zip(robot.joints, ends, units, strict=True)]
+    fit = [
+        _within(joint, *own / unit)
+        for joint, own, unit in zip(robot.joints, ends, units, strict=True)
+    ]
     # Less than the smaller of both units a motion is off by its zero.
-    if np.all(np.array(fit)[found]) and (np.abs(ends[j]).max() > 5.0 * max(map(abs, _range(robot.joints[j])))):
+    if np.all(np.array(fit)[found]) and (
+        np.abs(ends[j]).max() > 5.0 * max(map(abs, _range(robot.joints[j])))
+    ):
         remedy = f"divided by {span_of(units[found])} all are within: check the unit ({what})"
     else:
         remedy = "check units, columns and zeros (offset)"
@@ -108,8 +127,14 @@ def _within(joint: Joint, low: float, high: float) -> bool:
     least, most = _range(joint)
     if np.isinf(least):
         return True
-    more = 0.1 * (most - least)  # 0.1 of a joint's range: more than a zero, or a limit, that is set a little otherwise
-    turns = 0.0 if joint.prismatic else 2 * np.pi * round(0.5 * (least + most - low - high) / (2 * np.pi))
+    more = 0.1 * (
+        most - least
+    )  # 0.1 of a joint's range: more than a zero, or a limit, that is set a little otherwise
+    turns = (
+        0.0
+        if joint.prismatic
+        else 2 * np.pi * round(0.5 * (least + most - low - high) / (2 * np.pi))
+    )
     return bool(least - more <= low + turns and high + turns <= most + more)
 
 
@@ -122,7 +147,11 @@ def _speeds(name: str, velocity: Array, robot: Robot) -> list[Finding]:
         return []
     units, what = _other_units(robot, found)
     times = f"is {span_of(share[found])} times the limit of the description (root mean square)"
-    remedy = f"check the unit ({what})" if share[found].max() < units[found].max() else "check units and columns"
+    remedy = (
+        f"check the unit ({what})"
+        if share[found].max() < units[found].max()
+        else "check units and columns"
+    )
     return about(robot.joint_names, found, "beyond_limits", f"{name} velocity", times, remedy)
 
 
@@ -130,4 +159,6 @@ def _other_units(robot: Robot, found: NDArray[np.bool_]) -> tuple[Array, str]:
     """Return by what positions (n,) are too large in the unit that is mistaken most, and which that is."""
     slides = np.array([joint.prismatic for joint in robot.joints])
     words = {False: "degrees taken as radians", True: "millimetres taken as metres"}
-    return np.where(slides, 1000.0, 180.0 / np.pi), " and ".join(words[kind] for kind in sorted(set(slides[found])))
+    return np.where(slides, 1000.0, 180.0 / np.pi), " and ".join(
+        words[kind] for kind in sorted(set(slides[found]))
+    )

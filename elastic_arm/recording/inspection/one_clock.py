@@ -16,7 +16,9 @@ from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import Array, Side, joints_with
 
 _COMMON = 0.5  # of the shorter side, that the other one covers: below, the two are hardly of one recording
-_ALIKE = 0.8  # correlation of two motions that are one; a drive's lag and sag leave more. Convention
+_ALIKE = (
+    0.8  # correlation of two motions that are one; a drive's lag and sag leave more. Convention
+)
 _GRID = 5000  # instants of the longer side that are compared
 _WHOLE = 0.25  # s: what is that near to whole seconds is whole seconds and the delay of a drive
 _WORDS = {"reference": "the commands", "link": "the link side", "motor": "the motor side"}
@@ -40,7 +42,9 @@ def by_one_clock(recording: Recording, found: list[Finding]) -> Recording:
             continue
         moved[name] = replace(side, stamp_ns=side.stamp_ns + shift)
         way = "behind" if shift > 0 else "ahead of"
-        words = f"the clock of {_WORDS[name]} is {abs(shift) * 1e-9:.6g} s {way} that of {_WORDS[base]}"
+        words = (
+            f"the clock of {_WORDS[name]} is {abs(shift) * 1e-9:.6g} s {way} that of {_WORDS[base]}"
+        )
         remedy = "by their motion they are joined; a delay between the two below that is not seen (37 s: TAI and UTC)"
         found.append(warning("clocks_apart", words, remedy))
     return replace(recording, **moved) if moved else recording
@@ -65,7 +69,10 @@ def _shift_ns(base: Side, side: Side) -> int | None:
     both = sum(fftconvolve(a, b[::-1]) for a, b in zip(first.T, second.T, strict=True))
     # Of each shift the squares of what lies over each other.
     ones = [np.ones(len(first)), np.ones(len(second))]
-    squares = [fftconvolve(np.sum(first**2, axis=1), ones[1]), fftconvolve(ones[0], np.sum(second[::-1] ** 2, axis=1))]
+    squares = [
+        fftconvolve(np.sum(first**2, axis=1), ones[1]),
+        fftconvolve(ones[0], np.sum(second[::-1] ** 2, axis=1)),
+    ]
     count = fftconvolve(*ones)
     alike = both / np.sqrt(np.maximum(squares[0] * squares[1], 1e-300))
     alike[count < _COMMON * min(len(first), len(second))] = -np.inf

@@ -44,9 +44,17 @@ _ROUND = 3  # samples to either side of one, within which a joint turns round th
 _STEPS = 4.0  # of the channel's resolution
 _ACCELERATION = 30.0  # rad/s^2, to which an arm changes within a sample
 _CUBIC = np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / 6.0
-_LEAST = {"position": 1e-3, "velocity": 1e-3, "effort": 0.1, "acceleration": 1e-2}  # rad, rad/s, Nm, rad/s^2
+_LEAST = {
+    "position": 1e-3,
+    "velocity": 1e-3,
+    "effort": 0.1,
+    "acceleration": 1e-2,
+}  # rad, rad/s, Nm, rad/s^2
 _RANGE = 1.1  # turns, with noise at the ends, that an angle spans which is given within one
-_APART, _APART_SECONDS = 6, 0.02  # samples, and s, left out behind a jump: a hole that nobody bridges
+_APART, _APART_SECONDS = (
+    6,
+    0.02,
+)  # samples, and s, left out behind a jump: a hole that nobody bridges
 
 
 @dataclass(frozen=True)
@@ -72,7 +80,9 @@ def without_outliers(recording: Recording) -> Recording:
     if not found:
         return whole
     where = recording.source or "the recording"
-    return replace(whole, notes=(*recording.notes, *(f"{where}: {finding.message}." for finding in found)))
+    return replace(
+        whole, notes=(*recording.notes, *(f"{where}: {finding.message}." for finding in found))
+    )
 
 
 def cleared(recording: Recording) -> tuple[Recording, list[Finding]]:
@@ -99,15 +109,25 @@ def without_zeros(recording: Recording, found: list[Finding]) -> Recording:
         if not len(sent) or not len(others):
             continue
         place = np.clip(np.searchsorted(others, sent), 1, len(others) - 1)
-        far, before, after, later = (q[others[np.clip(place + k, 0, len(others) - 1)]] for k in (-2, -1, 0, 1))
+        far, before, after, later = (
+            q[others[np.clip(place + k, 0, len(others) - 1)]] for k in (-2, -1, 0, 1)
+        )
         pose = q[sent[0]]
         least = [max(_STEPS * _resolution(column), _LEAST["position"]) for column in q[others].T]
         around = np.abs(after - before) + np.abs(before - far) + np.abs(later - after)
         away = np.minimum(np.abs(before - pose), np.abs(after - pose)) - around > least
         if np.mean(away.any(axis=1)) > 0.5:
-            words = f"{len(sent)} of {len(side)} samples of the {name} side hold {what}, between others"
+            words = (
+                f"{len(sent)} of {len(side)} samples of the {name} side hold {what}, between others"
+            )
             first = moment(side.stamp_ns, int(sent[0]))
-            found.append(warning("zeros_between", words, f"a second publisher? They are left out, first at {first}"))
+            found.append(
+                warning(
+                    "zeros_between",
+                    words,
+                    f"a second publisher? They are left out, first at {first}",
+                )
+            )
             # Sides of the same messages have the same stamps.
             for also, one in recording.measured().items():
                 if np.array_equal(one.stamp_ns, side.stamp_ns):
@@ -134,7 +154,11 @@ def _most_often(numbers: Array) -> NDArray[np.intp]:
     which = np.unique(numbers, return_inverse=True)[1]
     counts = np.bincount(which[np.flatnonzero(np.diff(which, prepend=-1))], minlength=2)
     most = int(np.argmax(counts))
-    return np.flatnonzero(which == most) if np.partition(counts, -2)[-2] < counts[most] else np.empty(0, np.intp)
+    return (
+        np.flatnonzero(which == most)
+        if np.partition(counts, -2)[-2] < counts[most]
+        else np.empty(0, np.intp)
+    )
 
 
 def _without_far_samples(recording: Recording, found: list[Finding]) -> Recording:
@@ -178,8 +202,15 @@ def _in_one_piece(recording: Recording, found: list[Finding]) -> Recording:
             remedy = "two publishers, or a channel that is no angle? Nothing that follows from it can be trusted"
             if len(rows) <= _SPIKE_SHARE * len(side):
                 for row in rows.tolist():
-                    parted[row + 1 : row + 1 + max(_APART, round(_APART_SECONDS * len(t) / t[-1]))] = True
-                alone = np.array([jumping.count(row) == 1 and _runs_on(side.effort, row) for row in rows.tolist()])
+                    parted[
+                        row + 1 : row + 1 + max(_APART, round(_APART_SECONDS * len(t) / t[-1]))
+                    ] = True
+                alone = np.array(
+                    [
+                        jumping.count(row) == 1 and _runs_on(side.effort, row)
+                        for row in rows.tolist()
+                    ]
+                )
                 alone &= each.runs_on & (side.effort is not None or recording.n > 1)
                 jumps = np.zeros(len(side) - 1)
                 jumps[rows[alone]] = each.size[alone]
@@ -187,7 +218,11 @@ def _in_one_piece(recording: Recording, found: list[Finding]) -> Recording:
                 remedy = "joined recordings? It is parted there"
                 if alone.all():
                     remedy = "speed and all else run on, so its zero was set: it is taken for running on from before"
-            found.append(Finding("warning", "jumps", f"{words}: {remedy}", joint=joint, time=float(t[rows[k]])))
+            found.append(
+                Finding(
+                    "warning", "jumps", f"{words}: {remedy}", joint=joint, time=float(t[rows[k]])
+                )
+            )
         whole = replace(side, position=position)
         if parted.any() or not np.array_equal(position, side.position, equal_nan=True):
             kept[name] = whole.at(~parted)
@@ -206,7 +241,11 @@ def _commands_unwound(
     given, position = recording.reference, side.position
     if given is None or given.position is None or position is None or len(given) < 2:
         return {}
-    nearest, other, t = given.position.copy(), np.zeros(recording.n, np.bool_), given.stamp_ns - side.stamp_ns[0]
+    nearest, other, t = (
+        given.position.copy(),
+        np.zeros(recording.n, np.bool_),
+        given.stamp_ns - side.stamp_ns[0],
+    )
     for j in np.flatnonzero(joints_with(given.position) & joints_with(position)).tolist():
         command = given.position[:, j]
         within = np.ptp(command) < _RANGE * 2 * np.pi and np.abs(np.diff(command)).max() > np.pi
@@ -250,7 +289,10 @@ def _continuous(t: Array, q: Array) -> _Continuous:
     Three jumps and more of one size are turns, too: a motor's angle within its turn jumps by that over the gear ratio.
     """
     if np.isnan(q[0]):
-        return _Continuous(q, *(np.empty(0, np.intp), 0.0, np.empty(0, np.intp), np.empty(0), np.empty(0, np.bool_)))
+        return _Continuous(
+            q,
+            *(np.empty(0, np.intp), 0.0, np.empty(0, np.intp), np.empty(0), np.empty(0, np.bool_)),
+        )
     turns = np.zeros(len(q) - 1)
     # An angle that is given within a turn stays in that range.
     if np.ptp(q) < _RANGE * 2 * np.pi and np.abs(step := np.diff(q)).max() > np.pi:
@@ -264,7 +306,11 @@ def _continuous(t: Array, q: Array) -> _Continuous:
     turned = np.flatnonzero(turns)
     rows, size, doubt, runs_on = _jumps(t, q)
     usual = float(np.median(np.abs(size))) if len(rows) > 2 else 0.0
-    if len(rows) > 2 and np.ptp(q) < _RANGE * usual and (np.abs(np.abs(size) - usual) < doubt).all():
+    if (
+        len(rows) > 2
+        and np.ptp(q) < _RANGE * usual
+        and (np.abs(np.abs(size) - usual) < doubt).all()
+    ):
         jumps = np.zeros_like(turns)
         jumps[rows] = usual * np.sign(size)
         return _Continuous(_less(q, jumps), rows, usual, rows[:0], size[:0], runs_on[:0])
@@ -312,12 +358,22 @@ def _jumps(t: Array, q: Array) -> tuple[NDArray[np.intp], Array, Array, NDArray[
 def find_outliers(recording: Recording) -> list[Outliers]:
     """Return the outliers of the measured sides of a recording."""
     channels = [
-        (recording.joints, name, side, channel, position_at(recording, side) if channel == "effort" else None)
+        (
+            recording.joints,
+            name,
+            side,
+            channel,
+            position_at(recording, side) if channel == "effort" else None,
+        )
         for name, side in recording.measured().items()
         if len(side) >= _FEWEST
         for channel in side.channels()
     ]
-    return [found for of_channel in share_out(lambda one: list(_of_channel(*one)), channels) for found in of_channel]
+    return [
+        found
+        for of_channel in share_out(lambda one: list(_of_channel(*one)), channels)
+        for found in of_channel
+    ]
 
 
 def _of_channel(
@@ -327,7 +383,11 @@ def _of_channel(
     values = side.channels()[channel]
     # What is far from zeros that were filled in is what was measured.
     moving = np.ones(len(values), np.bool_)
-    there = [j for j in np.flatnonzero(joints_with(values)).tolist() if filled_in(values[:, j], moving) <= HELD]
+    there = [
+        j
+        for j in np.flatnonzero(joints_with(values)).tolist()
+        if filled_in(values[:, j], moving) <= HELD
+    ]
     if not there:
         return
     low, high = _central(values[:, there], channel)
@@ -373,7 +433,9 @@ def _off_neighbours(
     low, high = np.percentile(column[:: max(len(column) // _LOOKED_AT, 1)], _INNER)
     # Numbers near the largest that there are have been found by the range.
     off = np.convolve(
-        np.clip(column, low - _ABSURD * (high - low), high + _ABSURD * (high - low)), _CUBIC, mode="valid"
+        np.clip(column, low - _ABSURD * (high - low), high + _ABSURD * (high - low)),
+        _CUBIC,
+        mode="valid",
     )
     apart = np.abs(off)
     inside = turning[(turning > 1) & (turning < len(column) - 2)] - 2
@@ -398,7 +460,9 @@ def _off_neighbours(
     rows = rows[_returns(column, rows + 2, apart[rows]) & ~_late(column, rows + 2, apart[rows])]
     # What other turns show: a torque may ring as a joint turns round.
     ringing = 5.0 * float(np.percentile(apart[inside], _NEARLY_ALL)) if len(inside) else 0.0
-    rows = rows[apart[rows] > np.where(np.isin(rows + 2, turning), max(float(high - low), ringing), 0.0)]
+    rows = rows[
+        apart[rows] > np.where(np.isin(rows + 2, turning), max(float(high - low), ringing), 0.0)
+    ]
     furthest = float(apart[rows].max(initial=0.0))
     kept = f"where {_NEARLY_ALL:.0f} % of all stay within {tail:.2g}"
     return rows + 2, f"off the curve through its neighbours by up to {furthest:.2g}, {kept}"
@@ -414,13 +478,17 @@ def _returns(column: Array, rows: NDArray[np.intp], apart: Array) -> NDArray[np.
         return np.zeros(0, np.bool_)
     before = column[rows] - (2.0 * column[rows - 1] - column[rows - 2])
     after = column[rows] - (2.0 * column[rows + 1] - column[rows + 2])
-    return np.asarray((before * after > 0.0) & (np.minimum(np.abs(before), np.abs(after)) > 0.7 * apart))
+    return np.asarray(
+        (before * after > 0.0) & (np.minimum(np.abs(before), np.abs(after)) > 0.7 * apart)
+    )
 
 
 def _late(column: Array, rows: NDArray[np.intp], apart: Array) -> NDArray[np.bool_]:
     """Return which samples were taken a cycle late or early: they hold what the one before or behind them does."""
     slope = 0.5 * np.abs(column[rows + 1] - column[rows - 1])
-    beside = np.minimum(np.abs(column[rows] - column[rows - 1]), np.abs(column[rows] - column[rows + 1]))
+    beside = np.minimum(
+        np.abs(column[rows] - column[rows - 1]), np.abs(column[rows] - column[rows + 1])
+    )
     return np.asarray((beside < 0.3 * slope) & (apart < 1.5 * slope))
 
 
@@ -431,7 +499,9 @@ def _turning(position: Array | None) -> NDArray[np.intp]:
     """
     if position is None:
         return np.empty(0, np.intp)
-    step = np.pad(np.diff(position[:, joints_with(position)], axis=0), ((1, 0), (0, 0)), mode="edge")
+    step = np.pad(
+        np.diff(position[:, joints_with(position)], axis=0), ((1, 0), (0, 0)), mode="edge"
+    )
     around = np.stack([np.roll(step, k, axis=0) for k in range(-_ROUND, _ROUND + 2)])
     turns = (around.min(axis=0) <= 0.0) & (around.max(axis=0) >= 0.0)
     return np.flatnonzero(turns.any(axis=1))
@@ -446,7 +516,10 @@ def _resolution(column: Array) -> float:
 def sane_limits(values: Array, channel: str) -> tuple[Array, Array]:
     """Return the numbers (n,) beyond which a sample of a channel is absurd, from most of its values (N, n)."""
     lower, upper = np.percentile(values, _INNER, axis=0)
-    middle, spread = 0.5 * (lower + upper), np.maximum(upper - lower, _LEAST_INNER * _LEAST[channel])
+    middle, spread = (
+        0.5 * (lower + upper),
+        np.maximum(upper - lower, _LEAST_INNER * _LEAST[channel]),
+    )
     return middle - _ABSURD * spread, middle + _ABSURD * spread
 
 
@@ -456,7 +529,9 @@ def _central(values: Array, channel: str) -> tuple[Array, Array]:
     looked_at = values[centres[:, None] + np.arange(-2, 3)]
     lowest, highest = sane_limits(looked_at[:, 2], channel)
     sane = np.where(
-        (looked_at[:, 2] >= lowest) & (looked_at[:, 2] <= highest), looked_at[:, 2], 0.5 * (lowest + highest)
+        (looked_at[:, 2] >= lowest) & (looked_at[:, 2] <= highest),
+        looked_at[:, 2],
+        0.5 * (lowest + highest),
     )
     low, high = np.percentile(sane, _CENTRAL, axis=0)
     # Impulses that one sample in a hundred or more holds, and neighbours do not, must not widen it either.
@@ -465,7 +540,9 @@ def _central(values: Array, channel: str) -> tuple[Array, Array]:
     impulsive = (high - low) / 5.0 > np.maximum(calm_high - calm_low, _LEAST[channel])
     low, high = np.where(impulsive, calm_low, low), np.where(impulsive, calm_high, high)
     # 0.05 of the largest range among the joints, for those that hardly move
-    narrow = 0.5 * np.maximum(np.maximum(_LEAST[channel], 0.05 * (high - low).max()) - (high - low), 0.0)
+    narrow = 0.5 * np.maximum(
+        np.maximum(_LEAST[channel], 0.05 * (high - low).max()) - (high - low), 0.0
+    )
     return low - narrow, high + narrow
 
 
@@ -476,7 +553,9 @@ def _require_possible(recording: Recording) -> None:
             if not len(values):
                 continue
             # NumPy is slow along the first axis of a narrow array.
-            ends = [(np.fmin.reduce(row), np.fmax.reduce(row)) for row in np.ascontiguousarray(values.T)]
+            ends = [
+                (np.fmin.reduce(row), np.fmax.reduce(row)) for row in np.ascontiguousarray(values.T)
+            ]
             largest = np.array([np.nan_to_num(max(-low, high)) for low, high in ends])
             what = ""
             if (beyond := largest > LARGEST[channel]).any():

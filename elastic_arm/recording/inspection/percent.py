@@ -45,7 +45,9 @@ def _step(column: Array) -> float:
     few = apart[apart < 50.0 * least] / least
     # 0.05 of a step: rounding to 32 bits
     whole = np.abs(few - np.round(few)) < 0.05
-    return float(np.median(few[whole] * least / np.round(few[whole]))) if whole.mean() > 0.98 else 0.0
+    return (
+        float(np.median(few[whole] * least / np.round(few[whole]))) if whole.mean() > 0.98 else 0.0
+    )
 
 
 def in_percent(recording: Recording) -> Iterator[Finding]:
@@ -56,7 +58,9 @@ def in_percent(recording: Recording) -> Iterator[Finding]:
         there = np.flatnonzero(joints_with(side.position))
         ranges = ranges_by_steps(np.rad2deg(side.position[:, there]))
         if ranges is not None:
-            shown = ", ".join(f"{recording.joints[j]} {size:.0f}" for j, size in zip(there, ranges, strict=True))
+            shown = ", ".join(
+                f"{recording.joints[j]} {size:.0f}" for j, size in zip(there, ranges, strict=True)
+            )
             words = f"{name} position is in per cent of each joint's range, not in degrees: the encoders' steps differ"
             remedy = f"take the ranges from the calibration file; by steps of 12 bits they are, degrees: {shown} \
 (unit: deg, factor: range / 200, in the map)"

@@ -115,7 +115,9 @@ def _compared(side: Side) -> _Compared:
 
 
 def _is_motion(side: Side) -> bool:
-    return side.position is None or is_motion((side.stamp_ns - side.stamp_ns[0]) * 1e-9, side.position)
+    return side.position is None or is_motion(
+        (side.stamp_ns - side.stamp_ns[0]) * 1e-9, side.position
+    )
 
 
 def is_motion(t: Array, position: Array) -> bool:
@@ -147,21 +149,36 @@ def _velocities(name: str, motion: _Compared, joints: Sequence[str]) -> list[Fin
     )
     # A servo's own filter falls short by so much; a unit is off by more, and times make all joints alike.
     far = scaled & (
-        (motion.gain > 1.0 + _FILTERED) | (motion.gain < 1.0 - _FILTERED) | (bool(alike) and len(gains) > 1)
+        (motion.gain > 1.0 + _FILTERED)
+        | (motion.gain < 1.0 - _FILTERED)
+        | (bool(alike) and len(gains) > 1)
     )
-    late = moving & follows & ~motion.slow & (np.abs(motion.lag) > np.maximum(motion.step, 5.0 * motion.doubt))
+    late = (
+        moving
+        & follows
+        & ~motion.slow
+        & (np.abs(motion.lag) > np.maximum(motion.step, 5.0 * motion.doubt))
+    )
     what, remedy = f"{name} velocity", "check units and signs"
     if scaled.any() and alike:
         remedy += f", and the unit of the times: the samples come at {1 / motion.step:.3g} Hz"
     columns, derivative = "check the columns, units and signs", "the derivative of the position"
     findings = about(joints, strange, "velocity", what, f"is not {derivative}", columns)
-    degrees: tuple[tuple[NDArray[np.bool_], Severity], ...] = ((far, "warning"), (scaled & ~far, "note"))
+    degrees: tuple[tuple[NDArray[np.bool_], Severity], ...] = (
+        (far, "warning"),
+        (scaled & ~far, "note"),
+    )
     for chosen, severity in degrees:
         times = f"is {span_of(1.0 / motion.gain[chosen])} times {derivative}"
         findings += about(joints, chosen, "velocity", what, times, remedy, severity)
-    for words, chosen in (("behind", late & (motion.lag > 0.0)), ("ahead of", late & (motion.lag < 0.0))):
+    for words, chosen in (
+        ("behind", late & (motion.lag > 0.0)),
+        ("ahead of", late & (motion.lag < 0.0)),
+    ):
         size = f"is {span_of(1e3 * np.abs(motion.lag[chosen]))} ms {words} the position"
-        findings += about(joints, chosen, "velocity_lag", what, size, "one of the two was filtered", "note")
+        findings += about(
+            joints, chosen, "velocity_lag", what, size, "one of the two was filtered", "note"
+        )
     return findings
 
 
@@ -175,18 +192,29 @@ def _stamps(name: str, motion: _Compared) -> list[Finding]:
     if not even:
         number, rate, _, jitter = numbered(motion.t)
         usual = np.std(np.diff(jitter)) / np.sqrt(2.0) * rate
-        samples = Samples(motion.t, motion.q, motion.v, None, None, None, None, (1e9 * motion.t).astype(np.int64))
+        samples = Samples(
+            motion.t, motion.q, motion.v, None, None, None, None, (1e9 * motion.t).astype(np.int64)
+        )
         found = evidence(samples, number, rate) if usual > _JITTER else None
         if found is None or found.stamps:
             return []
         spread = f"the stamps spread by {1e6 * usual / rate:.3g} us (std) and the motion does not follow them"
-        return [warning("arrival_stamps", f"{name} side: {spread}", "times of arrival, of samples taken regularly")]
+        return [
+            warning(
+                "arrival_stamps",
+                f"{name} side: {spread}",
+                "times of arrival, of samples taken regularly",
+            )
+        ]
     advance, mean, change = _advances(motion.t, motion.q[:, good], motion.v[:, good], 1)
     rest = advance - mean * motion.gain[good] - change * motion.lag[good]
     # Two groups of joints, each with its own answer: by how many intervals too far each sample is.
     parts = (slice(0, None, 2), slice(1, None, 2))
     weight = [np.sum(mean[:, part] ** 2, axis=1) + 1e-300 for part in parts]
-    ahead = [np.sum(rest[:, part] * mean[:, part], axis=1) / w for part, w in zip(parts, weight, strict=True)]
+    ahead = [
+        np.sum(rest[:, part] * mean[:, part], axis=1) / w
+        for part, w in zip(parts, weight, strict=True)
+    ]
     sure = (weight[0] > np.median(weight[0])) & (weight[1] > np.median(weight[1]))
     if np.count_nonzero(sure) < FEWEST // 4:
         return []
@@ -210,11 +238,22 @@ def _noiseless(recording: Recording) -> list[Finding]:
     said, joints = list[Finding](), recording.joints
     for name, found in torque_spectra(recording).items():
         what, computed, smooth = f"{name} effort", found.computed, found.low_passed
-        noise = f"has {span_of(found.level[computed])} dB of noise, less than a converter of 16 bits"
+        noise = (
+            f"has {span_of(found.level[computed])} dB of noise, less than a converter of 16 bits"
+        )
         falls = f"not even noise, and falls steeply from {span_of(found.knee[smooth])} Hz on"
         nothing = f"holds nothing above {span_of(found.end[smooth])} Hz, {falls}"
-        said += about(joints, computed, "computed_torque", what, noise, "it is computed, as by a model, not measured")
-        said += about(joints, smooth, _SMOOTH, what, nothing, "it was low-passed there, or computed", "note")
+        said += about(
+            joints,
+            computed,
+            "computed_torque",
+            what,
+            noise,
+            "it is computed, as by a model, not measured",
+        )
+        said += about(
+            joints, smooth, _SMOOTH, what, nothing, "it was low-passed there, or computed", "note"
+        )
     return said
 
 
@@ -233,7 +272,13 @@ def _backwards(recording: Recording) -> list[Finding]:
         for j in np.flatnonzero(~joints_with(angle)).tolist():
             angle[:, j] = np.interp(motor.stamp_ns, link.stamp_ns, link.position[:, j])
     side, joints = _whole(Side(motor.stamp_ns, angle, effort=motor.effort), recording.joints)
-    if side.position is None or side.effort is None or len(side) < FEWEST or not joints or not _is_motion(side):
+    if (
+        side.position is None
+        or side.effort is None
+        or len(side) < FEWEST
+        or not joints
+        or not _is_motion(side)
+    ):
         return []
     path, effort = np.diff(side.position, axis=0), 0.5 * (side.effort[1:] + side.effort[:-1])
     # What follows other joints' speeds is friction and inertia that their motion brings: a coupled axis may brake them.
@@ -245,10 +290,19 @@ def _backwards(recording: Recording) -> list[Finding]:
     # 1.5 of the torque's rms times the range: what gravity may have taken at the end
     # 0.05 of the torque's rms times the path, beyond that
     lent = 1.5 * np.ptp(side.position, axis=0) + 0.05 * np.abs(path).sum(axis=0)
-    certain = work.mean(axis=0) < -3.0 * work.std(axis=0, ddof=1) / np.sqrt(_PARTS)  # standard deviations
+    certain = work.mean(axis=0) < -3.0 * work.std(axis=0, ddof=1) / np.sqrt(
+        _PARTS
+    )  # standard deviations
     found = certain & (work.sum(axis=0) < -np.sqrt(np.mean(effort**2, axis=0)) * lent)
     words = "takes energy out of the motion, as its friction does"
-    return about(joints, found, "backward_torque", "motor effort", words, "check its sign, and that of the angle")
+    return about(
+        joints,
+        found,
+        "backward_torque",
+        "motor effort",
+        words,
+        "check its sign, and that of the angle",
+    )
 
 
 def _same_arrays(recording: Recording) -> list[Finding]:
@@ -262,5 +316,7 @@ def _same_arrays(recording: Recording) -> list[Finding]:
             # 1e-12 is the span of a difference of two channels that are the same numbers, but for an offset
             same = (np.ptp(one - other, axis=0) <= 1e-12) & (np.ptp(one, axis=0) > 0.0)
             what = f"link and motor {channel}"
-            findings += about(recording.joints, same, f"same_{channel}", what, "are the same numbers", words)
+            findings += about(
+                recording.joints, same, f"same_{channel}", what, "are the same numbers", words
+            )
     return findings

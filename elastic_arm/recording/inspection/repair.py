@@ -28,7 +28,9 @@ class Repair:
     dropped: list[str] = field(default_factory=list)
 
 
-def repair_bag(path: str | Path, out: str | Path | None = None, channels: ChannelMap | None = None) -> Repair:
+def repair_bag(
+    path: str | Path, out: str | Path | None = None, channels: ChannelMap | None = None
+) -> Repair:
     """Copy what is usable of a bag into a new one, by default `<name>_repaired` beside it.
 
     Damaged chunks and torn ends are left out, and of the joint topics, and of fields of a channel map, messages with
@@ -38,19 +40,29 @@ def repair_bag(path: str | Path, out: str | Path | None = None, channels: Channe
     repair = Repair(Path(out) if out is not None else path.with_name(f"{bag_stem(path)}_repaired"))
     topics = list(read_topics(path))
     # Of all arms that are in it, by their namespaces.
-    of_arms = {t.name for t in topics for name in _MENDED if t.name.endswith(name) and t.type_name == TYPES[name]}
+    of_arms = {
+        t.name
+        for t in topics
+        for name in _MENDED
+        if t.name.endswith(name) and t.type_name == TYPES[name]
+    }
     mapped = {} if channels is None else channels.fields()
     (content,) = contents(path, wanted=of_arms | set(mapped), strict=False)
     if not content.messages:
         raise RecordingError(f"{path}: nothing in it can be saved", "Record again.")
     repair.dropped += content.damage
-    keep = {topic: _finite(series, mapped.get(topic), repair.dropped) for topic, series in content.series.items()}
+    keep = {
+        topic: _finite(series, mapped.get(topic), repair.dropped)
+        for topic, series in content.series.items()
+    }
     seen: Counter[str] = Counter()
     late = 0
     with StreamWriter(repair.path, sync_every=float("inf")) as writer:
         for topic in topics:
             # Without a definition in the bag the writer takes the type's known one.
-            writer.add_topic(topic.name, topic.type_name, topic.definition or None, topic.type_hash, topic.qos)
+            writer.add_topic(
+                topic.name, topic.type_name, topic.definition or None, topic.type_hash, topic.qos
+            )
         for message in read_messages(path, strict=False):
             number = seen[message.topic]
             seen[message.topic] += 1
@@ -69,12 +81,21 @@ def _finite(series: Series, fields: set[str] | None, dropped: list[str]) -> NDAr
     good = np.ones(series.count, np.bool_)
     log_ns = np.empty(series.count, np.int64)
     for piece in series.pieces:
-        own = piece.values if fields is None else {path: piece.values[path] for path in fields & piece.values.keys()}
+        own = (
+            piece.values
+            if fields is None
+            else {path: piece.values[path] for path in fields & piece.values.keys()}
+        )
         good[piece.rows], log_ns[piece.rows] = replace(piece, values=own).finite(), piece.log_ns
         for path, values in own.items():
             mostly = np.isfinite(values).mean(axis=0) < 0.5
             names = [name for name, none in zip(piece.names, mostly.tolist(), strict=False) if none]
-            dropped += [f"{series.topic}.{path} of {name} is mostly not finite and was left as it is" for name in names]
+            dropped += [
+                f"{series.topic}.{path} of {name} is mostly not finite and was left as it is"
+                for name in names
+            ]
     if not good.all():
-        dropped.append(f"{(~good).sum()} of {series.count} messages on {series.topic} with numbers that are not finite")
+        dropped.append(
+            f"{(~good).sum()} of {series.count} messages on {series.topic} with numbers that are not finite"
+        )
     return good[np.argsort(log_ns, kind="stable")]

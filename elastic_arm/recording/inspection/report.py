@@ -59,7 +59,11 @@ def about(
 ) -> list[Finding]:
     """Return what the words state of a channel of the chosen joints (n,); nothing where none is chosen."""
     message = f"{what} of {listed(joints, chosen)} {words}"
-    return [Finding(severity, code, f"{message}: {remedy}" if remedy else message)] if chosen.any() else []
+    return (
+        [Finding(severity, code, f"{message}: {remedy}" if remedy else message)]
+        if chosen.any()
+        else []
+    )
 
 
 @dataclass
@@ -86,7 +90,11 @@ class Report:
 
     def to_json(self) -> dict[str, Any]:
         """Return plain data."""
-        return {"path": self.path, "ok": self.ok, "findings": [asdict(finding) for finding in self.findings]}
+        return {
+            "path": self.path,
+            "ok": self.ok,
+            "findings": [asdict(finding) for finding in self.findings],
+        }
 
 
 def checked(side: Side, topic: str, joints: Sequence[str]) -> Side:
@@ -104,7 +112,9 @@ def checked(side: Side, topic: str, joints: Sequence[str]) -> Side:
         for j in np.flatnonzero(bad.any(axis=0)).tolist():
             row = int(np.argmax(bad[:, j]))
             many = f" and in {bad[:, j].sum() - 1} more samples" if bad[:, j].sum() > 1 else ""
-            faults.append(f"{name} of {joints[j]} is {values[row, j]} at {moment(side.stamp_ns, row)}{many}")
+            faults.append(
+                f"{name} of {joints[j]} is {values[row, j]} at {moment(side.stamp_ns, row)}{many}"
+            )
     if faults:
         raise RecordingError(f"{topic}: {'; '.join(faults)}", REPAIR)
     return side
@@ -113,7 +123,9 @@ def checked(side: Side, topic: str, joints: Sequence[str]) -> Side:
 def check_times(stamp_ns: Stamps, topic: str) -> None:
     """Raise if there are no stamps, or they are repeated or go backwards."""
     if not len(stamp_ns):
-        raise RecordingError(f"{topic} has no messages", "Record again, with the publisher running.")
+        raise RecordingError(
+            f"{topic} has no messages", "Record again, with the publisher running."
+        )
     if (stamp_ns[1:] > stamp_ns[:-1]).all():
         return
     check_stamped(stamp_ns, topic)
@@ -128,12 +140,12 @@ def check_times(stamp_ns: Stamps, topic: str) -> None:
 def check_stamped(stamp_ns: Stamps, topic: str) -> None:
     """Raise if all stamps are the same: nobody stamped the messages."""
     if (step := single_precision(stamp_ns)) is not None:
-        problem = (
-            f"{topic}: times are seconds since 1970 in single precision (float32), which steps by {step:g} s there"
-        )
+        problem = f"{topic}: times are seconds since 1970 in single precision (float32), which steps by {step:g} s there"
         raise RecordingError(problem, DOUBLE)
     if len(stamp_ns) > 1 and (stamp_ns == stamp_ns[0]).all():
-        raise RecordingError(f"{topic}: all {len(stamp_ns)} header stamps are equal ({stamp_ns[0]} ns)", ARRIVAL)
+        raise RecordingError(
+            f"{topic}: all {len(stamp_ns)} header stamps are equal ({stamp_ns[0]} ns)", ARRIVAL
+        )
 
 
 def single_precision(stamp_ns: Stamps) -> float | None:
@@ -146,7 +158,9 @@ def single_precision(stamp_ns: Stamps) -> float | None:
     # Times of day and of a run are small; a log whose every sample has a time of its own lost nothing.
     if len(stamp_ns) < 3 or seconds[-1] < 1e8 or 2 * len(different) > len(stamp_ns):
         return None
-    rounded = different == np.round(seconds.astype(np.float32).astype(np.float64) * 1e9).astype(np.int64)
+    rounded = different == np.round(seconds.astype(np.float32).astype(np.float64) * 1e9).astype(
+        np.int64
+    )
     return float(np.spacing(np.float32(seconds[-1]))) if rounded.all() else None
 
 

@@ -20,7 +20,9 @@ _ENOUGH = 50_000  # samples of a channel that show how it is updated; bounds the
 _NOTHING = {"effort": 1e-9}  # Nm within which a torque does not change: no sensor resolves it
 _CLEAR = 4.0  # times the channel's resolution: a change that no rounding makes
 HELD = 0.002  # share of repeated samples; a lost cycle in 500 is ordinary
-_MISSED = 0.05  # share of repeated samples, beyond which it is no slip now and then of a good recorder
+_MISSED = (
+    0.05  # share of repeated samples, beyond which it is no slip now and then of a good recorder
+)
 _LEVELS = 3  # next to the extreme, that it is compared with
 # Times the samples at any of these: a sine without noise is at its peak 2.4 times as often as a step below.
 _PILED = 5.0
@@ -36,7 +38,11 @@ _SAID = {
         "stays where it is while the joint moves",
         "the channel is not connected, or not read: nothing that follows from it can be trusted",
     ),
-    "zeros": ("zeros_between", "is zero between values that are none", "zeros are filled in: leave them out"),
+    "zeros": (
+        "zeros_between",
+        "is zero between values that are none",
+        "zeros are filled in: leave them out",
+    ),
     "clipped": (
         "clipped",
         "sits at an end of its range while the joint moves",
@@ -47,10 +53,16 @@ _SAID = {
 
 def moves(recording: Recording) -> bool:
     """Return whether any joint travels, or holds numbers that are none; any may where there are no positions."""
-    positions = [side.position for side in recording.measured().values() if side.position is not None]
+    positions = [
+        side.position for side in recording.measured().values() if side.position is not None
+    ]
     if not positions or not all(map(len, positions)):
         return True
-    return any(not np.ptp(column) < STILL for values in positions for column in values[:, joints_with(values)].T)
+    return any(
+        not np.ptp(column) < STILL
+        for values in positions
+        for column in values[:, joints_with(values)].T
+    )
 
 
 def channel_findings(recording: Recording) -> list[Finding]:
@@ -68,12 +80,19 @@ def channel_findings(recording: Recording) -> list[Finding]:
                 # 0.05 rad that a joint has moved for certain: beyond play, wind-up and the steps of encoders
                 others = [far > 0.05 for what, far in travel.items() if what != (name, channel)]
                 moving = np.any(others, axis=0) if others else np.zeros(recording.n, np.bool_)
-                findings += _of_channel(recording, f"{name} {channel}", side, values, position, moving)
+                findings += _of_channel(
+                    recording, f"{name} {channel}", side, values, position, moving
+                )
     return findings
 
 
 def _of_channel(
-    recording: Recording, what: str, side: Side, values: Array, position: Array | None, moving: NDArray[np.bool_]
+    recording: Recording,
+    what: str,
+    side: Side,
+    values: Array,
+    position: Array | None,
+    moving: NDArray[np.bool_],
 ) -> list[Finding]:
     """Return what one channel of all joints shows; `moving` are the joints that others show to move."""
     channel = what.split()[1]
@@ -88,7 +107,9 @@ def _of_channel(
             continue
         turning = np.ones(len(side), np.bool_) if position is None else _changing(position[:, j])
         unlike = turning if position is None else _going(position[:, j])
-        if channel == "velocity" and position is not None:  # which is zero by right where the encoder takes no step
+        if (
+            channel == "velocity" and position is not None
+        ):  # which is zero by right where the encoder takes no step
             steps = np.diff(position[:, j]) != 0.0
             unlike = unlike & np.append(steps, True) & np.append(True, steps)
         zeros = filled_in(column[middle], unlike[middle])
@@ -99,7 +120,9 @@ def _of_channel(
         ends = _piled(column, turning) if channel == "effort" else {}
         if ends:
             share = 100.0 * sum(ends.values())
-            said["clipped"].append(f"{joint} for {share:.2g} % ({', '.join(f'{end:.3g}' for end in ends)})")
+            said["clipped"].append(
+                f"{joint} for {share:.2g} % ({', '.join(f'{end:.3g}' for end in ends)})"
+            )
     found = [
         warning(code, f"{what} {words}: {', '.join(said[kind])}", remedy)
         for kind, (code, words, remedy) in _SAID.items()
@@ -108,7 +131,9 @@ def _of_channel(
     held = (shares > HELD) & (periods <= 1.0)
     words = f"repeats the value before in {span_of(100 * shares[held])} % of the samples"
     severity: Severity = "warning" if shares[held].max(initial=0.0) > _MISSED else "note"
-    return found + about(recording.joints, held, "held", what, words, "the joint moves: cycles were missed", severity)
+    return found + about(
+        recording.joints, held, "held", what, words, "the joint moves: cycles were missed", severity
+    )
 
 
 def at_updates(recording: Recording, found: list[Finding]) -> Recording:
@@ -119,13 +144,19 @@ def at_updates(recording: Recording, found: list[Finding]) -> Recording:
         if len(side) < FEWEST or not np.all(np.diff(side.stamp_ns) > 0):
             continue
         middle = slice(max(0, (len(side) - _ENOUGH) // 2), (len(side) + _ENOUGH) // 2)
-        position, stamps, filled = position_at(recording, side.at(middle)), side.stamp_ns, dict[str, Any]()
+        position, stamps, filled = (
+            position_at(recording, side.at(middle)),
+            side.stamp_ns,
+            dict[str, Any](),
+        )
         first, last = 0, len(side)
         for channel, values in side.channels().items():
             periods, column = np.ones(recording.n), values
             for j in np.flatnonzero(np.isfinite(values).all(axis=0)).tolist():
                 part = values[middle, j]
-                turning = np.ones(len(part), np.bool_) if position is None else _changing(position[:, j])
+                turning = (
+                    np.ones(len(part), np.bool_) if position is None else _changing(position[:, j])
+                )
                 going = turning if position is None else _going(position[:, j])
                 share, period = _held(part, turning)
                 if share <= HELD or period <= 1.0 or filled_in(part, going) > HELD:
@@ -140,7 +171,9 @@ def at_updates(recording: Recording, found: list[Finding]) -> Recording:
             if (held := periods > 1.0).any():
                 filled[channel], rate = column, 1e9 / float(np.median(np.diff(stamps)))
                 rates = f"{span_of(rate / periods[held])} Hz in a recording of {rate:.4g} Hz"
-                words = f"is held: a new value comes every {span_of(periods[held])} samples, {rates}"
+                words = (
+                    f"is held: a new value comes every {span_of(periods[held])} samples, {rates}"
+                )
                 remedy = "it is taken at these instants, and may be older there"
                 found += about(recording.joints, held, "held", f"{name} {channel}", words, remedy)
         kept |= {name: replace(side, **filled).at(slice(first, last))} if filled else {}
@@ -150,7 +183,11 @@ def at_updates(recording: Recording, found: list[Finding]) -> Recording:
 def _updates(column: Array, period: float) -> NDArray[np.intp]:
     """Return the samples at which a channel (N,) has a new value; one that stays the same is new every period."""
     at = np.flatnonzero(np.diff(column)) + 1
-    same = [np.arange(a, b - period / 2, period)[1:] for a, b in pairwise(at.tolist()) if b - a > 1.5 * period]
+    same = [
+        np.arange(a, b - period / 2, period)[1:]
+        for a, b in pairwise(at.tolist())
+        if b - a > 1.5 * period
+    ]
     return np.sort(np.concatenate([at, *same]).astype(np.intp))
 
 
@@ -167,7 +204,9 @@ def _held(column: Array, moving: NDArray[np.bool_]) -> tuple[float, float]:
     if len(changes) < 10:
         return 0.0, 1.0
     smallest = size.min()
-    clear = size > max(_CLEAR * smallest, 0.1 * float(np.sqrt(np.mean(size**2))))  # 0.1 of the usual change
+    clear = size > max(
+        _CLEAR * smallest, 0.1 * float(np.sqrt(np.mean(size**2)))
+    )  # 0.1 of the usual change
     runs = np.diff(changes)
     between = clear[:-1] & clear[1:] & moving[changes[:-1] + 1]
     # Longer ones are standstills, or the recording froze.
@@ -239,7 +278,11 @@ def _going(position: Array) -> NDArray[np.bool_]:
     advance = np.abs(padded[2 * _AROUND :] - padded[: -2 * _AROUND])
     step = np.abs(np.diff(position))
     resolution = float(step[step > 0.0].min(initial=np.inf)) if step.any() else 0.0
-    noise = float(np.median(np.abs(np.diff(position, 2)))) / 0.6745 / np.sqrt(6.0) if len(position) > 2 else 0.0
+    noise = (
+        float(np.median(np.abs(np.diff(position, 2)))) / 0.6745 / np.sqrt(6.0)
+        if len(position) > 2
+        else 0.0
+    )
     # 6.0 standard deviations of the noise, of what a joint at rest seems to advance
     return np.asarray(advance > 1.5 * resolution + 6.0 * np.sqrt(2.0) * noise)
 
@@ -280,8 +323,15 @@ def frozen(recording: Recording) -> list[Finding]:
     if link is not None and motor is not None and np.array_equal(link.stamp_ns, motor.stamp_ns):
         groups = {"all channels": [link, motor]}
     else:
-        groups = {f"all channels of the {name} side": [side] for name, side in recording.measured().items()}
-    return [found for what, sides in groups.items() for found in _frozen(what, sides, recording.start_ns)]
+        groups = {
+            f"all channels of the {name} side": [side]
+            for name, side in recording.measured().items()
+        }
+    return [
+        found
+        for what, sides in groups.items()
+        for found in _frozen(what, sides, recording.start_ns)
+    ]
 
 
 def _hidden_speeds(t: Array, q: Array, begin: NDArray[np.intp], end: NDArray[np.intp]) -> Array:
@@ -295,23 +345,34 @@ def _hidden_speeds(t: Array, q: Array, begin: NDArray[np.intp], end: NDArray[np.
     further = np.minimum(behind + 2, last)
     spans = ((begin, first), (further, behind), (behind, begin))
     seconds = [np.maximum(t[late] - t[early], 1e-9)[:, None] for late, early in spans]
-    before, after, across = ((q[late] - q[early]) / s for (late, early), s in zip(spans, seconds, strict=True))
+    before, after, across = (
+        (q[late] - q[early]) / s for (late, early), s in zip(spans, seconds, strict=True)
+    )
     one_way = (before * across > 0.0) & (after * across > 0.0)
     usual, size = 0.5 * np.abs(before + after), np.abs(across)
     # 3.0: between the speeds before and behind, which a joint that goes on has within this factor
-    alike = np.maximum(np.abs(before), np.abs(after)) < 3.0 * np.minimum(np.abs(before), np.abs(after))
+    alike = np.maximum(np.abs(before), np.abs(after)) < 3.0 * np.minimum(
+        np.abs(before), np.abs(after)
+    )
     # A joint that stood goes a sample's way in the one behind: across the stretch that is far slower.
     went = one_way & alike & (size > 0.5 * usual) & (size < 2.0 * usual)
     sample = float(np.median(np.diff(t)))
     # 60.0 rad/s² within a sample, from a speed that was not falling
-    stopped = (end == last)[:, None] & (np.abs(q[begin] - q[np.maximum(begin - 1, 0)]) > 60.0 * sample**2)
+    stopped = (end == last)[:, None] & (
+        np.abs(q[begin] - q[np.maximum(begin - 1, 0)]) > 60.0 * sample**2
+    )
     found: Array = np.where(went, across, np.where(stopped, before, 0.0))
     return found
 
 
 def _frozen(what: str, sides: list[Side], start_ns: int) -> list[Finding]:
     """Return the stretches in which the channels of sides with equal stamps stay as they are, at speed before them."""
-    columns = [c for side in sides for values in side.channels().values() for c in values[:, joints_with(values)].T]
+    columns = [
+        c
+        for side in sides
+        for values in side.channels().values()
+        for c in values[:, joints_with(values)].T
+    ]
     t: Array = np.asarray((sides[0].stamp_ns - start_ns) * 1e-9, dtype=np.float64)
     moving = [(side.position, side.velocity) for side in sides if side.position is not None]
     if len(t) < FEWEST or not moving:

@@ -23,7 +23,9 @@ class TorqueSpectrum:
     """What the torques of one side hold at high frequencies."""
 
     level: Array  # (n,) dB of the torque's variance, if it were white: the noise in the upper part of the spectrum
-    computed: NDArray[np.bool_]  # (n,) whether it is that of white noise, and yet less than any converter's
+    computed: NDArray[
+        np.bool_
+    ]  # (n,) whether it is that of white noise, and yet less than any converter's
     low_passed: NDArray[np.bool_]  # (n,) whether there is none at all
     end: Array  # (n,) Hz, above which a torque that was low-passed holds nothing; infinite for others
     # (n,) Hz, from which on it falls as steeply as nothing but a low pass does, up to its end; infinite for others
@@ -33,7 +35,11 @@ class TorqueSpectrum:
     def band(self) -> float:
         """Hz, up to which the torques are those of the motion: the joints of a side pass one kind of filter."""
         # 0.9 of the knee: there a filter of the eighth order has taken 3 dB, at the knee itself 6
-        return 0.9 * float(np.median(self.knee[self.low_passed])) if self.low_passed.any() else float("inf")
+        return (
+            0.9 * float(np.median(self.knee[self.low_passed]))
+            if self.low_passed.any()
+            else float("inf")
+        )
 
 
 def torque_spectrum(effort: Array, rate: float) -> TorqueSpectrum:
@@ -47,7 +53,9 @@ def torque_spectrum(effort: Array, rate: float) -> TorqueSpectrum:
     power = power.T
     white = np.where(varying, effort.var(axis=0), 1.0) / (0.5 * rate)
     level = 10.0 * np.log10(np.maximum(power / white, 1e-30))
-    middle, top = (_between(frequency / (0.5 * rate), level, *edges) for edges in ((0.3, 0.5), (0.7, 0.95)))
+    middle, top = (
+        _between(frequency / (0.5 * rate), level, *edges) for edges in ((0.3, 0.5), (0.7, 0.95))
+    )
     quiet = varying & (top < NOISELESS)
     # 10.0 dB: white noise over the upper two thirds of the band
     # -150.0 dB: nothing is left but the rounding of floating-point numbers
@@ -79,7 +87,9 @@ def torque_spectra(recording: Recording) -> dict[str, TorqueSpectrum]:
         return found
     for name, side in (("link", recording.link), ("motor", recording.motor)):
         if side is not None and side.effort is not None and len(side) >= FEWEST:
-            found[name] = torque_spectrum(side.effort, 1e9 / float(np.median(np.diff(side.stamp_ns))))
+            found[name] = torque_spectrum(
+                side.effort, 1e9 / float(np.median(np.diff(side.stamp_ns)))
+            )
     return found
 
 
@@ -93,7 +103,9 @@ def _knee(frequency: Array, level: Array) -> float:
         return float(frequency[-1])
     gentle = np.flatnonzero((values[SPAN:] - values[:-SPAN]) * STEPS_PER_DECADE / SPAN > -STEEP)
     # Half of the first steep span is the bend of the filter.
-    return float(10.0 ** at[min((int(gentle[-1]) + 1 if len(gentle) else 0) + SPAN // 2, len(at) - 1)])
+    return float(
+        10.0 ** at[min((int(gentle[-1]) + 1 if len(gentle) else 0) + SPAN // 2, len(at) - 1)]
+    )
 
 
 def _between(share: Array, level: Array, low: float, high: float) -> Array:

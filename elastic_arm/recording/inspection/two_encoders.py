@@ -31,7 +31,9 @@ def with_one_zero(recording: Recording, found: list[Finding]) -> Recording:
     words = f"are {span_of(zero[off])} rad apart throughout"
     remedy = "more than a drive winds up: an encoder that was not referenced? The motor's is taken for off by that"
     found += about(recording.joints, off, "encoder_zeros", "motor and link position", words, remedy)
-    return replace(recording, motor=replace(motor, position=motor.position - np.where(off, zero, 0.0)))
+    return replace(
+        recording, motor=replace(motor, position=motor.position - np.where(off, zero, 0.0))
+    )
 
 
 def disagreeing(recording: Recording) -> list[Finding]:
@@ -65,15 +67,24 @@ def _apart(recording: Recording) -> tuple[Array, Array, Array]:
         # Sides that have no time in common are for others to refuse.
         return found[0], found[1], found[2]
     q, theta = samples.q, samples.theta
-    if q is None or theta is None or len(samples) < FEWEST or (samples.tau_J is None and samples.tau_m is None):
+    if (
+        q is None
+        or theta is None
+        or len(samples) < FEWEST
+        or (samples.tau_J is None and samples.tau_m is None)
+    ):
         return found[0], found[1], found[2]
     speeds = np.gradient(theta, samples.t, axis=0)
-    every = slice(None, None, max(1, len(samples) // 5000))  # 5000 samples that are looked at; bounds the time
+    every = slice(
+        None, None, max(1, len(samples) // 5000)
+    )  # 5000 samples that are looked at; bounds the time
     loads = [x for x in (samples.tau_J, samples.tau_m, samples.dtheta) if x is not None]
     for j in range(recording.n):
         if {("q", j), ("theta", j)} & samples.lacking or not np.ptp(q[:, j]):
             continue
-        columns = np.column_stack([np.ones(len(q)), *(each[:, j] for each in (q, speeds, *loads))])[every]
+        columns = np.column_stack([np.ones(len(q)), *(each[:, j] for each in (q, speeds, *loads))])[
+            every
+        ]
         scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
         behind = (theta[:, j] - q[:, j])[every]
         fit, *_ = np.linalg.lstsq(columns / scale, behind, rcond=None)
@@ -102,7 +113,9 @@ def by_motor_encoders(recording: Recording, robot: Robot) -> Recording:
     both = joints_with(link.position) & joints_with(motor.position) & joints_with(motor.effort)
     if not both.any():
         return recording
-    channels: dict[str, Any] = {name: np.where(both, np.nan, values) for name, values in link.channels().items()}
+    channels: dict[str, Any] = {
+        name: np.where(both, np.nan, values) for name, values in link.channels().items()
+    }
     rest = None if np.isnan(channels["position"]).all() else replace(link, **channels)
     lags = _lags(recording.samples())[both]
     where = "behind" if np.median(lags) > 0.0 else "ahead of"

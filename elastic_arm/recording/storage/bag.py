@@ -41,8 +41,12 @@ class Bag:
 
     path: Path  # the folder or file
     files: list[BagFile]  # its files in time order
-    metadata: BagMetadata | None = None  # from metadata.yaml; None for a bare file, or where it is missing
-    damage: list[str] = field(default_factory=list)  # what is wrong with the bag as a whole, in words
+    metadata: BagMetadata | None = (
+        None  # from metadata.yaml; None for a bare file, or where it is missing
+    )
+    damage: list[str] = field(
+        default_factory=list
+    )  # what is wrong with the bag as a whole, in words
 
     def currents(self) -> list[str]:
         """Return the torque channels that are motor currents times a torque constant: as the files, without folder."""
@@ -64,7 +68,9 @@ def open_bag(path: str | Path) -> Bag:
         return _opened(path)
     except OSError as error:
         where = error.filename or path
-        raise RecordingError(f"{where} cannot be read: {error.strerror}", "Check its permissions.") from None
+        raise RecordingError(
+            f"{where} cannot be read: {error.strerror}", "Check its permissions."
+        ) from None
 
 
 def _opened(path: Path) -> Bag:
@@ -77,8 +83,14 @@ def _opened(path: Path) -> Bag:
     present = sorted((entry for entry in path.iterdir() if _storage(entry)), key=_number)
     metadata, damage = _read_metadata(path)
     if not present:
-        arrays = any(file.suffix.lower() in ARRAY_FILES for depth in ("*", "*/*", "*/*/*") for file in path.glob(depth))
-        raise RecordingError(f"{path} holds no .mcap or .db3 file", _IMPORT.format(path) if arrays else WHAT_IS_A_BAG)
+        arrays = any(
+            file.suffix.lower() in ARRAY_FILES
+            for depth in ("*", "*/*", "*/*/*")
+            for file in path.glob(depth)
+        )
+        raise RecordingError(
+            f"{path} holds no .mcap or .db3 file", _IMPORT.format(path) if arrays else WHAT_IS_A_BAG
+        )
     if metadata is None:
         if len({_storage(file) for file in present}) > 1:
             raise RecordingError(f"{path} holds .mcap and .db3 files", "Name the one to be read.")
@@ -89,7 +101,9 @@ def _opened(path: Path) -> Bag:
     # Of a name that is too long Path.exists raises.
     listed = {path / name: os.path.exists(path / name) for name in metadata.files}
     unlisted = [file for file in present if file not in listed]
-    damage += [f"{file} is named in {METADATA} and missing" for file, there in listed.items() if not there]
+    damage += [
+        f"{file} is named in {METADATA} and missing" for file, there in listed.items() if not there
+    ]
     damage += [f"{file} is not named in {METADATA}" for file in unlisted]
     files = [file for file, there in listed.items() if there] + unlisted
     return Bag(path, [_open_file(file) for file in files], metadata, damage)
@@ -101,7 +115,9 @@ def _read_metadata(folder: Path) -> tuple[BagMetadata | None, list[str]]:
     if not file.exists():
         return None, [f"{file} is missing"]
     try:
-        content = read_fields(file, RecordingError, "", most=limits.METADATA_BYTES).get(METADATA_KEY)
+        content = read_fields(file, RecordingError, "", most=limits.METADATA_BYTES).get(
+            METADATA_KEY
+        )
     except RecordingError as error:
         return None, [f"{file} cannot be read ({error.problem.removeprefix(f'{file}: ')})"]
     if not isinstance(content, dict):
@@ -111,15 +127,21 @@ def _read_metadata(folder: Path) -> tuple[BagMetadata | None, list[str]]:
     if count is not None and type(count) is not int:
         damage.append(f"{file}: message_count is no whole number")
         count = None
-    if names is not None and not (isinstance(names, list) and all(isinstance(name, str) for name in names)):
+    if names is not None and not (
+        isinstance(names, list) and all(isinstance(name, str) for name in names)
+    ):
         damage.append(f"{file}: relative_file_paths is no list of names")
         names = None
     if names is not None and len(names) > limits.FILES:
         damage.append(f"{file} names {len(names)} files, {limits.FILES} are the limit")
         names = None
     # A bag is its folder: names that lead out of it are not followed.
-    outside = {n for n in names or () if "\0" in n or Path(n).is_absolute() or ".." in Path(n).parts}
-    damage += [f"{file} names {name[:60]!r}, which is not in the bag's folder" for name in sorted(outside)]
+    outside = {
+        n for n in names or () if "\0" in n or Path(n).is_absolute() or ".." in Path(n).parts
+    }
+    damage += [
+        f"{file} names {name[:60]!r}, which is not in the bag's folder" for name in sorted(outside)
+    ]
     files = tuple(name for name in names or () if name not in outside)
     mode = str(content.get("compression_mode") or "").lower()
     return BagMetadata(count, mode, files, stated_currents(content)), damage
@@ -139,7 +161,9 @@ def bag_stem(path: Path) -> str:
 
 def _storage(path: Path) -> str:
     """Return the suffix that names the storage format of a file; empty where it is no file of a bag."""
-    return next((kind for kind in _OPENERS for packed in _PACKED if path.name.endswith(kind + packed)), "")
+    return next(
+        (kind for kind in _OPENERS for packed in _PACKED if path.name.endswith(kind + packed)), ""
+    )
 
 
 def _open_file(path: Path) -> BagFile:
@@ -148,5 +172,7 @@ def _open_file(path: Path) -> BagFile:
     if path.suffix.lower() in (*ARRAY_FILES, *RECORD_FILES):
         raise RecordingError(f"{path} holds arrays, and is no bag", _IMPORT.format(path))
     if path.suffix.lower() == ".bag":
-        raise RecordingError(f"{path} is a bag of ROS 1", f"Run: rosbags-convert --src {path} --dst {path.stem}")
+        raise RecordingError(
+            f"{path} is a bag of ROS 1", f"Run: rosbags-convert --src {path} --dst {path.stem}"
+        )
     return _OPENERS.get(_storage(path), open_mcap)(path)

@@ -33,11 +33,19 @@ from elastic_arm.recording.storage.mcap_scan import (
     repeated,
     scan,
 )
-from elastic_arm.recording.storage.metadata import INSIDE, StoredFile, Topic, plain_data, stated_currents
+from elastic_arm.recording.storage.metadata import (
+    INSIDE,
+    StoredFile,
+    Topic,
+    plain_data,
+    stated_currents,
+)
 from elastic_arm.recording.storage.unpacking import PACKED_FILES, unpack_chunk, unpack_file
 
 MAGIC = b"\x89MCAP0\r\n"
-_CHUNK_HEAD = struct.Struct("<QQQII")  # first and last time, plain size, checksum, length of the compression's name
+_CHUNK_HEAD = struct.Struct(
+    "<QQQII"
+)  # first and last time, plain size, checksum, length of the compression's name
 _PARSED: dict[int, Any] = {
     Opcode.SCHEMA: records.Schema,
     Opcode.CHANNEL: records.Channel,
@@ -81,8 +89,12 @@ class McapFile(StoredFile):
     chunks: list[Chunk] = field(default_factory=list)  # in file order
     statistics: records.Statistics | None = None  # from the summary; None where there is none
     notes: list[Record] = field(default_factory=list)  # where metadata records lie
-    loose: Offsets = field(default_factory=lambda: np.empty(0, np.int64))  # messages outside of chunks
-    schemas: dict[int, tuple[str, str, str]] = field(default_factory=dict)  # name, definition and its language
+    loose: Offsets = field(
+        default_factory=lambda: np.empty(0, np.int64)
+    )  # messages outside of chunks
+    schemas: dict[int, tuple[str, str, str]] = field(
+        default_factory=dict
+    )  # name, definition and its language
     _before: McapBlock | None = None  # the chunk before, if all its bytes are messages
 
     def packing(self) -> set[str]:
@@ -92,7 +104,10 @@ class McapFile(StoredFile):
 
     def check_lengths(self) -> None:
         claimed = (chunk.size for chunk in self.chunks if chunk.compression)
-        total, limit = sum(size for size in claimed if size <= limits.chunk_bytes()), limits.unpacked_bytes()
+        total, limit = (
+            sum(size for size in claimed if size <= limits.chunk_bytes()),
+            limits.unpacked_bytes(),
+        )
         if total > limit:
             raise RecordingError(
                 f"{self.path} unpacks to {total // limits.MEGABYTE} MB, the limit is {limit // limits.MEGABYTE} MB",
@@ -103,7 +118,9 @@ class McapFile(StoredFile):
         """Return what rosbag2's metadata in the file states."""
         for _, begin, end in self.notes:
             try:
-                record = records.Metadata.read(_RecordStream(BytesIO(self.buffer[begin:end].tobytes())))
+                record = records.Metadata.read(
+                    _RecordStream(BytesIO(self.buffer[begin:end].tobytes()))
+                )
             except _BAD_RECORD:
                 continue  # of another program, or damaged: the messages do without it
             if record.name == INSIDE[0]:
@@ -112,7 +129,11 @@ class McapFile(StoredFile):
 
     def expected(self, channel: int) -> int:
         """Return what the summary promises."""
-        return self.statistics.channel_message_counts.get(channel, 0) if self.statistics is not None else 0
+        return (
+            self.statistics.channel_message_counts.get(channel, 0)
+            if self.statistics is not None
+            else 0
+        )
 
     def blocks(self, strict: bool = True) -> Iterator[McapBlock]:
         """Yield the messages, block by block in file order; slow chunks are unpacked ahead in threads."""
@@ -121,15 +142,23 @@ class McapFile(StoredFile):
         first, *horizons = np.minimum.accumulate(starts[::-1])[::-1].tolist()
         if len(self.loose):
             yield self._block(self.buffer, Scan(self.loose, [], len(self.buffer)), first)
-        for chunk, unpacked, horizon in zip(self.chunks, self._unpacked_chunks(), horizons, strict=True):
-            block = unpacked if isinstance(unpacked, RecordingError) else self._chunk_block(chunk, unpacked, horizon)
+        for chunk, unpacked, horizon in zip(
+            self.chunks, self._unpacked_chunks(), horizons, strict=True
+        ):
+            block = (
+                unpacked
+                if isinstance(unpacked, RecordingError)
+                else self._chunk_block(chunk, unpacked, horizon)
+            )
             if not isinstance(block, RecordingError):
                 yield block
             elif strict:
                 raise block
             elif block.problem not in self.damage:  # as after an earlier look
                 self.damage.append(block.problem)
-            give_back(self.buffer, chunk.begin, chunk.indexes[-1].end if chunk.indexes else chunk.end)
+            give_back(
+                self.buffer, chunk.begin, chunk.indexes[-1].end if chunk.indexes else chunk.end
+            )
 
     def _unpacked_chunks(self) -> Iterator[Bytes | RecordingError]:
         """Yield the plain bytes of each chunk, or why there are none."""
@@ -151,7 +180,9 @@ class McapFile(StoredFile):
             return self._chunk_error(chunk, "its checksum does not match")
         return plain
 
-    def _chunk_block(self, chunk: Chunk, plain: Bytes, horizon_ns: int) -> McapBlock | RecordingError:
+    def _chunk_block(
+        self, chunk: Chunk, plain: Bytes, horizon_ns: int
+    ) -> McapBlock | RecordingError:
         try:
             self._before = repeated(self._before, plain, horizon_ns) or indexed(
                 self.buffer, chunk.indexes, plain, horizon_ns
@@ -174,7 +205,9 @@ class McapFile(StoredFile):
 
     def _block(self, buffer: Bytes, found: Scan, horizon_ns: int) -> McapBlock:
         rows = by_value(column(buffer, "<u2", found.messages, 9))
-        return McapBlock(buffer, {channel: found.messages[where] for channel, where in rows.items()}, horizon_ns)
+        return McapBlock(
+            buffer, {channel: found.messages[where] for channel, where in rows.items()}, horizon_ns
+        )
 
     def _parse(self, others: list[Record], buffer: Bytes) -> None:
         if sum(record.opcode in _IN_CHUNKS for record in others) > limits.RECORDS:
@@ -188,15 +221,27 @@ class McapFile(StoredFile):
             elif opcode == Opcode.METADATA:
                 self.notes.append(found)
             elif opcode in _PARSED:
-                self._keep(_PARSED[opcode].read(_RecordStream(BytesIO(buffer[begin:end].tobytes()))))
+                self._keep(
+                    _PARSED[opcode].read(_RecordStream(BytesIO(buffer[begin:end].tobytes())))
+                )
 
     def _keep(self, record: records.McapRecord) -> None:
         match record:
             case records.Schema():
-                self.schemas[record.id] = record.name, record.data.decode(errors="replace"), record.encoding
+                self.schemas[record.id] = (
+                    record.name,
+                    record.data.decode(errors="replace"),
+                    record.encoding,
+                )
             case records.Channel():
-                stated, (name, text, encoding) = record.metadata, self.schemas.get(record.schema_id, ("", "", ""))
-                hashed, qos = stated.get("topic_type_hash", ""), stated.get("offered_qos_profiles", "")
+                stated, (name, text, encoding) = (
+                    record.metadata,
+                    self.schemas.get(record.schema_id, ("", "", "")),
+                )
+                hashed, qos = (
+                    stated.get("topic_type_hash", ""),
+                    stated.get("offered_qos_profiles", ""),
+                )
                 self.channels[record.id] = Topic(record.topic, name, text, hashed, qos, encoding)
                 if len(self.channels) > limits.CHANNELS:
                     raise ValueError(f"more than {limits.CHANNELS} channels")
@@ -210,7 +255,9 @@ def open_mcap(path: Path) -> McapFile:
         if path.suffix in PACKED_FILES:  # rosbag2's file compression
             buffer = np.frombuffer(unpack_file(path, limits.unpacked_bytes()), np.uint8)
         else:
-            with path.open("rb") as opened:  # of the file only those bytes stand in memory that are looked at
+            with path.open(
+                "rb"
+            ) as opened:  # of the file only those bytes stand in memory that are looked at
                 size = path.stat().st_size
                 content = mmap.mmap(opened.fileno(), 0, access=mmap.ACCESS_READ) if size else b""
             buffer = np.frombuffer(content, np.uint8)
@@ -222,7 +269,9 @@ def open_mcap(path: Path) -> McapFile:
     if not len(buffer):
         raise RecordingError(f"{path} is empty", "Record again: nothing was written.")
     if buffer[:8].tobytes() != MAGIC:
-        raise RecordingError(f"{path} is no MCAP file", "Give a rosbag2 folder, an .mcap or a .db3 file.")
+        raise RecordingError(
+            f"{path} is no MCAP file", "Give a rosbag2 folder, an .mcap or a .db3 file."
+        )
     file = McapFile(path, buffer=buffer)
     whole = len(buffer) >= 16 and buffer[-8:].tobytes() == MAGIC
     try:
@@ -238,14 +287,19 @@ def open_mcap(path: Path) -> McapFile:
         if torn and buffer[found.end] == Opcode.CHUNK:  # what is in it is read up to the tear
             with suppress(*_BAD_RECORD):
                 file.chunks.append(_chunk(buffer, found.end + RECORD_HEAD, len(buffer), torn=True))
-        file.damage.append(f"{path}: no summary at the end" + (f" and a torn record of {torn} bytes" if torn else ""))
+        file.damage.append(
+            f"{path}: no summary at the end"
+            + (f" and a torn record of {torn} bytes" if torn else "")
+        )
     elif found.end < len(buffer) - 8:
         file.damage.append(f"{path}: bytes after {found.end} are no MCAP records")
     return file
 
 
 def _chunk(buffer: Bytes, begin: int, end: int, *, torn: bool = False) -> Chunk:
-    start_ns, end_ns, size, crc, name_size = _CHUNK_HEAD.unpack(buffer[begin:end][: _CHUNK_HEAD.size].tobytes())
+    start_ns, end_ns, size, crc, name_size = _CHUNK_HEAD.unpack(
+        buffer[begin:end][: _CHUNK_HEAD.size].tobytes()
+    )
     at = begin + _CHUNK_HEAD.size + name_size + 8
     compression = buffer[begin + _CHUNK_HEAD.size : at - 8].tobytes().decode()
     packed = int.from_bytes(buffer[at - 8 : at], "little")

@@ -71,7 +71,11 @@ def scan(buffer: Bytes, begin: int, end: int, most: int = limits.RECORDS) -> Sca
     while at + RECORD_HEAD <= end:
         opcode, size = _HEAD.unpack_from(view, at)
         after = at + RECORD_HEAD + size
-        if opcode == 0 or after > end or (opcode == Opcode.MESSAGE and size < MESSAGE_HEAD - RECORD_HEAD):
+        if (
+            opcode == 0
+            or after > end
+            or (opcode == Opcode.MESSAGE and size < MESSAGE_HEAD - RECORD_HEAD)
+        ):
             break
         if opcode == Opcode.MESSAGE:
             messages.append(at)
@@ -117,7 +121,9 @@ class McapBlock:
     def sizes(self, channel: int) -> Offsets:
         """(N,) lengths of the records of a channel, without their heads."""
         if channel not in self._sizes:
-            self._sizes[channel] = column(self.buffer, "<u8", self.where(channel), 1).astype(np.int64)
+            self._sizes[channel] = column(self.buffer, "<u8", self.where(channel), 1).astype(
+                np.int64
+            )
         return self._sizes[channel]
 
     def log_ns(self, channel: int) -> Offsets:
@@ -148,11 +154,20 @@ def repeated(before: McapBlock | None, plain: Bytes, horizon_ns: int) -> McapBlo
         if not isinstance(where, slice) or where.start + RECORD_HEAD + size > len(plain):
             return None
         last = len(plain) - RECORD_HEAD - size
-        again = slice(where.start, where.start + (last - where.start) // where.step * where.step + 1, where.step)
+        again = slice(
+            where.start,
+            where.start + (last - where.start) // where.step * where.step + 1,
+            where.step,
+        )
         for dtype, at in _HEAD_WORDS:
-            if not (column(plain, dtype, again, at) == column(before.buffer, dtype, where, at)[0]).all():
+            if not (
+                column(plain, dtype, again, at) == column(before.buffer, dtype, where, at)[0]
+            ).all():
                 return None
-        block.messages[channel], block._where[channel] = np.arange(again.start, again.stop, again.step), again
+        block.messages[channel], block._where[channel] = (
+            np.arange(again.start, again.stop, again.step),
+            again,
+        )
         block._sizes[channel] = np.full(len(block.messages[channel]), size)
         covered += len(block.messages[channel]) * (RECORD_HEAD + size)
     return block if covered == len(plain) else None
@@ -161,7 +176,9 @@ def repeated(before: McapBlock | None, plain: Bytes, horizon_ns: int) -> McapBlo
 def _in_turn(block: McapBlock) -> bool:
     """Whether the channels send one message each in every round, and the first ones lie end to end over a round."""
     places = [(block.where(channel), int(block.sizes(channel)[0])) for channel in block.messages]
-    turn = sorted((where.start, size, where.step) for where, size in places if isinstance(where, slice))
+    turn = sorted(
+        (where.start, size, where.step) for where, size in places if isinstance(where, slice)
+    )
     at = 0
     for start, size, _ in turn:
         if start != at:
@@ -183,7 +200,9 @@ def indexed(file: Bytes, indexes: list[Record], plain: Bytes, horizon_ns: int) -
             return None
         block.messages[channel] = offsets
         where = block.where(channel)
-        heads = (column(plain, "u1", where) == Opcode.MESSAGE) & (column(plain, "<u2", where, 9) == channel)
+        heads = (column(plain, "u1", where) == Opcode.MESSAGE) & (
+            column(plain, "<u2", where, 9) == channel
+        )
         if not heads.all():
             return None
         # Lengths of up to 2^63 - 1 are claimed: none may be added to anything before it is known to be small.

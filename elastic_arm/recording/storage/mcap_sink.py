@@ -54,7 +54,9 @@ class Packed:
     index: dict[int, tuple[Offsets, Offsets]]
 
 
-def pack(plain: bytes | memoryview, index: dict[int, tuple[Offsets, Offsets]], compression: Compression) -> Packed:
+def pack(
+    plain: bytes | memoryview, index: dict[int, tuple[Offsets, Offsets]], compression: Compression
+) -> Packed:
     """Compress the records of a chunk; leaves the interpreter's lock, so threads may share the work."""
     return Packed(_COMPRESSED[compression](plain), len(plain), zlib.crc32(plain), index)
 
@@ -64,7 +66,9 @@ class McapSink:
 
     def __init__(self, path: Path, compression: Compression) -> None:
         if compression not in COMPRESSIONS:
-            raise RecordingError(f"unknown compression {compression!r}", f"One of {', '.join(COMPRESSIONS)}.")
+            raise RecordingError(
+                f"unknown compression {compression!r}", f"One of {', '.join(COMPRESSIONS)}."
+            )
         self.path = path
         self.compression: Compression = compression
         self.topics: list[Topic] = []
@@ -78,20 +82,28 @@ class McapSink:
             path.parent.mkdir(parents=True, exist_ok=True)
             self._file = open(path, "xb", buffering=0)  # noqa: SIM115 – closed by close()
         except FileExistsError:
-            raise RecordingError(f"{path} exists already", "Choose another name; nothing is overwritten.") from None
+            raise RecordingError(
+                f"{path} exists already", "Choose another name; nothing is overwritten."
+            ) from None
         except OSError as error:
-            raise RecordingError(f"{path} cannot be written: {error.strerror}", "Choose another folder.") from None
+            raise RecordingError(
+                f"{path} cannot be written: {error.strerror}", "Choose another folder."
+            ) from None
         self._write(MAGIC + _bytes(Header("ros2", f"elastic_arm {__version__}")))
 
     def add_topic(self, topic: Topic) -> int:
         """Announce a topic; returns its channel id."""
         if topic.type_name not in self._schemas:
             encoding = "ros2idl" if topic.definition.startswith("=" * 80 + "\nIDL: ") else "ros2msg"
-            schema = Schema(len(self._schemas) + 1, topic.definition.encode(), encoding, topic.type_name)
+            schema = Schema(
+                len(self._schemas) + 1, topic.definition.encode(), encoding, topic.type_name
+            )
             self._schemas[topic.type_name] = schema
             self._write(_bytes(schema))
         metadata = {"offered_qos_profiles": topic.qos, "topic_type_hash": topic.type_hash}
-        channel = Channel(len(self._channels) + 1, topic.name, "cdr", metadata, self._schemas[topic.type_name].id)
+        channel = Channel(
+            len(self._channels) + 1, topic.name, "cdr", metadata, self._schemas[topic.type_name].id
+        )
         self._channels.append(channel)
         self.topics.append(topic)
         self._write(_bytes(channel))
@@ -104,7 +116,16 @@ class McapSink:
         times = np.concatenate([own for own, _ in chunk.index.values()])
         start, end = int(times.min()), int(times.max())
         name = b"" if self.compression == "none" else self.compression.encode()
-        head = struct.pack(f"<QQQII{len(name)}sQ", start, end, chunk.size, chunk.crc, len(name), name, len(chunk.data))
+        head = struct.pack(
+            f"<QQQII{len(name)}sQ",
+            start,
+            end,
+            chunk.size,
+            chunk.crc,
+            len(name),
+            name,
+            len(chunk.data),
+        )
         begin = self._end
         length = 9 + len(head) + len(chunk.data)
         indexes = [_message_index(channel, *entries) for channel, entries in chunk.index.items()]
@@ -185,7 +206,9 @@ class McapSink:
             section = b"".join(_bytes(record) for record in members)
             if section:
                 start = self._end + len(content)
-                offsets += _bytes(SummaryOffset(group_opcode=opcode, group_start=start, group_length=len(section)))
+                offsets += _bytes(
+                    SummaryOffset(group_opcode=opcode, group_start=start, group_length=len(section))
+                )
             content += section
         footer = struct.pack("<BQQQ", Opcode.FOOTER, 20, self._end, self._end + len(content))
         crc = zlib.crc32(content + offsets + footer)
@@ -221,4 +244,7 @@ def _bytes(record: McapRecord) -> bytes:
 
 def _message_index(channel: int, times: Offsets, offsets: Offsets) -> bytes:
     entries = np.column_stack([times, offsets]).astype("<u8")
-    return struct.pack("<BQHI", Opcode.MESSAGE_INDEX, 6 + entries.nbytes, channel, entries.nbytes) + entries.tobytes()
+    return (
+        struct.pack("<BQHI", Opcode.MESSAGE_INDEX, 6 + entries.nbytes, channel, entries.nbytes)
+        + entries.tobytes()
+    )

@@ -22,7 +22,9 @@ class Message(NamedTuple):
 
 
 def read_messages(
-    path: str | Path | Sequence[str | Path], topics: Collection[str] | None = None, strict: bool = True
+    path: str | Path | Sequence[str | Path],
+    topics: Collection[str] | None = None,
+    strict: bool = True,
 ) -> Iterator[Message]:
     """Yield the messages of one or several bags in the order they were logged.
 
@@ -31,7 +33,9 @@ def read_messages(
     """
     paths = [path] if isinstance(path, str | Path) else list(path)
     files = [file for each in paths for file in open_bag(each).files]
-    yield from heapq.merge(*(_of_file(file, topics, strict) for file in files), key=lambda message: message.log_ns)
+    yield from heapq.merge(
+        *(_of_file(file, topics, strict) for file in files), key=lambda message: message.log_ns
+    )
 
 
 def read_topics(path: str | Path) -> list[Topic]:
@@ -62,14 +66,23 @@ def _of_file(file: BagFile, topics: Collection[str] | None, strict: bool) -> Ite
         yield heapq.heappop(waiting)[-1]
 
 
-def _of_block(file: BagFile, block: McapBlock, topics: Collection[str] | None) -> Iterator[tuple[int, Message]]:
+def _of_block(
+    file: BagFile, block: McapBlock, topics: Collection[str] | None
+) -> Iterator[tuple[int, Message]]:
     for channel in block.counts():
         topic = file.topic(channel)
         if topics is not None and topic.name not in topics:
             continue
         spans = block.spans(channel)
         view = spans.buffer.data
-        columns = (offsets_of(spans.begin), spans.size, block.log_ns(channel), block.publish_ns(channel))
-        for begin, size, log_ns, publish_ns in zip(*(part.tolist() for part in columns), strict=True):
+        columns = (
+            offsets_of(spans.begin),
+            spans.size,
+            block.log_ns(channel),
+            block.publish_ns(channel),
+        )
+        for begin, size, log_ns, publish_ns in zip(
+            *(part.tolist() for part in columns), strict=True
+        ):
             data = bytes(view[begin : begin + size])
             yield begin, Message(log_ns, publish_ns, topic.name, topic.type_name, data)

@@ -13,7 +13,10 @@ from elastic_arm.recording.topics import LATCHED, STREAM_DEPTH
 
 METADATA_KEY = "rosbag2_bagfile_information"
 TORQUE_CHANNELS = ("joint_torque", "motor_torque")
-INSIDE = ("rosbag2", "serialized_metadata")  # record and key by which rosbag2 keeps the same inside an MCAP file
+INSIDE = (
+    "rosbag2",
+    "serialized_metadata",
+)  # record and key by which rosbag2 keeps the same inside an MCAP file
 _CURRENTS = "torques_from_currents"  # custom data of a bag: channels, by spaces
 _FOREVER = {"sec": 9223372036, "nsec": 854775807}
 
@@ -43,12 +46,16 @@ class StoredFile:
     path: Path
     # its topics by their numbers; those that stand only inside chunks appear once its blocks have been run through
     channels: dict[int, Topic] = field(default_factory=dict)
-    damage: list[str] = field(default_factory=list)  # what is wrong with the file, in words; empty for a whole one
+    damage: list[str] = field(
+        default_factory=list
+    )  # what is wrong with the file, in words; empty for a whole one
 
     def topic(self, channel: int) -> Topic:
         """Return the topic of a channel; with an empty type where the file gives no schema."""
         if channel not in self.channels:
-            problem = f"{self.path}: messages of channel {channel}, which the file does not describe"
+            problem = (
+                f"{self.path}: messages of channel {channel}, which the file does not describe"
+            )
             raise RecordingError(problem, "Record again.")
         return self.channels[channel]
 
@@ -96,7 +103,9 @@ def offered_qos(topic: str) -> str:
     return yaml.safe_dump([profile], sort_keys=False)
 
 
-def metadata(topics: Sequence[Topic], file: FileSummary, currents: Sequence[str] = ()) -> dict[str, Any]:
+def metadata(
+    topics: Sequence[Topic], file: FileSummary, currents: Sequence[str] = ()
+) -> dict[str, Any]:
     """Return the content of metadata.yaml under its one key."""
     span = {
         "starting_time": {"nanoseconds_since_epoch": file.start_ns},
@@ -108,7 +117,8 @@ def metadata(topics: Sequence[Topic], file: FileSummary, currents: Sequence[str]
         "storage_identifier": "mcap",
         **span,
         "topics_with_message_count": [
-            {"topic_metadata": _topic(topic), "message_count": file.counts.get(topic.name, 0)} for topic in topics
+            {"topic_metadata": _topic(topic), "message_count": file.counts.get(topic.name, 0)}
+            for topic in topics
         ],
         "compression_format": "",
         "compression_mode": "",
@@ -123,7 +133,9 @@ def stated_currents(information: object) -> tuple[str, ...]:
     """Return the torque channels that are motor currents times a torque constant, as a bag's metadata states them."""
     custom = information.get("custom_data") if isinstance(information, dict) else None
     stated = custom.get(_CURRENTS) if isinstance(custom, dict) else None
-    return tuple(name for name in TORQUE_CHANNELS if isinstance(stated, str) and name in stated.split())
+    return tuple(
+        name for name in TORQUE_CHANNELS if isinstance(stated, str) and name in stated.split()
+    )
 
 
 def plain_data(text: str) -> Any:

@@ -48,7 +48,9 @@ class SqliteFile(StoredFile):
             with closing(self.connect()) as database:
                 for row in database.execute(_MESSAGES, (most,)):
                     if isinstance(row[2], int):
-                        raise sqlite3.DataError(f"a message of {row[2]} bytes, {most} are the limit")
+                        raise sqlite3.DataError(
+                            f"a message of {row[2]} bytes, {most} are the limit"
+                        )
                     rows.append(row)
                     size += len(row[2])
                     if len(rows) == 16384 or size > _BYTES:  # rows of a block
@@ -59,7 +61,8 @@ class SqliteFile(StoredFile):
             problem = f"{self.path}: the database is damaged ({error})"
             if strict:
                 raise RecordingError(
-                    problem, f"Save what can be saved with: elastic-arm bag check --repair {self.path}"
+                    problem,
+                    f"Save what can be saved with: elastic-arm bag check --repair {self.path}",
                 ) from None
             if problem not in self.damage:  # as after an earlier look
                 self.damage.append(problem)
@@ -78,7 +81,9 @@ class SqliteFile(StoredFile):
             options = "mode=ro" if log.exists() and log.stat().st_size else "mode=ro&immutable=1"
             uri = f"{self.path.resolve().as_uri()}?{options}"
             database = sqlite3.connect(uri, uri=True, check_same_thread=False)
-        database.text_factory = lambda content: content.decode(errors="replace")  # which need not be a text
+        database.text_factory = lambda content: content.decode(
+            errors="replace"
+        )  # which need not be a text
         return database
 
 
@@ -109,7 +114,9 @@ def _channels(database: sqlite3.Connection, path: Path) -> dict[int, Topic]:
     query = "SELECT name FROM sqlite_master WHERE type <> 'table' OR sql LIKE 'create virtual%'"
     computed = {str(name).lower() for (name,) in database.execute(query)}
     if computed & {"messages", "topics", "message_definitions"}:
-        raise RecordingError(f"{path} is a SQLite file and no bag: its tables are computed", _REMEDY)
+        raise RecordingError(
+            f"{path} is a SQLite file and no bag: its tables are computed", _REMEDY
+        )
     if not {"id", "topic_id", "timestamp", "data"} <= _columns(database, "messages"):
         raise RecordingError(f"{path} is a SQLite file and no bag", _REMEDY)
     there = _columns(database, "topics")
@@ -118,14 +125,19 @@ def _channels(database: sqlite3.Connection, path: Path) -> dict[int, Topic]:
     definitions = {}
     if _columns(database, "message_definitions"):
         query = "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
-        definitions = {str(name): (str(encoding), str(text)) for name, encoding, text in database.execute(query)}
+        definitions = {
+            str(name): (str(encoding), str(text))
+            for name, encoding, text in database.execute(query)
+        }
     channels = {}
     for number, *texts in database.execute(f"SELECT {chosen} FROM topics ORDER BY id"):
         name, type_name, qos, type_hash = map(str, texts)
         encoding, text = definitions.get(type_name, ("", ""))
         channels[number] = Topic(name, type_name, text, type_hash, qos, encoding)
         if len(channels) > limits.CHANNELS:
-            raise RecordingError(f"{path} describes more than {limits.CHANNELS} topics", "Record fewer topics.")
+            raise RecordingError(
+                f"{path} describes more than {limits.CHANNELS} topics", "Record fewer topics."
+            )
     return channels
 
 
@@ -143,4 +155,6 @@ def _block(rows: Sequence[tuple[int, int, bytes]]) -> McapBlock:
     for at, items in ((1, size + MESSAGE_HEAD - RECORD_HEAD), (15, stamp_ns), (23, stamp_ns)):
         place(buffer, begin, at, items)
     where = by_value(np.array(channel, np.int64))
-    return McapBlock(buffer, {number: begin[rows] for number, rows in where.items()}, int(stamp_ns[-1]))
+    return McapBlock(
+        buffer, {number: begin[rows] for number, rows in where.items()}, int(stamp_ns[-1])
+    )

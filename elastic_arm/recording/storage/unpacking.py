@@ -50,7 +50,12 @@ def unpack_file(path: Path, limit: int) -> bytearray:
                 plain += piece
                 if len(plain) > limit:
                     problem = f"{path} unpacks to more than {limit // limits.MEGABYTE} MB"
-                    raise RecordingError(problem, "If you trust it, raise the limit: set ELASTIC_ARM_MAX_UNPACKED_MB.")
+                    raise RecordingError(
+                        problem,
+                        "If you trust it, raise the limit: set ELASTIC_ARM_MAX_UNPACKED_MB.",
+                    )
     except zstandard.ZstdError as error:
-        raise RecordingError(f"{path} cannot be read: {error}", "Copy it again: it is not whole.") from None
+        raise RecordingError(
+            f"{path} cannot be read: {error}", "Copy it again: it is not whole."
+        ) from None
     return plain

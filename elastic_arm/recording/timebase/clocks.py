@@ -66,9 +66,7 @@ def evidence(samples: Samples, k: NDArray[np.int64], rate: float) -> Evidence | 
     jitter = jitter_of(samples.t, k)
     if wanders(jitter, rate):
         size = float(np.std(np.diff(jitter))) / np.sqrt(2.0)
-        words = (
-            f"they wander by {1e3 * np.std(jitter):.2g} ms from a regular clock, their jitter being {1e3 * size:.2g} ms"
-        )
+        words = f"they wander by {1e3 * np.std(jitter):.2g} ms from a regular clock, their jitter being {1e3 * size:.2g} ms"
         return Evidence(1.0, 0.0, words)
     part = unbroken(k)
     k, jitter = k[part], jitter[part]
@@ -138,7 +136,9 @@ def rates_of(t: Array, lasting: float) -> list[tuple[int, float]]:
     usual = np.log(median_filter(each[at], 2 * LASTING - 1, mode="nearest"))
     found, first = [0], usual[0]
     for k in range(1, len(usual) - LASTING + 1):
-        if abs(usual[k] - first) > np.log1p(RATE_CHANGE) and np.ptp(usual[k : k + LASTING]) < np.log1p(RATE_CHANGE):
+        if abs(usual[k] - first) > np.log1p(RATE_CHANGE) and np.ptp(
+            usual[k : k + LASTING]
+        ) < np.log1p(RATE_CHANGE):
             found = [*found, k] if k >= LASTING else [0]
             first = usual[k]
     return [
@@ -193,13 +193,17 @@ def _by_smoothness(position: Array, k: NDArray[np.int64], jitter: Array, rate: f
     speed = np.gradient(position, k / rate, axis=0)
     # Of the wander only what the differences see counts; a speed averaged over some samples is less noisy.
     width = 9
-    smooth = np.apply_along_axis(lambda x: np.convolve(x, np.ones(width) / width, mode="same"), 0, speed)
+    smooth = np.apply_along_axis(
+        lambda x: np.convolve(x, np.ones(width) / width, mode="same"), 0, speed
+    )
     # Differences of neighbours are correlated: one of so many is independent. None reaches over a missing sample.
     own = np.arange(0, len(k) - ROUGHNESS, ROUGHNESS + 1)
     own = own[k[own + ROUGHNESS] - k[own] == ROUGHNESS]
     if not len(own):
         return Evidence(0.0, np.inf, "")
-    rough, expected = (np.diff(x, ROUGHNESS, axis=0)[own] for x in (position, smooth * jitter[:, None]))
+    rough, expected = (
+        np.diff(x, ROUGHNESS, axis=0)[own] for x in (position, smooth * jitter[:, None])
+    )
     return _share(rough, expected, "the motion is smooth")
 
 
@@ -213,4 +217,6 @@ def _share(left: Array, expected: Array, words: str) -> Evidence:
     if not used.any():
         return Evidence(0.0, np.inf, words)
     information = size[used] / variance[used]
-    return Evidence(float(own[used] @ information / information.sum()), float(information.sum() ** -0.5), words)
+    return Evidence(
+        float(own[used] @ information / information.sum()), float(information.sum() ** -0.5), words
+    )

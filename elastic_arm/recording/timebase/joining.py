@@ -6,7 +6,16 @@ from numpy.typing import NDArray
 
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording.inspection.report import Finding, note
-from elastic_arm.recording.sides import SAMPLED, Array, ClockMode, Lacking, Samples, Side, Stamps, joints_with
+from elastic_arm.recording.sides import (
+    SAMPLED,
+    Array,
+    ClockMode,
+    Lacking,
+    Samples,
+    Side,
+    Stamps,
+    joints_with,
+)
 from elastic_arm.recording.timebase.clocks import ENOUGH, Evidence, evidence, is_even, numbered
 
 # Two topics stamped by one clock tick share nearly all their stamps, apart from lost messages; below this share they
@@ -26,12 +35,19 @@ def join(link: Side | None, motor: Side | None, clock: ClockMode | None = None) 
         return _samples(link.stamp_ns, link, motor, tuple(finding.message for finding in found))
     only = motor if link is None else link
     if only is None or not len(only):
-        raise RecordingError("no samples of the arm", "Record /joint_states or /motor_states, or both.")
+        raise RecordingError(
+            "no samples of the arm", "Record /joint_states or /motor_states, or both."
+        )
     return _samples(only.stamp_ns, link, motor, ())
 
 
 def pair(
-    base: Side, other: Side, other_name: str, base_name: str, found: list[Finding], clock: ClockMode | None = None
+    base: Side,
+    other: Side,
+    other_name: str,
+    base_name: str,
+    found: list[Finding],
+    clock: ClockMode | None = None,
 ) -> tuple[Side, Side]:
     """Bring `other` to the stamps of `base`; `found` gets what was done.
 
@@ -42,19 +58,29 @@ def pair(
     """
     if np.array_equal(base.stamp_ns, other.stamp_ns):
         return base, other
-    common, of_base, of_other = np.intersect1d(base.stamp_ns, other.stamp_ns, assume_unique=True, return_indices=True)
+    common, of_base, of_other = np.intersect1d(
+        base.stamp_ns, other.stamp_ns, assume_unique=True, return_indices=True
+    )
     if len(common) and len(common) >= COMMON_SHARE * min(len(base), len(other)):
         lost = len(base) + len(other) - 2 * len(common)
-        found.append(note(f"{lost} samples that only one of {base_name} and {other_name} has were left out"))
+        found.append(
+            note(f"{lost} samples that only one of {base_name} and {other_name} has were left out")
+        )
         return base.at(of_base), other.at(of_other)
     inside = _covered(base.stamp_ns, other.stamp_ns)
     if not inside.any():
-        raise RecordingError(f"{base_name} and {other_name} do not overlap in time", "Stamp all topics by one clock.")
+        raise RecordingError(
+            f"{base_name} and {other_name} do not overlap in time", "Stamp all topics by one clock."
+        )
     origin = int(base.stamp_ns[0])
     wanted, given = _times((base, other), origin, clock)
     at = base.at(inside)
     words = f"interpolated to the stamps of {base_name} by a cubic spline: {other_name}"
-    left_out = f"; {(~inside).sum()} samples are left out that these do not cover" if not inside.all() else ""
+    left_out = (
+        f"; {(~inside).sum()} samples are left out that these do not cover"
+        if not inside.all()
+        else ""
+    )
     found.append(note(f"{words}{left_out}"))
     return at, _interpolate(other, given, at.stamp_ns, wanted[inside])
 
@@ -71,7 +97,9 @@ def _times(sides: tuple[Side, Side], origin: int, clock: ClockMode | None) -> tu
             return stamped[0], stamped[1]
         number, rate, _, jitter = numbered(t)
         regular[k] = t - jitter
-        found.append(None if is_even(jitter, rate) or clock is not None else _evidence(side, number, rate))
+        found.append(
+            None if is_even(jitter, rate) or clock is not None else _evidence(side, number, rate)
+        )
     other = found[::-1]
     for k, own in enumerate(found):
         known = own or other[k]
@@ -94,7 +122,9 @@ def _evidence(side: Side, number: NDArray[np.int64], rate: float) -> Evidence | 
     return evidence(samples, number[: len(t)], rate)
 
 
-def _samples(stamp_ns: Stamps, link: Side | None, motor: Side | None, notes: tuple[str, ...]) -> Samples:
+def _samples(
+    stamp_ns: Stamps, link: Side | None, motor: Side | None, notes: tuple[str, ...]
+) -> Samples:
     link, motor = link or Side(stamp_ns), motor or Side(stamp_ns)
     t: Array = (stamp_ns - stamp_ns[0]) * 1e-9
     link, motor, lacking = _filled(t, link, motor)
@@ -110,7 +140,12 @@ def _filled(t: Array, link: Side, motor: Side) -> tuple[Side, Side, Lacking]:
     """
     if not any(np.isnan(v[:1]).any() for side in (link, motor) for v in side.channels().values()):
         return link, motor, frozenset()
-    channels = {"q": link.position, "tau_J": link.effort, "theta": motor.position, "tau_m": motor.effort}
+    channels = {
+        "q": link.position,
+        "tau_J": link.effort,
+        "theta": motor.position,
+        "tau_m": motor.effort,
+    }
     lacking = {
         (name, int(j))
         for name, values in channels.items()
@@ -129,10 +164,14 @@ def _filled_side(t: Array, side: Side, other: Side) -> Side:
         if np.isnan(angle[:1]).any():
             which = ", ".join(str(j + 1) for j in np.flatnonzero(np.isnan(angle[0])))
             problem = f"joint {which} of {angle.shape[1]} has no positions on either side"
-            raise RecordingError(problem, "Record them, or name the joints of the arm alone: --robot.")
+            raise RecordingError(
+                problem, "Record them, or name the joints of the arm alone: --robot."
+            )
         found["position"] = angle
     if side.velocity is not None and angle is not None:
-        found["velocity"] = np.where(joints_with(side.velocity), side.velocity, np.gradient(angle, t, axis=0))
+        found["velocity"] = np.where(
+            joints_with(side.velocity), side.velocity, np.gradient(angle, t, axis=0)
+        )
     if side.effort is not None:
         found["effort"] = np.where(joints_with(side.effort), side.effort, 0.0)
     return Side(side.stamp_ns, **found)

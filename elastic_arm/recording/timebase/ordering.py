@@ -10,7 +10,9 @@ LATE_NS = 1_000_000_000  # no message is on its way for longer
 _AROUND = 50  # messages on either side of a step back that show whether the clock stays behind
 
 
-def in_order(stamp_ns: Stamps, topic: str, log_ns: Stamps) -> tuple[Stamps, NDArray[np.intp], list[Finding]]:
+def in_order(
+    stamp_ns: Stamps, topic: str, log_ns: Stamps
+) -> tuple[Stamps, NDArray[np.intp], list[Finding]]:
     """Return stamps (N',) in order, where each message stands among those given, and what had to be done.
 
     A clock that was set back runs on from where it was, or a second later where nothing arrived for longer. Messages
@@ -24,9 +26,7 @@ def in_order(stamp_ns: Stamps, topic: str, log_ns: Stamps) -> tuple[Stamps, NDAr
         return stamp_ns, rows, found
     far = _far_off(stamp_ns[rows], rows)
     if far.any():
-        words = (
-            f"{topic}: {far.sum()} of {len(rows)} messages have a stamp more than a second off all others, the first"
-        )
+        words = f"{topic}: {far.sum()} of {len(rows)} messages have a stamp more than a second off all others, the first"
         message = f"{words} {moment(stamp_ns, int(rows[far].min()))}: they are left out"
         found.append(Finding("warning", "stray_stamps", message, topic=topic))
         rows = rows[~far]
@@ -36,7 +36,11 @@ def in_order(stamp_ns: Stamps, topic: str, log_ns: Stamps) -> tuple[Stamps, NDAr
         kept = stamp_ns[np.sort(rows)]
         late = float((np.maximum.accumulate(kept) - kept).max()) * 1e-9
         words = f"{topic}: {overtaken.sum()} of {len(rows)} messages came after later ones, by up to {late:.3g} s"
-        found.append(Finding("note", "out_of_order", f"{words}: they are sorted by their stamps", topic=topic))
+        found.append(
+            Finding(
+                "note", "out_of_order", f"{words}: they are sorted by their stamps", topic=topic
+            )
+        )
     return stamp_ns[rows], rows, found
 
 
@@ -57,12 +61,19 @@ def _one_clock(stamp_ns: Stamps, topic: str, log_ns: Stamps) -> tuple[Stamps, li
         # A hole that no message came through, as none is on its way for a second
         apart = until > again and steps[again:until].max() > LATE_NS
         # 0.2 of the intervals that stand twice in what the clock passed twice; half where that is all of it
-        if back > 0.5 * (stamp_ns[k] - stamp_ns[k + 1]) and (crowded > 0.2 or apart) and number[-1] > 5:
+        if (
+            back > 0.5 * (stamp_ns[k] - stamp_ns[k + 1])
+            and (crowded > 0.2 or apart)
+            and number[-1] > 5
+        ):
             words = f"{topic}: the clock was set back by {back * 1e-9:.4g} s after {moment(stamp_ns, k)}"
             message = f"{words}: later stamps are taken for as much later"
             if (silent := int(log_ns[k + 1] - log_ns[k])) > LATE_NS:
                 # The same of all topics, whenever each arrived: they belong together.
-                message, back = f"{message}, a hole of {silent * 1e-9:.3g} s for one of 1 s", back + LATE_NS
+                message, back = (
+                    f"{message}, a hole of {silent * 1e-9:.3g} s for one of 1 s",
+                    back + LATE_NS,
+                )
             time = float(stamp_ns[k] - stamp_ns[0]) * 1e-9
             found.append(Finding("warning", "clock_set_back", message, topic=topic, time=time))
             stamp_ns[k + 1 :] += round(back)

@@ -21,8 +21,12 @@ class MjcfChain:
 
     base: int  # body that the arm stands on
     joints: tuple[int, ...]  # hinges and slides from base to tip
-    link_of: dict[int, int]  # by body, the index of the link that it is part of; bodies outside the arm are missing
-    held: tuple[int, ...]  # moving joints on the links that are no part of the chain, such as fingers
+    link_of: dict[
+        int, int
+    ]  # by body, the index of the link that it is part of; bodies outside the arm are missing
+    held: tuple[
+        int, ...
+    ]  # moving joints on the links that are no part of the chain, such as fingers
     plays: Mapping[int, int]  # joint that is the play of another -> that one; held, too
 
 
@@ -33,7 +37,10 @@ def find_chain(model: Any, chain: Chain | None) -> MjcfChain:
     plays = {play: joint for body in path for play, joint in _plays(model, joints_of(model, body))}
     joints = [joint for body in path for joint in joints_of(model, body) if joint not in plays]
     if not joints:
-        raise RobotError("no joint moves between base and tip", "Name the bodies of base and tip: --chain base:tip")
+        raise RobotError(
+            "no joint moves between base and tip",
+            "Name the bodies of base and tip: --chain base:tip",
+        )
     for joint in joints:
         _require_axis(model, joint)
     own = {body: [joint for joint in joints_of(model, body) if joint in joints] for body in path}
@@ -45,7 +52,9 @@ def find_chain(model: Any, chain: Chain | None) -> MjcfChain:
             link_of[body] = last_joint[body]
         elif parent in link_of:
             link_of[body] = link_of[parent]
-    held = tuple(j for body in link_of for j in joints_of(model, body) if j not in joints and j not in plays)
+    held = tuple(
+        j for body in link_of for j in joints_of(model, body) if j not in joints and j not in plays
+    )
     found = MjcfChain(base, tuple(joints), link_of, held, plays)
     _refuse_couplings(model, found)
     _refuse_actuators(model, found)
@@ -62,12 +71,24 @@ def _plays(model: Any, joints: Sequence[int]) -> Iterator[tuple[int, int]]:
             continue
         axis, other = (np.array(model.jnt_axis[k], dtype=float) for k in (play, joint))
         apart = np.array(model.jnt_pos[play] - model.jnt_pos[joint], dtype=float)
-        coaxial = np.allclose(np.cross(axis, other), 0.0) and np.allclose(np.cross(axis, apart), 0.0)
-        width = [np.ptp(model.jnt_range[k]) if model.jnt_limited[k] else np.inf for k in (play, joint)]
-        driven = any(int(model.actuator_trnid[k, 0]) == play for k in range(len(model.actuator_trntype)))
+        coaxial = np.allclose(np.cross(axis, other), 0.0) and np.allclose(
+            np.cross(axis, apart), 0.0
+        )
+        width = [
+            np.ptp(model.jnt_range[k]) if model.jnt_limited[k] else np.inf for k in (play, joint)
+        ]
+        driven = any(
+            int(model.actuator_trnid[k, 0]) == play for k in range(len(model.actuator_trntype))
+        )
         # A hinge that one without limits follows may be either.
         told = play > joint or model.jnt_limited[joint]
-        if coaxial and told and width[0] < width[1] and not driven and not model.jnt_stiffness[play]:
+        if (
+            coaxial
+            and told
+            and width[0] < width[1]
+            and not driven
+            and not model.jnt_stiffness[play]
+        ):
             yield play, joint
 
 
@@ -93,12 +114,15 @@ def _named(model: Any, chain: Chain) -> tuple[int, int]:
         if end not in names:
             close = difflib.get_close_matches(end, names, n=3) or names[1:9]
             raise RobotError(
-                f"chain {':'.join(chain)}: there is no body {end!r}", f"Name two bodies, such as {', '.join(close)}"
+                f"chain {':'.join(chain)}: there is no body {end!r}",
+                f"Name two bodies, such as {', '.join(close)}",
             )
     base, tip = (names.index(end) for end in chain)
     if base != tip and tip in _below(model, base):
         return base, tip
-    raise RobotError(f"chain {':'.join(chain)}: {chain[1]!r} does not stand on {chain[0]!r}", "Name base and tip")
+    raise RobotError(
+        f"chain {':'.join(chain)}: {chain[1]!r} does not stand on {chain[0]!r}", "Name base and tip"
+    )
 
 
 def _below(model: Any, body: int) -> set[int]:
@@ -140,7 +164,9 @@ def _only_chain(model: Any) -> tuple[int, int]:
             base, tip = body if base is None else base, moving[0]
         body = moving[0]
     if base is None:
-        raise RobotError("no hinge moves, and no slide", "Give a model with a joint that no constraint couples")
+        raise RobotError(
+            "no hinge moves, and no slide", "Give a model with a joint that no constraint couples"
+        )
     return base, tip
 
 
@@ -241,12 +267,23 @@ def _refuse_actuators(model: Any, chain: MjcfChain) -> None:
     mj = engine()
     on_joints = (int(mj.mjtTrn.mjTRN_JOINT), int(mj.mjtTrn.mjTRN_JOINTINPARENT))
     for k in range(len(model.actuator_trntype)):
-        if int(model.actuator_trntype[k]) not in on_joints or int(model.actuator_trnid[k, 0]) not in chain.joints:
+        if (
+            int(model.actuator_trntype[k]) not in on_joints
+            or int(model.actuator_trnid[k, 0]) not in chain.joints
+        ):
             continue
         name = name_of(model, "actuator", k)
         kinds = {
-            "a muscle": (mj.mjtGain.mjGAIN_MUSCLE, mj.mjtBias.mjBIAS_MUSCLE, mj.mjtDyn.mjDYN_MUSCLE),
-            "defined by callbacks": (mj.mjtGain.mjGAIN_USER, mj.mjtBias.mjBIAS_USER, mj.mjtDyn.mjDYN_USER),
+            "a muscle": (
+                mj.mjtGain.mjGAIN_MUSCLE,
+                mj.mjtBias.mjBIAS_MUSCLE,
+                mj.mjtDyn.mjDYN_MUSCLE,
+            ),
+            "defined by callbacks": (
+                mj.mjtGain.mjGAIN_USER,
+                mj.mjtBias.mjBIAS_USER,
+                mj.mjtDyn.mjDYN_USER,
+            ),
         }
         found = (model.actuator_gaintype[k], model.actuator_biastype[k], model.actuator_dyntype[k])
         for what, values in kinds.items():

@@ -36,9 +36,15 @@ def compiled(path: Path, what: str) -> tuple[list[str], bytes]:
 def _without_missing_files(spec: Any, folder: Path) -> list[str]:
     """Take meshes and textures without a file, and the geoms that show them, out of a specification."""
     meshes = folder / (spec.meshdir or "")
-    missing = {mesh.name or Path(mesh.file).stem: mesh for mesh in spec.meshes if _absent(meshes, mesh.file)}
+    missing = {
+        mesh.name or Path(mesh.file).stem: mesh
+        for mesh in spec.meshes
+        if _absent(meshes, mesh.file)
+    }
     shown = [geom for geom in spec.geoms if geom.meshname in missing]
-    weighing = sorted({g.parent.name for g in shown if not g.parent.explicitinertial and _moves(g.parent)})
+    weighing = sorted(
+        {g.parent.name for g in shown if not g.parent.explicitinertial and _moves(g.parent)}
+    )
     if weighing:
         raise Refused(
             f"mesh files are missing, and bodies {', '.join(weighing)} take their inertia from them",

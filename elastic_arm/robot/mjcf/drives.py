@@ -27,7 +27,10 @@ def torque_delays(model: Any, chain: MjcfChain) -> Array:
     for k in range(model.nsensor):
         kind, at = int(model.sensor_type[k]), int(model.sensor_objid[k])
         for i, joint in enumerate(chain.joints):
-            measured = {int(mj.mjSENS_JOINTACTFRC): [joint], int(mj.mjSENS_ACTUATORFRC): drives_of(model, joint)}
+            measured = {
+                int(mj.mjSENS_JOINTACTFRC): [joint],
+                int(mj.mjSENS_ACTUATORFRC): drives_of(model, joint),
+            }
             if at in measured.get(kind, ()):
                 found[i] = float(model.sensor_delay[k])
     return found
@@ -47,7 +50,9 @@ def _acting_on(model: Any, joint: int) -> list[int]:
     kinds = (int(engine().mjtTrn.mjTRN_JOINT), int(engine().mjtTrn.mjTRN_JOINTINPARENT))
     # Not model.nu: an actuator may have several inputs.
     return [
-        k for k, kind in enumerate(model.actuator_trntype) if int(kind) in kinds and model.actuator_trnid[k, 0] == joint
+        k
+        for k, kind in enumerate(model.actuator_trntype)
+        if int(kind) in kinds and model.actuator_trnid[k, 0] == joint
     ]
 
 
@@ -79,9 +84,15 @@ def controller_of(model: Any, joint: int) -> JointController | None:
     gains = {"kp": -float(own[1]), "kd": -float(own[2])}
     if int(model.actuator_gaintype[k]) == int(engine().mjtGain.mjGAIN_PID):
         gains["ki"] = float(model.actuator_gainprm[k, 0])
-    torque = abs(gear) * float(np.abs(model.actuator_forcerange[k]).max()) if model.actuator_forcelimited[k] else None
+    torque = (
+        abs(gear) * float(np.abs(model.actuator_forcerange[k]).max())
+        if model.actuator_forcelimited[k]
+        else None
+    )
     scaled: dict[str, Any] = {name: gear**2 * gain for name, gain in gains.items()}
-    return JointController(mode, delay=float(model.actuator_delay[k]), torque=torque or None, **scaled)
+    return JointController(
+        mode, delay=float(model.actuator_delay[k]), torque=torque or None, **scaled
+    )
 
 
 def _servo(model: Any, joint: int) -> tuple[str, int] | None:
@@ -90,14 +101,24 @@ def _servo(model: Any, joint: int) -> tuple[str, int] | None:
     if len(drives) != 1:
         return None
     k = drives[0]
-    gain, bias, still = float(model.actuator_gainprm[k, 0]), model.actuator_biasprm[k], int(model.actuator_dyntype[k])
+    gain, bias, still = (
+        float(model.actuator_gainprm[k, 0]),
+        model.actuator_biasprm[k],
+        int(model.actuator_dyntype[k]),
+    )
     b0, b1, b2 = (float(value) for value in bias[:3])
-    if int(model.actuator_biastype[k]) != int(mj.mjtBias.mjBIAS_AFFINE) or b0 or min(-b1, -b2) < 0.0:
+    if (
+        int(model.actuator_biastype[k]) != int(mj.mjtBias.mjBIAS_AFFINE)
+        or b0
+        or min(-b1, -b2) < 0.0
+    ):
         return None
     if int(model.actuator_gaintype[k]) == int(mj.mjtGain.mjGAIN_PID):
         # No limit of the integral, and none of how fast the set-point moves.
         return None if model.actuator_dynprm[k, :2].any() else ("both", k)
-    if int(model.actuator_gaintype[k]) != int(mj.mjtGain.mjGAIN_FIXED) or still != int(mj.mjtDyn.mjDYN_NONE):
+    if int(model.actuator_gaintype[k]) != int(mj.mjtGain.mjGAIN_FIXED) or still != int(
+        mj.mjtDyn.mjDYN_NONE
+    ):
         return None
     if b1 and gain == -b1:
         return "position", k
@@ -108,9 +129,18 @@ def motor_friction(model: Any, joint: int) -> tuple[float, float, float]:
     """Return dry friction (Nm), its excess at standstill (Nm) and Stribeck speed (rad/s) of the motors of a joint."""
     dry, excess, speed = 0.0, 0.0, 0.0
     for k in _dc_motors(model, joint):
-        gear, (coulomb, static, stribeck) = abs(float(model.actuator_gear[k, 0])), model.actuator_biasprm[k, 3:6]
-        if model.actuator_dynprm[k, 5] and gear:  # the stiffness of LuGre's bristles; without, it has no friction
-            dry, excess, speed = dry + gear * coulomb, excess + gear * (static - coulomb), stribeck / gear
+        gear, (coulomb, static, stribeck) = (
+            abs(float(model.actuator_gear[k, 0])),
+            model.actuator_biasprm[k, 3:6],
+        )
+        if (
+            model.actuator_dynprm[k, 5] and gear
+        ):  # the stiffness of LuGre's bristles; without, it has no friction
+            dry, excess, speed = (
+                dry + gear * coulomb,
+                excess + gear * (static - coulomb),
+                stribeck / gear,
+            )
     return float(dry), float(excess), float(speed)
 
 
@@ -132,12 +162,24 @@ def left_out(model: Any, joint: int) -> list[str]:
                 "rotor, is left out: torque_ripple needs an arm file with transmissions"
             )
         if not passive(model, k):
-            notes.append(f"actuator {name} is driven by voltage: a recorded motor torque is that of its current")
+            notes.append(
+                f"actuator {name} is driven by voltage: a recorded motor torque is that of its current"
+            )
         lag, volts, *thermal = model.actuator_dynprm[k, :5]
-        electrical = {"inductance": lag, "limit of the voltage": volts, "thermal resistance": any(thermal)}
+        electrical = {
+            "inductance": lag,
+            "limit of the voltage": volts,
+            "thermal resistance": any(thermal),
+        }
         if named := [what for what, value in electrical.items() if value]:
-            notes.append(f"{', '.join(named)} of actuator {name}: left out, as they act on the current")
-    fed_back = [k for k in drives if k not in dc and (model.actuator_biasprm[k].any() or model.actuator_dyntype[k])]
+            notes.append(
+                f"{', '.join(named)} of actuator {name}: left out, as they act on the current"
+            )
+    fed_back = [
+        k
+        for k in drives
+        if k not in dc and (model.actuator_biasprm[k].any() or model.actuator_dyntype[k])
+    ]
     if fed_back and _servo(model, joint) is None:
         names = ", ".join(name_of(model, "actuator", k) for k in fed_back)
         notes.append(
@@ -145,10 +187,16 @@ def left_out(model: Any, joint: int) -> list[str]:
             "one actuator"
         )
     if hasattr(model, "jnt_springyield") and float(model.jnt_springyield[joint]):
-        notes.append(f"the spring of {label} yields at {float(model.jnt_springyield[joint]):g}: that is left out")
+        notes.append(
+            f"the spring of {label} yields at {float(model.jnt_springyield[joint]):g}: that is left out"
+        )
     return notes
 
 
 def _dc_motors(model: Any, joint: int) -> list[int]:
     kind = getattr(engine().mjtBias, "mjBIAS_DCMOTOR", None)  # of MuJoCo 3.6 and later
-    return [k for k in _acting_on(model, joint) if kind is not None and int(model.actuator_biastype[k]) == int(kind)]
+    return [
+        k
+        for k in _acting_on(model, joint)
+        if kind is not None and int(model.actuator_biastype[k]) == int(kind)
+    ]

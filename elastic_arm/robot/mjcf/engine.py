@@ -53,7 +53,9 @@ def compiled(path: Path) -> tuple[Any, list[str], bool]:
     notes, content = _processed(path, "model")
     model = mj.MjModel.from_binary_path("model.mjb", {"model.mjb": content})
     if model.nbody > MOST_BODIES:
-        raise RobotError(f"it has {model.nbody} bodies, {MOST_BODIES} are the limit", "Give the arm alone")
+        raise RobotError(
+            f"it has {model.nbody} bodies, {MOST_BODIES} are the limit", "Give the arm alone"
+        )
     return model, notes, any(b"armature" in content for content in _sources(path))
 
 
@@ -69,13 +71,19 @@ def _processed(path: Path, what: str) -> tuple[list[str], bytes]:
         pass
     command = [sys.executable, "-P", str(_PROCESS), str(path), str(MEMORY), str(SECONDS), what]
     try:
-        run = subprocess.run(command, capture_output=True, timeout=PATIENCE * SECONDS, env=os.environ | _ENVIRONMENT)
+        run = subprocess.run(
+            command, capture_output=True, timeout=PATIENCE * SECONDS, env=os.environ | _ENVIRONMENT
+        )
     except subprocess.TimeoutExpired:
-        raise RobotError(f"MuJoCo takes more than {PATIENCE * SECONDS} s to compile it", SMALLER) from None
+        raise RobotError(
+            f"MuJoCo takes more than {PATIENCE * SECONDS} s to compile it", SMALLER
+        ) from None
     if run.returncode in (-signal.SIGXCPU, -signal.SIGKILL):
         raise RobotError(f"MuJoCo takes more than {SECONDS} s of processor to compile it", SMALLER)
     if run.returncode < 0:
-        raise RobotError(f"MuJoCo ends with {signal.Signals(-run.returncode).name} while it compiles it", SMALLER)
+        raise RobotError(
+            f"MuJoCo ends with {signal.Signals(-run.returncode).name} while it compiles it", SMALLER
+        )
     line, _, content = run.stdout.partition(b"\n")
     if run.returncode or not line:
         words = " ".join(run.stderr.decode("utf-8", "replace").strip().splitlines()[-1:])[:200]
@@ -84,7 +92,10 @@ def _processed(path: Path, what: str) -> tuple[list[str], bytes]:
     if "refused" in said:
         raise RobotError(*said["refused"])
     if "mujoco" in said:
-        raise RobotError(f"MuJoCo refuses it: {said['mujoco']}", "Mend the MJCF; MuJoCo's viewer shows the same error")
+        raise RobotError(
+            f"MuJoCo refuses it: {said['mujoco']}",
+            "Mend the MJCF; MuJoCo's viewer shows the same error",
+        )
     return said["notes"], content
 
 
@@ -94,14 +105,20 @@ def _sources(path: Path) -> Iterator[bytes]:
     while left:
         content = read_bytes(left.pop(), RobotError, "Give the path of an MJCF file.")
         yield content
-        folders = {path.parent, *(path.parent / _value(match) for match in _FOLDER.finditer(content))}
+        folders = {
+            path.parent,
+            *(path.parent / _value(match) for match in _FOLDER.finditer(content)),
+        }
         for match in _FILE.finditer(content):
             name = _value(match)
             for file in (folder / name for folder in folders):
                 if not os.path.exists(file) or os.path.isdir(file) or file in seen:
                     continue
                 if not os.path.isfile(file):
-                    raise RobotError(f"it names {name[:60]!r}, which is a pipe or a device", "Save it as a file first")
+                    raise RobotError(
+                        f"it names {name[:60]!r}, which is a pipe or a device",
+                        "Save it as a file first",
+                    )
                 seen.add(file)
                 if len(seen) > MOST_FILES:
                     raise RobotError(f"it names more than {MOST_FILES} files", SMALLER)

@@ -80,13 +80,17 @@ def _held_positions(model: Any, chain: MjcfChain, at: str | None) -> Array:
     qpos: Array = np.array(model.qpos0, dtype=float)
     if at:
         if not at.isprintable():
-            raise RobotError(f"at: {at!r} is no text", "Give joint=value,…, or the name of a keyframe")
+            raise RobotError(
+                f"at: {at!r} is no text", "Give joint=value,…, or the name of a keyframe"
+            )
         key = mj.mj_name2id(model, mj.mjtObj.mjOBJ_KEY, at)
         if key >= 0:
             qpos[:] = model.key_qpos[key]
         else:
             for name, value in _assignments(at, model).items():
-                qpos[int(model.jnt_qposadr[mj.mj_name2id(model, mj.mjtObj.mjOBJ_JOINT, name)])] = value
+                qpos[int(model.jnt_qposadr[mj.mj_name2id(model, mj.mjtObj.mjOBJ_JOINT, name)])] = (
+                    value
+                )
     for play in chain.plays:
         qpos[int(model.jnt_qposadr[play])] = model.jnt_range[play].mean()
     addresses = [int(model.jnt_qposadr[joint]) for joint in chain.joints]
@@ -98,7 +102,9 @@ def _assignments(at: str, model: Any) -> Mapping[str, float]:
     """Read `joint=value,…`."""
     mj = engine()
     scalar = (int(mj.mjtJoint.mjJNT_HINGE), int(mj.mjtJoint.mjJNT_SLIDE))
-    known = [name_of(model, "joint", j) for j in range(model.njnt) if int(model.jnt_type[j]) in scalar]
+    known = [
+        name_of(model, "joint", j) for j in range(model.njnt) if int(model.jnt_type[j]) in scalar
+    ]
     found = {}
     for part in at.split(","):
         name, equals, text = (word.strip() for word in part.partition("="))
@@ -116,7 +122,9 @@ def _assignments(at: str, model: Any) -> Mapping[str, float]:
     return found
 
 
-def _robot(name: str, model: Any, chain: MjcfChain, qpos: Array, notes: list[str], armatures: bool) -> Robot:
+def _robot(
+    name: str, model: Any, chain: MjcfChain, qpos: Array, notes: list[str], armatures: bool
+) -> Robot:
     mj = engine()
     data = mj.MjData(model)
     data.qpos[:] = qpos
@@ -131,17 +139,25 @@ def _robot(name: str, model: Any, chain: MjcfChain, qpos: Array, notes: list[str
         # What takes back the angle or travel at which a model is drawn.
         back = moved_joint(-float(model.qpos0[model.jnt_qposadr[joint]]), slid)
         previous = np.eye(4) if i == 0 else carriers[i - 1]
-        before = (np.linalg.inv(_base(data, chain)) if i == 0 else np.linalg.inv(previous)) @ frames[i]
+        before = (
+            np.linalg.inv(_base(data, chain)) if i == 0 else np.linalg.inv(previous)
+        ) @ frames[i]
         after = back @ np.linalg.inv(frames[i]) @ carriers[i]
         with located(f"joint {label!r}: "):
             armature, _ = motor_inertia_and_damping(model, joint)
             link = _link_name(model, chain, i)
-            moving: dict[str, Any] = {"limits": joint_limits(model, joint), "controller": controller_of(model, joint)}
+            moving: dict[str, Any] = {
+                "limits": joint_limits(model, joint),
+                "controller": controller_of(model, joint),
+            }
             # MuJoCo's default of zero states nothing where the file has no armature at all.
             moving |= {"armature": armature if armature or armatures else None, "prismatic": slid}
             joints.append(Joint(label, link, bodies[i], before, after, **moving))
     if joints[-1].link.mass == 0.0:
-        raise RobotError(f"body {joints[-1].link_name!r} has no mass", "Give it an <inertial>, or name a shorter chain")
+        raise RobotError(
+            f"body {joints[-1].link_name!r} has no mass",
+            "Give it an <inertial>, or name a shorter chain",
+        )
     return Robot(
         name,
         tuple(joints),
@@ -180,7 +196,9 @@ def _joint_frames(model: Any, data: Any, chain: MjcfChain) -> list[Array]:
     """Return the frames (4, 4) of the chain's joints in the world, z along the axis."""
     frames = []
     for joint, body in zip(chain.joints, _carriers(model, chain), strict=True):
-        turned = data.xmat[body].reshape(3, 3) @ z_onto(np.array(model.jnt_axis[joint], dtype=float))
+        turned = data.xmat[body].reshape(3, 3) @ z_onto(
+            np.array(model.jnt_axis[joint], dtype=float)
+        )
         # Several joints of one body turn one after another: the body's own turn belongs to the last.
         frames.append(placed(turned, data.xanchor[joint]))
     return frames
@@ -194,11 +212,15 @@ def _link_bodies(model: Any, data: Any, chain: MjcfChain, carriers: list[Array])
             principal = np.diag(np.array(model.body_inertia[body], dtype=float))
             place = np.linalg.inv(carriers[link]) @ placed(data.ximat[body], data.xipos[body])
             with located(f"body {name_of(model, 'body', body)!r}: "):
-                parts[link].append(moved(Inertia(float(model.body_mass[body]), inertia=principal), place))
+                parts[link].append(
+                    moved(Inertia(float(model.body_mass[body]), inertia=principal), place)
+                )
     return [lumped(own) for own in parts]
 
 
-def _effects(model: Any, data: Any, chain: MjcfChain, carriers: list[Array], names: list[str]) -> list[dict[str, Any]]:
+def _effects(
+    model: Any, data: Any, chain: MjcfChain, carriers: list[Array], names: list[str]
+) -> list[dict[str, Any]]:
     """Return what MuJoCo adds to the rigid arm, as effects of the stated size."""
     flags = int(model.opt.disableflags)
     off = engine().mjtDisableBit
@@ -211,12 +233,20 @@ def _effects(model: Any, data: Any, chain: MjcfChain, carriers: list[Array], nam
         dry, excess, speed = motor_friction(model, joint)
         spring = {"stiffness": stiffness, "rest": float(model.qpos_spring[adr])}
         stated: list[tuple[str, bool, dict[str, Any]]] = [
-            ("viscous_friction", bool(damping) and not flags & off.mjDSBL_DAMPER, {"coefficient": damping}),
+            (
+                "viscous_friction",
+                bool(damping) and not flags & off.mjDSBL_DAMPER,
+                {"coefficient": damping},
+            ),
             ("coulomb_friction", bool(loss + dry), {"torque": loss + dry}),
             ("stribeck_friction", bool(excess), {"torque": excess, "speed": speed}),
             ("joint_spring", bool(stiffness) and not flags & off.mjDSBL_SPRING, spring),
         ]
-        found += [{"effect": effect, "joint": name, "parameters": p} for effect, there, p in stated if there]
+        found += [
+            {"effect": effect, "joint": name, "parameters": p}
+            for effect, there, p in stated
+            if there
+        ]
     for name, delay in zip(names, torque_delays(model, chain).tolist(), strict=True):
         late = {"delay": delay, "channels": ["motor_torque"]}
         found += [{"effect": "time_delay", "joint": name, "parameters": late}] if delay else []
@@ -239,10 +269,14 @@ def _compensation(
     found = []
     for i, name in enumerate(names):
         own = [body for body, link in chain.link_of.items() if link == i]
-        masses = np.array([model.body_gravcomp[body] * model.body_mass[body] for body in own], dtype=float)
+        masses = np.array(
+            [model.body_gravcomp[body] * model.body_mass[body] for body in own], dtype=float
+        )
         if not masses.sum():
             continue
-        centres = np.array([np.linalg.inv(carriers[i]) @ [*data.xipos[body], 1.0] for body in own])[:, :3]
+        centres = np.array([np.linalg.inv(carriers[i]) @ [*data.xipos[body], 1.0] for body in own])[
+            :, :3
+        ]
         position = (masses @ centres / masses.sum()).tolist()
         parameters = {"mass": float(masses.sum()), "position": position}
         found.append({"effect": "carried_weight", "joint": name, "parameters": parameters})
@@ -259,11 +293,15 @@ def _notes(model: Any, chain: MjcfChain) -> list[str]:
         )
     if chain.held:
         names = ", ".join(name_of(model, "joint", joint) for joint in chain.held)
-        notes.append(f"joints {names} are fixed, and their bodies are part of the link that they stand on")
+        notes.append(
+            f"joints {names} are fixed, and their bodies are part of the link that they stand on"
+        )
     outside = set(range(1, model.nbody)) - set(chain.link_of)
     moving = [name_of(model, "joint", j) for body in outside for j in joints_of(model, body)]
     if moving:
         notes.append(f"joints {', '.join(moving)} are outside the chain and fixed")
     if float(model.opt.density) or float(model.opt.viscosity):
-        notes.append("the fluid that MuJoCo's option states (density, viscosity) is not part of the models")
+        notes.append(
+            "the fluid that MuJoCo's option states (density, viscosity) is not part of the models"
+        )
     return notes

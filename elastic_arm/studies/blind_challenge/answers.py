@@ -23,7 +23,9 @@ KINDS = ("causes", "frictions", "sensors", "numbers")
 SENSORS = ("motor_torque_gain", "joint_torque_gain", "motor_torque_offset", "joint_torque_offset")
 
 
-def score_answer(entry: Mapping[str, Any], answer: Mapping[str, Any], effects: Mapping[str, Effect] = EFFECTS) -> Line:
+def score_answer(
+    entry: Mapping[str, Any], answer: Mapping[str, Any], effects: Mapping[str, Effect] = EFFECTS
+) -> Line:
     """Return what an answer (`diagnosis.json`) to an arm (its truth) is worth."""
     joints = entry["joints"]
     faults = [Fault(**{**one, "channels": tuple(one["channels"])}) for one in entry["faults"]]
@@ -31,20 +33,35 @@ def score_answer(entry: Mapping[str, Any], answer: Mapping[str, Any], effects: M
     causes = answer["causes"]
     # A change is told right where it happened.
     now = [c.get("recording", entry.get("since", 0)) == entry.get("since", 0) for c in causes]
-    hits = [_hit(fault, [c for c, there in zip(causes, now, strict=True) if there], joints) for fault in placed]
+    hits = [
+        _hit(fault, [c for c, there in zip(causes, now, strict=True) if there], joints)
+        for fault in placed
+    ]
     # A poorer model lacks more than the one effect that was asked for: mod1 lacks S as well as the splines.
-    lacking = {e.id for e in effects.values() if e.lacked_by != MODELS and entry["model"] in e.lacked_by}
+    lacking = {
+        e.id for e in effects.values() if e.lacked_by != MODELS and entry["model"] in e.lacked_by
+    }
     # What the whole level has beyond the ordinary is true of the arm, too.
     conditions = {(c["effect"], joints[c["joint"]]) for c in entry["conditions"]}
     itself = [
-        at and any(_is(f, c["effect"], c["joint"], joints) for f in placed) for c, at in zip(causes, now, strict=True)
+        at and any(_is(f, c["effect"], c["joint"], joints) for f in placed)
+        for c, at in zip(causes, now, strict=True)
     ]
     allowed = [c["effect"] in lacking or (c["effect"], c["joint"]) in conditions for c in causes]
     right = [a or b for a, b in zip(itself, allowed, strict=True)]
     found = list(zip(faults, hits, strict=True))
-    z = [off for fault, hit in found if hit is not None for off in _offs(fault, hit, effects[fault.effect])]
+    z = [
+        off
+        for fault, hit in found
+        if hit is not None
+        for off in _offs(fault, hit, effects[fault.effect])
+    ]
     told = [(c["confidence"], held) for c, held in zip(causes, right, strict=True)]
-    told += [(0.0, True) for f in placed if not any(_is(f, c["effect"], c["joint"], joints) for c in causes)]
+    told += [
+        (0.0, True)
+        for f in placed
+        if not any(_is(f, c["effect"], c["joint"], joints) for c in causes)
+    ]
     return {
         "name": entry["name"],
         "level": entry["level"],
@@ -67,9 +84,14 @@ def score_answer(entry: Mapping[str, Any], answer: Mapping[str, Any], effects: M
         "joint_right": bool(faults) and all(_joint_right(f, causes, joints) for f in placed),
         "side_right": bool(faults) and all(_side_right(f, h, effects[f.effect]) for f, h in found),
         "no_cause": all(allowed) and answer["verdict"] != "unknown",
-        "accused": any(c["confidence"] >= SURE and not r for c, r in zip(causes, right, strict=True)),
+        "accused": any(
+            c["confidence"] >= SURE and not r for c, r in zip(causes, right, strict=True)
+        ),
         "z": z,
-        "coverage": {"causes": [sum(abs(v) <= LIMIT for v in z), len(z)], **_coverage(entry, answer, joints)},
+        "coverage": {
+            "causes": [sum(abs(v) <= LIMIT for v in z), len(z)],
+            **_coverage(entry, answer, joints),
+        },
         "cpu_seconds": answer.get("cpu_seconds"),
         "code": answer.get("code"),
     }
@@ -85,12 +107,19 @@ def changes_told(found: Sequence[Diagnosis]) -> dict[str, Any]:
             "recording": one.step.until,
             "sides": ("motor", "link"),
             "alternatives": [],
-            "parameters": {one.sized.parameter: {"value": one.step.after_value, "std": one.step.after_std}},
+            "parameters": {
+                one.sized.parameter: {"value": one.step.after_value, "std": one.step.after_std}
+            },
         }
         for one in together(found)[1]
         if one.step is not None
     ]
-    return {"verdict": "explained" if causes else "none", "causes": causes, "known": [], "imperfections": []}
+    return {
+        "verdict": "explained" if causes else "none",
+        "causes": causes,
+        "known": [],
+        "imperfections": [],
+    }
 
 
 def expected_unknown(line: Line) -> bool:
@@ -100,10 +129,14 @@ def expected_unknown(line: Line) -> bool:
 
 def _placed(fault: Fault, effect: Effect, n: int) -> Fault:
     """Return a fault with the index of the joint that a diagnosis names."""
-    return replace(fault, joint=n - 1) if effect.scope is Scope.LAST and fault.joint is None else fault
+    return (
+        replace(fault, joint=n - 1) if effect.scope is Scope.LAST and fault.joint is None else fault
+    )
 
 
-def _hit(fault: Fault, causes: Sequence[dict[str, Any]], joints: Sequence[str]) -> dict[str, Any] | None:
+def _hit(
+    fault: Fault, causes: Sequence[dict[str, Any]], joints: Sequence[str]
+) -> dict[str, Any] | None:
     """Return the cause that names a fault on its joint, itself or among its declared alternatives."""
     for declared in (False, True):
         for cause in causes:
@@ -116,7 +149,9 @@ def _hit(fault: Fault, causes: Sequence[dict[str, Any]], joints: Sequence[str]) 
 
 
 def _is(fault: Fault, effect: str, joint: str | None, joints: Sequence[str]) -> bool:
-    return effect == fault.effect and joint == (None if fault.joint is None else joints[fault.joint])
+    return effect == fault.effect and joint == (
+        None if fault.joint is None else joints[fault.joint]
+    )
 
 
 def _joint_right(fault: Fault, causes: Sequence[dict[str, Any]], joints: Sequence[str]) -> bool:
@@ -143,7 +178,10 @@ def _offs(fault: Fault, cause: dict[str, Any], effect: Effect) -> Iterator[float
         estimate = cause["parameters"].get(name)
         if estimate is None or effect.parameter(name).integer:
             continue
-        values, stds = np.atleast_1d(estimate["value"]), np.atleast_1d(np.array(estimate["std"], dtype=float))
+        values, stds = (
+            np.atleast_1d(estimate["value"]),
+            np.atleast_1d(np.array(estimate["std"], dtype=float)),
+        )
         off = values.astype(float) - np.atleast_1d(true)
         if effect.parameter(name).role is Role.PHASE:
             off = (off + np.pi) % (2 * np.pi) - np.pi
@@ -151,9 +189,16 @@ def _offs(fault: Fault, cause: dict[str, Any], effect: Effect) -> Iterator[float
         yield from (off[known] / stds[known]).tolist()
 
 
-def _coverage(entry: Mapping[str, Any], answer: Mapping[str, Any], joints: Sequence[str]) -> dict[str, list[int]]:
+def _coverage(
+    entry: Mapping[str, Any], answer: Mapping[str, Any], joints: Sequence[str]
+) -> dict[str, list[int]]:
     """Count 95 % intervals that hold the true value, and all, of frictions, sensors and numbers of the arm."""
-    stated = [f for kind in ("ordinary", "faults", "conditions") for f in entry[kind] if f["joint"] is not None]
+    stated = [
+        f
+        for kind in ("ordinary", "faults", "conditions")
+        for f in entry[kind]
+        if f["joint"] is not None
+    ]
     true = {(f["effect"], joints[f["joint"]]): f["parameters"] for f in stated}
     of_arm = {(what, joints[joint]): value for what, joint, value in entry["numbers"]}
     held: dict[str, list[bool]] = {"frictions": [], "sensors": [], "numbers": []}
@@ -161,7 +206,9 @@ def _coverage(entry: Mapping[str, Any], answer: Mapping[str, Any], joints: Seque
     scaled = any(f["effect"] in ("thermal_friction", "asymmetric_friction") for f in stated)
     for known in () if scaled else answer.get("known", ()):
         parameters = true.get((known["effect"], known["joint"]), {})
-        pairs = [(e, parameters[name]) for name, e in known["parameters"].items() if name in parameters]
+        pairs = [
+            (e, parameters[name]) for name, e in known["parameters"].items() if name in parameters
+        ]
         held["frictions"] += [_holds(e, value) for e, value in pairs if _is_stated(e)]
     for one in filter(_is_stated, answer.get("imperfections", ())):
         key = (one["what"], one["joint"])

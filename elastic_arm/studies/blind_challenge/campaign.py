@@ -42,8 +42,13 @@ from elastic_arm.studies.blind_challenge.levels import LABORATORY, Level, level_
 from elastic_arm.studies.blind_challenge.servo_arms import record_servos
 
 MANIFEST, SEALED, PIECES = "challenge.json", "truth.sealed", "truth"
-MAKE_ONE = "Name the folder of a challenge, or make one in a new folder: elastic-arm challenge create DIR"
-ANSWERS, WITHHELD = "answers", "withheld"  # folders of answers: with the whole catalogue, and without the arm's effect
+MAKE_ONE = (
+    "Name the folder of a challenge, or make one in a new folder: elastic-arm challenge create DIR"
+)
+ANSWERS, WITHHELD = (
+    "answers",
+    "withheld",
+)  # folders of answers: with the whole catalogue, and without the arm's effect
 FILES = "effects"  # folder of a challenge that holds copies of the files with effects of the user
 SET_DRAWS = 1000  # of a set of effects, until one kind of sensors shows all of them
 DRAWS = 4  # of an arm that the simulation leaves the finite numbers with
@@ -57,12 +62,19 @@ class ChallengeSettings:
     """What a challenge consists of."""
 
     seed: int = 0
-    per_effect: int = 1  # recordings of each effect alone; of the plain arm, of two and of three effects:
+    per_effect: int = (
+        1  # recordings of each effect alone; of the plain arm, of two and of three effects:
+    )
     clean: int = 4
     pairs: int = 4
     triples: int = 0
-    seconds: tuple[float, ...] | None = None  # of the recordings of each arm; the level's own where None
-    ratio: tuple[float, float] = (LOWEST, HIGHEST)  # range of sizes over the smallest that theory lets detect
+    seconds: tuple[float, ...] | None = (
+        None  # of the recordings of each arm; the level's own where None
+    )
+    ratio: tuple[float, float] = (
+        LOWEST,
+        HIGHEST,
+    )  # range of sizes over the smallest that theory lets detect
     effects: tuple[str, ...] = ()  # ids; all where none is given
     effects_files: tuple[str, ...] = ()  # Python files with effects of the user
     level: str = LABORATORY.name
@@ -73,10 +85,14 @@ class ChallengeSettings:
         level, rng = level_of(self.level), np.random.default_rng(self.seed)
         alone = self.effects or level.drawn([e for e in catalogue if catalogue[e].searched])
         together = [e for e in alone if combines(catalogue[e])]
-        kinds: list[tuple[str, ...]] = [()] * self.clean + [(e,) for e in alone for _ in range(self.per_effect)]
+        kinds: list[tuple[str, ...]] = [()] * self.clean + [
+            (e,) for e in alone for _ in range(self.per_effect)
+        ]
         for count, times in ((2, self.pairs), (3, self.triples)):
             if times and len(together) < count:
-                raise DiagnosisError(f"{len(together)} effects make no set of {count}", "Name more with --effect")
+                raise DiagnosisError(
+                    f"{len(together)} effects make no set of {count}", "Name more with --effect"
+                )
             kinds += [effects_together(together, count, level, rng) for _ in range(times)]
         kinds += [(e,) for e in level.foreign for _ in range(self.foreign)]
         seconds = self.seconds or level.seconds
@@ -86,18 +102,23 @@ class ChallengeSettings:
         ]
 
 
-def effects_together(together: Sequence[str], count: int, level: Level, rng: np.random.Generator) -> tuple[str, ...]:
+def effects_together(
+    together: Sequence[str], count: int, level: Level, rng: np.random.Generator
+) -> tuple[str, ...]:
     """Draw effects that the sensors of one arm can show together."""
     for _ in range(SET_DRAWS):
         drawn = tuple(str(e) for e in rng.choice(together, count, replace=False))
         if level.sides_of(drawn):
             return drawn
     raise DiagnosisError(
-        f"no {count} of these effects show with the same sensors", "Name others with --effect, or take another --level."
+        f"no {count} of these effects show with the same sensors",
+        "Name others with --effect, or take another --level.",
     )
 
 
-def create(folder: Path, settings: ChallengeSettings, *, workers: int = 1, report: Report | None = None) -> str:
+def create(
+    folder: Path, settings: ChallengeSettings, *, workers: int = 1, report: Report | None = None
+) -> str:
     """Draw hidden arms and record them; return the SHA-256 of the sealed truth.
 
     Raises a DiagnosisError if the folder holds another challenge, or there is nothing to draw.
@@ -112,7 +133,9 @@ def create(folder: Path, settings: ChallengeSettings, *, workers: int = 1, repor
     catalogue = Catalogue.default().with_files(settings.effects_files)
     requests = settings.requests(catalogue)
     if not requests:
-        raise DiagnosisError("a challenge of no arms", "Ask for some: --per-effect, --clean, --pairs or --triples")
+        raise DiagnosisError(
+            "a challenge of no arms", "Ask for some: --per-effect, --clean, --pairs or --triples"
+        )
     for k, file in enumerate(settings.effects_files):  # so that the challenge can be run again
         kept = folder / FILES / f"{k}_{Path(file).name}"
         kept.parent.mkdir(parents=True, exist_ok=True)
@@ -121,12 +144,16 @@ def create(folder: Path, settings: ChallengeSettings, *, workers: int = 1, repor
     manifest = {
         "settings": plain,
         "items": [{"name": o.name, "model": model_of(o.effects, catalogue)} for o in requests],
-        "simulated": sorted({e for o in requests for e in o.effects if e not in EFFECTS} - KNOWN - set(FOREIGN)),
+        "simulated": sorted(
+            {e for o in requests for e in o.effects if e not in EFFECTS} - KNOWN - set(FOREIGN)
+        ),
         "question": level_of(settings.level).asked,
     }
     _write(path, manifest)
     waiting = [request for request in requests if not pieces[request.name].is_file()]
-    _each([partial(_record, folder, request, settings.level) for request in waiting], workers, report)
+    _each(
+        [partial(_record, folder, request, settings.level) for request in waiting], workers, report
+    )
     data = _closed([_opened(piece.read_bytes()) for piece in pieces.values()])
     (folder / SEALED).write_bytes(data)
     digest = hashlib.sha256(data).hexdigest()
@@ -136,7 +163,12 @@ def create(folder: Path, settings: ChallengeSettings, *, workers: int = 1, repor
 
 
 def solve(
-    folder: Path, *, kind: str = ANSWERS, stale: bool = False, workers: int = 1, report: Report | None = None
+    folder: Path,
+    *,
+    kind: str = ANSWERS,
+    stale: bool = False,
+    workers: int = 1,
+    report: Report | None = None,
 ) -> dict[str, str]:
     """Diagnose every recording that has no answer yet; return what was refused, by name.
 
@@ -146,13 +178,19 @@ def solve(
     """
     manifest = load_manifest(folder)
     truth = open_sealed(folder, manifest["truth_sha256"]) if kind == WITHHELD else []
-    without = {item["name"]: item["faults"][0]["effect"] for item in truth if len(item["faults"]) == 1}
+    without = {
+        item["name"]: item["faults"][0]["effect"] for item in truth if len(item["faults"]) == 1
+    }
     tasks = []
     for item in manifest["items"]:
         name, path = item["name"], answer_path(folder, item["name"], kind)
-        known = path.is_file() and not (stale and json.loads(path.read_text()).get("code") != code_state())
+        known = path.is_file() and not (
+            stale and json.loads(path.read_text()).get("code") != code_state()
+        )
         if not known and (kind != WITHHELD or name in without):
-            tasks.append(partial(_diagnose, folder, name, item["model"], without.get(name, ""), kind))
+            tasks.append(
+                partial(_diagnose, folder, name, item["model"], without.get(name, ""), kind)
+            )
     return {name: problem for name, problem in _each(tasks, workers, report) if problem}
 
 
@@ -160,7 +198,9 @@ def load_manifest(folder: Path) -> dict[str, Any]:
     """Return a challenge's manifest; DiagnosisError if there is none, or it is not complete."""
     manifest = _read_manifest(folder / MANIFEST)
     if "truth_sha256" not in manifest or not (folder / SEALED).is_file():
-        raise DiagnosisError(f"{folder} holds a challenge that is not complete", "Go on with challenge create")
+        raise DiagnosisError(
+            f"{folder} holds a challenge that is not complete", "Go on with challenge create"
+        )
     return manifest
 
 
@@ -168,7 +208,9 @@ def open_sealed(folder: Path, digest: str) -> list[dict[str, Any]]:
     """Return the truth; DiagnosisError if it is not what was sealed."""
     data = (folder / SEALED).read_bytes()
     if hashlib.sha256(data).hexdigest() != digest:
-        raise DiagnosisError(f"{folder / SEALED} is not what was sealed at creation", "Create the challenge again")
+        raise DiagnosisError(
+            f"{folder / SEALED} is not what was sealed at creation", "Create the challenge again"
+        )
     truth: list[dict[str, Any]] = _opened(data)
     return truth
 
@@ -182,7 +224,9 @@ def answer_path(folder: Path, name: str, kind: str = ANSWERS) -> Path:
 def code_state() -> str:
     """Return a name for the state of the code that gives the answers."""
     root = Path(elastic_arm.__file__).parent
-    files = (f for f in sorted(root.rglob("*.py")) if f.relative_to(root).parts[0] not in UNANSWERED)
+    files = (
+        f for f in sorted(root.rglob("*.py")) if f.relative_to(root).parts[0] not in UNANSWERED
+    )
     return hashlib.sha256(b"\0".join(f.read_bytes() for f in files)).hexdigest()[:12]
 
 
@@ -234,7 +278,10 @@ def _diagnose(folder: Path, name: str, model: str, without: str, kind: str) -> t
         settings = load_manifest(folder)["settings"]
         level = level_of(settings["level"])
         bags = bags_of(folder, name, len(settings["seconds"] or level.seconds))
-        recordings, question = [read_recording(bag, mapping) for bag in bags], _question(folder, name, model, catalogue)
+        recordings, question = (
+            [read_recording(bag, mapping) for bag in bags],
+            _question(folder, name, model, catalogue),
+        )
         if level.changing:
             found = [replace(diagnose([one], question), context=None) for one in recordings]
             answer, problem = found[0].to_dict() | changes_told(found), ""
@@ -249,7 +296,10 @@ def _diagnose(folder: Path, name: str, model: str, without: str, kind: str) -> t
 
 def _question(folder: Path, name: str, model: str, catalogue: Catalogue) -> Question:
     """Return what is asked of an arm's recordings: its description, and what its challenge counts as ordinary."""
-    robot, asked = load_robot(description_path(folder, name)), load_manifest(folder).get("question", {})
+    robot, asked = (
+        load_robot(description_path(folder, name)),
+        load_manifest(folder).get("question", {}),
+    )
     given = known_effects(asked.get("with", ()), robot, catalogue)
     priors = Priors().model_copy(update=asked.get("priors", {}))
     refit = bool(asked.get("refit", False))

@@ -9,7 +9,14 @@ from typing import Annotated, Any
 
 import typer
 from rich.markup import escape
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 from rich.table import Table
 
 from elastic_arm.cli.console import err, out, print_json, progress_bar, reports_errors
@@ -30,7 +37,9 @@ from elastic_arm.studies.blind_challenge.score import (
 from elastic_arm.studies.blind_challenge.score import score as score_answers
 
 challenge_app = typer.Typer(
-    name="challenge", help="Check the diagnosis on arms whose effect is withheld from it.", no_args_is_help=True
+    name="challenge",
+    help="Check the diagnosis on arms whose effect is withheld from it.",
+    no_args_is_help=True,
 )
 
 Folder = Annotated[Path, typer.Argument(help="Folder of the challenge.", show_default=False)]
@@ -50,18 +59,29 @@ def create(
     pairs: Annotated[int, typer.Option(min=0, help="Recordings of two effects.")] = 4,
     triples: Annotated[int, typer.Option(min=0, help="Recordings of three effects.")] = 0,
     effects_files: EffectsFiles = None,
-    effect: Annotated[list[str] | None, typer.Option(help="Only this effect; may be repeated.")] = None,
-    ratio: Annotated[str, typer.Option(help="Sizes LOW:HIGH, over the smallest that theory lets detect.")] = "10:300",
+    effect: Annotated[
+        list[str] | None, typer.Option(help="Only this effect; may be repeated.")
+    ] = None,
+    ratio: Annotated[
+        str, typer.Option(help="Sizes LOW:HIGH, over the smallest that theory lets detect.")
+    ] = "10:300",
     seconds: Annotated[
-        float | None, typer.Option(min=4.0, help="Duration of what is fitted; 12 s, beyond the laboratory 20 s.")
+        float | None,
+        typer.Option(min=4.0, help="Duration of what is fitted; 12 s, beyond the laboratory 20 s."),
     ] = None,
     validate_seconds: Annotated[
-        float | None, typer.Option(min=4.0, help="Duration of what judges; 8 s, beyond the laboratory 10 s.")
+        float | None,
+        typer.Option(min=4.0, help="Duration of what judges; 8 s, beyond the laboratory 10 s."),
     ] = None,
     level: Annotated[
-        LevelName, typer.Option(help="laboratory: arms perfect but for their effects; workshop, field: as they are.")
+        LevelName,
+        typer.Option(
+            help="laboratory: arms perfect but for their effects; workshop, field: as they are."
+        ),
     ] = EXACT,
-    foreign: Annotated[int, typer.Option(min=0, help="Recordings of each effect that no catalogue has.")] = 0,
+    foreign: Annotated[
+        int, typer.Option(min=0, help="Recordings of each effect that no catalogue has.")
+    ] = 0,
     workers: Workers = CORES,
 ) -> None:
     """Draw hidden arms from a seed and record them; the truth is sealed. Goes on where it stopped.
@@ -96,9 +116,14 @@ def create(
 def diagnose(
     folder: Folder,
     withheld: Annotated[
-        bool, typer.Option("--withheld", help="Arms with one effect again, that effect not in the catalogue.")
+        bool,
+        typer.Option(
+            "--withheld", help="Arms with one effect again, that effect not in the catalogue."
+        ),
     ] = False,
-    stale: Annotated[bool, typer.Option("--stale", help="Again what another state of the code answered.")] = False,
+    stale: Annotated[
+        bool, typer.Option("--stale", help="Again what another state of the code answered.")
+    ] = False,
     workers: Workers = CORES,
 ) -> None:
     """Diagnose every recording that has no answer yet, without looking at the truth.
@@ -109,7 +134,9 @@ def diagnose(
     """
     kind = campaign.WITHHELD if withheld else campaign.ANSWERS
     with _bar("diagnosing") as bar:
-        wrong = campaign.solve(folder, kind=kind, stale=stale, workers=workers, report=_reporter(bar))
+        wrong = campaign.solve(
+            folder, kind=kind, stale=stale, workers=workers, report=_reporter(bar)
+        )
     for name, problem in wrong.items():
         err.print(escape(f"{name}: {problem}"))
     if wrong:
@@ -119,9 +146,14 @@ def diagnose(
 @challenge_app.command("score")
 @reports_errors
 def score(
-    folders: Annotated[list[Path], typer.Argument(help="Folders of challenges, judged together.", show_default=False)],
+    folders: Annotated[
+        list[Path],
+        typer.Argument(help="Folders of challenges, judged together.", show_default=False),
+    ],
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
-    to: Annotated[Path | None, typer.Option("--markdown", help="Write the tables to this file, too.")] = None,
+    to: Annotated[
+        Path | None, typer.Option("--markdown", help="Write the tables to this file, too.")
+    ] = None,
 ) -> None:
     """Open the sealed truth and compare the answers with it; write score.json and report.html into the first folder.
 
@@ -130,7 +162,9 @@ def score(
     from elastic_arm.studies.blind_challenge.report import write_challenge_report
 
     found = score_answers(folders)
-    write_result(folders[0] / "score.json", json_module.dumps(found, indent=1, allow_nan=False) + "\n")
+    write_result(
+        folders[0] / "score.json", json_module.dumps(found, indent=1, allow_nan=False) + "\n"
+    )
     page = write_challenge_report(folders[0] / "report.html", found)
     if to is not None:
         write_result(to, markdown(found))
@@ -147,7 +181,9 @@ def score(
             f"{found['open']} recordings have no answer yet: elastic-arm challenge diagnose {escape(str(folders[0]))}"
         )
     if len(found["code"]) > 1:
-        out.print(f"answers of {len(found['code'])} states of the code: --stale answers again what is not of this one")
+        out.print(
+            f"answers of {len(found['code'])} states of the code: --stale answers again what is not of this one"
+        )
     out.print(escape(f"{folders[0] / 'score.json'}, {page}"))
 
 
@@ -164,14 +200,24 @@ def _range(text: str) -> tuple[float, float]:
     try:
         low, high = (float(part) for part in text.split(":"))
     except ValueError as error:
-        raise typer.BadParameter(f"{text!r} is no range; write LOW:HIGH, such as 2:30", param_hint="--ratio") from error
+        raise typer.BadParameter(
+            f"{text!r} is no range; write LOW:HIGH, such as 2:30", param_hint="--ratio"
+        ) from error
     if not 0.0 < low <= high:
-        raise typer.BadParameter(f"{text!r} is no range: both ends above 0, the lower first", param_hint="--ratio")
+        raise typer.BadParameter(
+            f"{text!r} is no range: both ends above 0, the lower first", param_hint="--ratio"
+        )
     return low, high
 
 
 def _bar(what: str) -> Progress:
-    columns = (TextColumn(what), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
+    columns = (
+        TextColumn(what),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+    )
     return progress_bar(*columns)
 
 

@@ -57,8 +57,19 @@ from elastic_arm.studies.blind_challenge.hidden_arms.realistic_sensors import (
     RealisticSensors,
     measure_realistically,
 )
-from elastic_arm.studies.blind_challenge.information import SCALING, EffectDraft, SizedEffect, Sizing
-from elastic_arm.studies.blind_challenge.levels import CHANGE_FLOORS, FLOORS, FOREIGN_FLOORS, Floor, Level
+from elastic_arm.studies.blind_challenge.information import (
+    SCALING,
+    EffectDraft,
+    SizedEffect,
+    Sizing,
+)
+from elastic_arm.studies.blind_challenge.levels import (
+    CHANGE_FLOORS,
+    FLOORS,
+    FOREIGN_FLOORS,
+    Floor,
+    Level,
+)
 
 Run = Callable[[HiddenMotion, Sequence[Fault]], TrueChannels]
 
@@ -67,7 +78,10 @@ NOISE = 0.26  # Nm, of the torque channels of a large joint
 SMALLEST_JOINT = 0.25  # on which effects of torques are drawn: no wrist that carries a kilogram
 LARGEST = 30.0  # floors that an effect of no catalogue may have; of a drive that saturates:
 DEEPEST = 0.6
-VISCOUS = (5.0, 20.0)  # Nm s/rad, of an exact arm with what scales friction: of dry friction that may be an offset
+VISCOUS = (
+    5.0,
+    20.0,
+)  # Nm s/rad, of an exact arm with what scales friction: of dry friction that may be an offset
 IDEAL_BITS = 40
 PLACES = 5  # draws of an effect, until one acts: the zero of a vertical axis does not
 NOTHING = 1e-6  # standard deviations: what moves the residuals by less does not act
@@ -95,12 +109,20 @@ class Arm:
     joints: tuple[str, ...]
     faults: tuple[Fault, ...]  # effects of the catalogue beyond what is ordinary
     foreign: tuple[Fault, ...]  # effects of no catalogue
-    ordinary: tuple[Fault, ...]  # friction and calibration that every arm of the level has: no cause
-    conditions: tuple[Fault, ...]  # what every arm of the level has beyond that: naming it is not wrong
-    numbers: tuple[tuple[str, int, float], ...]  # true numbers as imperfections are called: what, joint, value
+    ordinary: tuple[
+        Fault, ...
+    ]  # friction and calibration that every arm of the level has: no cause
+    conditions: tuple[
+        Fault, ...
+    ]  # what every arm of the level has beyond that: naming it is not wrong
+    numbers: tuple[
+        tuple[str, int, float], ...
+    ]  # true numbers as imperfections are called: what, joint, value
     sensors: RealisticSensors
     multiple: tuple[float, ...]  # size of each effect over its bound
-    bound: tuple[float | None, ...]  # smallest size that could be known, everything ordinary marginalised
+    bound: tuple[
+        float | None, ...
+    ]  # smallest size that could be known, everything ordinary marginalised
     share: tuple[float, ...]  # what each effect alone is of the sum of all excesses
     visible: bool  # whether theory lets all be seen
     since: int = 0  # first bag that has the effects
@@ -121,20 +143,30 @@ def draw(request: Request, level: Level, rng: np.random.Generator, catalogue: Ca
     """Draw one hidden arm of a level."""
     effects, n = request.effects, int(rng.choice(level.joints))
     description = _description(level, n, rng)
-    real, sizes = description if level.exact else imprecise(description, rng), joint_sizes(description)
+    real, sizes = (
+        description if level.exact else imprecise(description, rng),
+        joint_sizes(description),
+    )
     sides = str(rng.choice(sorted(level.sides_of(effects) or level.sides)))
     sensors = _exact_sensors(n, rng) if level.exact else _sensors(level, sides, sizes, rng)
-    ordinary = [] if level.exact else ordinary_faults(sizes.tolist(), rng, torque_constant=level.torque_constant)
+    ordinary = (
+        []
+        if level.exact
+        else ordinary_faults(sizes.tolist(), rng, torque_constant=level.torque_constant)
+    )
     ordinary += encoder_zeros(n, rng) if sensors.sides == BOTH and not level.exact else []
     conditions = [_warming(j, level, rng) for j in range(n)] if level.warming else []
     motions = tuple(
-        (random_points if rng.random() < level.points else random_motion)(rng, n, s) for s in request.seconds
+        (random_points if rng.random() < level.points else random_motion)(rng, n, s)
+        for s in request.seconds
     )
     run = _mover(real, description, effects, catalogue)
     chosen: list[SizedEffect] = []
     model = model_of(effects, catalogue)
     if effects and model == "mod3":
-        sizing = Sizing(real, sensors, level, motions[0], ordinary, lambda faults: run(motions[0], faults))
+        sizing = Sizing(
+            real, sensors, level, motions[0], ordinary, lambda faults: run(motions[0], faults)
+        )
         drawing = _Effects(request, level, sizes, sensors, catalogue, sizing, run, motions, rng)
         chosen = [one for effect in effects for one in drawing.sized(effect)]
     faults = [one.fault for one in chosen] or [Fault(effect, None) for effect in effects]
@@ -159,7 +191,9 @@ def draw(request: Request, level: Level, rng: np.random.Generator, catalogue: Ca
         foreign=tuple(f for f in faults if f.effect in FOREIGN),
         ordinary=tuple(ordinary),
         conditions=tuple(conditions),
-        numbers=_numbers(altered(real, [f for f in faults if f.effect not in ("payload", "load")]), description),
+        numbers=_numbers(
+            altered(real, [f for f in faults if f.effect not in ("payload", "load")]), description
+        ),
         sensors=sensors,
         multiple=multiples,
         bound=tuple(one.bound for one in chosen) or (None,) * len(faults),
@@ -172,22 +206,33 @@ def draw(request: Request, level: Level, rng: np.random.Generator, catalogue: Ca
 
 def _changed(fault: Fault, ordinary: Sequence[Fault], catalogue: Catalogue) -> Fault:
     """Return an effect with what an arm ordinarily has of it added."""
-    own = next((o.parameters for o in ordinary if (o.effect, o.joint) == (fault.effect, fault.joint)), {})
+    own = next(
+        (o.parameters for o in ordinary if (o.effect, o.joint) == (fault.effect, fault.joint)), {}
+    )
     neutral = {name: catalogue[fault.effect].parameter(name).neutral or 0.0 for name in own}
     return replace(
-        fault, parameters={k: v + own.get(k, 0.0) - neutral.get(k, 0.0) for k, v in fault.parameters.items()}
+        fault,
+        parameters={
+            k: v + own.get(k, 0.0) - neutral.get(k, 0.0) for k, v in fault.parameters.items()
+        },
     )
 
 
 def record(
-    folder: Path, request: Request, level: Level, catalogue: Catalogue, bags: Sequence[Path] | None = None
+    folder: Path,
+    request: Request,
+    level: Level,
+    catalogue: Catalogue,
+    bags: Sequence[Path] | None = None,
 ) -> dict[str, Any]:
     """Draw an arm and record it into the folder of a challenge, with its description; return its truth."""
     rng = np.random.default_rng(request.seed)
     drawn = draw(request, level, rng, catalogue)
     arm, description = drawn.arm, drawn.description
     faults = (*arm.faults, *arm.foreign, *arm.conditions, *arm.ordinary)
-    ratios = np.array([joint.transmission.r_tot for joint in description.joints if joint.transmission])
+    ratios = np.array(
+        [joint.transmission.r_tot for joint in description.joints if joint.transmission]
+    )
     bags = bags or bags_of(folder, request.name, len(request.seconds))
     for k, (bag, motion) in enumerate(zip(bags, drawn.motions, strict=True)):
         acting = faults if k >= arm.since else drawn.before
@@ -227,7 +272,9 @@ def channels_path(folder: Path, name: str) -> Path | None:
 
 
 def _description(level: Level, n: int, rng: np.random.Generator) -> Robot:
-    description = load_robot(None) if n == 3 else industrial_arm(n, rng, lift=bool(rng.random() < level.lift))
+    description = (
+        load_robot(None) if n == 3 else industrial_arm(n, rng, lift=bool(rng.random() < level.lift))
+    )
     description = mounted(description, rng) if level.mountings else description
     return as_urdf(description) if level.urdf else description
 
@@ -238,14 +285,21 @@ def _mover(robot: Robot, description: Robot, effects: Sequence[str], catalogue: 
     The suite's own simulator, which moves it otherwise, shares the law of a user's effect with the diagnosis and so
     flatters it; the score states that.
     """
-    if all(effect in KNOWN or effect in FOREIGN or model_of([effect], catalogue) != "mod3" for effect in effects):
+    if all(
+        effect in KNOWN or effect in FOREIGN or model_of([effect], catalogue) != "mod3"
+        for effect in effects
+    ):
         return lambda motion, faults: HiddenArm(robot, faults, geometry=description).run(motion)
 
     def simulated(motion: HiddenMotion, faults: Sequence[Fault]) -> TrueChannels:
         t = np.arange(round(motion.duration * RATE) + 1) / RATE
         reference = motion.evaluate(t)
         # The faults of sensors that the challenge's own sensors have act there.
-        moved = [instance_of(f, catalogue[f.effect], robot) for f in faults if f.effect not in SENSOR_EFFECTS]
+        moved = [
+            instance_of(f, catalogue[f.effect], robot)
+            for f in faults
+            if f.effect not in SENSOR_EFFECTS
+        ]
         settings = SimulationSettings(effects=moved, sensors=Sensors.exact(), rate=RATE)
         q0, still = reference[0][0], np.random.default_rng(0)
         simulator = Simulator(robot, settings, q0=q0, rng=still, duration=motion.duration)
@@ -296,7 +350,12 @@ class _Effects:
         most = []
         for motion in self.motions:
             changed, plain = self.run(motion, (fault,)), self.run(motion, ())
-            most.append(max(np.abs(changed.tau_J - plain.tau_J).max(), np.abs(changed.tau_m - plain.tau_m).max()))
+            most.append(
+                max(
+                    np.abs(changed.tau_J - plain.tau_J).max(),
+                    np.abs(changed.tau_m - plain.tau_m).max(),
+                )
+            )
         return bool(min(most) >= 0.1 * max(most))
 
     def _placed(self, effect: str) -> tuple[Fault, SampledEffect | None]:
@@ -304,8 +363,14 @@ class _Effects:
         floor, n = _floor(effect), len(self.joints)
         suits = self.joints >= SMALLEST_JOINT if floor and floor.scaled else np.ones(n, dtype=bool)
         while True:
-            drawn = None if effect in FOREIGN else sample_effect(self.catalogue[effect], n, self.rng)
-            fault = drawn.fault if drawn else sample_foreign(effect, n, min(self.request.seconds), self.rng)
+            drawn = (
+                None if effect in FOREIGN else sample_effect(self.catalogue[effect], n, self.rng)
+            )
+            fault = (
+                drawn.fault
+                if drawn
+                else sample_foreign(effect, n, min(self.request.seconds), self.rng)
+            )
             # What sits on the last link alone has no choice of a joint.
             if fault.joint is None or suits[fault.joint] or effect == "loose_payload":
                 break
@@ -326,10 +391,14 @@ class _Effects:
             low = floor.amount * (float(self.joints[fault.joint]) if scaled else 1.0)
         if drawn is None:
             high = DEEPEST if fault.effect == "saturating_drive" else LARGEST * low
-            return EffectDraft(lambda amount: sized_foreign(fault, amount, self.sizing.peak), low, high, low)
+            return EffectDraft(
+                lambda amount: sized_foreign(fault, amount, self.sizing.peak), low, high, low
+            )
         least, most = drawn.limits()
         if self.level.exact:
-            return EffectDraft(drawn.sized, least, most, float(np.clip(drawn.typical(), least, most)))
+            return EffectDraft(
+                drawn.sized, least, most, float(np.clip(drawn.typical(), least, most))
+            )
         high = max(least, most)
         return EffectDraft(drawn.sized, min(low, high), high, min(low, high))
 
@@ -372,7 +441,9 @@ def _sensors(level: Level, sides: str, sizes: Array, rng: np.random.Generator) -
 
 
 def _warming(joint: int, level: Level, rng: np.random.Generator) -> Fault:
-    return Fault("thermal_friction", joint, {"change": float(rng.uniform(-level.warming, level.warming))})
+    return Fault(
+        "thermal_friction", joint, {"change": float(rng.uniform(-level.warming, level.warming))}
+    )
 
 
 def _as_described(real: Robot, description: Robot, fault: Fault) -> Robot:
@@ -385,7 +456,9 @@ def _as_described(real: Robot, description: Robot, fault: Fault) -> Robot:
     if fault.effect == "link_inertia_mismatch":
         joint = replace(joint, link=stated.link)
     elif fault.effect == "rotor_inertia_mismatch":
-        parts: dict[str, Any] = {name: part for name, (part, _) in stated.transmission.components.items()}
+        parts: dict[str, Any] = {
+            name: part for name, (part, _) in stated.transmission.components.items()
+        }
         joint = replace(joint, transmission=replace(gear, **parts))
     elif fault.effect in ("stiffness_mismatch", "damping_mismatch"):
         what = fault.effect.removesuffix("_mismatch")
@@ -404,9 +477,14 @@ def _numbers(real: Robot, description: Robot) -> tuple[tuple[str, int, float], .
         assert own is not None and given is not None
         found.append(("link_mass", j, joint.link.mass / stated.link.mass))
         shift = np.asarray(joint.link.com) - np.asarray(stated.link.com)
-        found += [(f"link_com_{axis}", j, float(value)) for axis, value in zip("xyz", shift, strict=True)]
+        found += [
+            (f"link_com_{axis}", j, float(value)) for axis, value in zip("xyz", shift, strict=True)
+        ]
         found.append(("rotor_inertia", j, own.rotor.izz / given.rotor.izz))
-        found += [(what, j, getattr(own, what) / getattr(given, what)) for what in ("stiffness", "damping")]
+        found += [
+            (what, j, getattr(own, what) / getattr(given, what))
+            for what in ("stiffness", "damping")
+        ]
     return tuple(found)
 
 
@@ -418,11 +496,21 @@ def _write_description(folder: Path, name: str, robot: Robot, *, urdf: bool) -> 
         return
     rigid = robot.with_(joints=tuple(replace(joint, transmission=None) for joint in robot.joints))
     write_result(path.with_suffix(".urdf"), to_urdf(rigid))
-    fields = ("rotor", "wave_generator", "spline", "stiffness", "damping", "belt_ratio", "harmonic_drive_ratio")
+    fields = (
+        "rotor",
+        "wave_generator",
+        "spline",
+        "stiffness",
+        "damping",
+        "belt_ratio",
+        "harmonic_drive_ratio",
+    )
     stated = robot_to_dict(robot)["joints"]
     overlay = {
         "urdf": f"{name}.urdf",
         "gravity": [float(g) for g in robot.gravity],
-        "transmissions": {joint["name"]: {k: joint[k] for k in (*fields, "bearing")} for joint in stated},
+        "transmissions": {
+            joint["name"]: {k: joint[k] for k in (*fields, "bearing")} for joint in stated
+        },
     }
     write_result(path, yaml.safe_dump(overlay, sort_keys=False))

@@ -55,7 +55,9 @@ class SampledEffect:
 
     effect: Effect  # what
     fault: Fault  # with all its parameters but the size
-    direction: tuple[float, ...]  # of the size's components, of length 1; a sign where the size is one number
+    direction: tuple[
+        float, ...
+    ]  # of the size's components, of length 1; a sign where the size is one number
 
     @property
     def _size(self) -> Parameter:
@@ -69,7 +71,10 @@ class SampledEffect:
             name: 1.0 / amount if p.inverse else (p.neutral or 0.0) + part * amount
             for (name, p), part in zip(components, self.direction, strict=True)
         }
-        return replace(self.fault, parameters={k: float(v) for k, v in {**values, **self.fault.parameters}.items()})
+        return replace(
+            self.fault,
+            parameters={k: float(v) for k, v in {**values, **self.fault.parameters}.items()},
+        )
 
     def limits(self) -> tuple[float, float]:
         """Return the smallest and largest plausible amount."""
@@ -92,7 +97,11 @@ class SampledEffect:
 
 def sample_effect(effect: Effect, n: int, rng: np.random.Generator) -> SampledEffect:
     """Draw where an effect sits, its form, and its parameters other than the size."""
-    joint = None if effect.scope in (Scope.ARM, Scope.LAST) else int(rng.integers(n - (effect.scope is Scope.BUT_LAST)))
+    joint = (
+        None
+        if effect.scope in (Scope.ARM, Scope.LAST)
+        else int(rng.integers(n - (effect.scope is Scope.BUT_LAST)))
+    )
     if effect.scope is Scope.EACH_OR_ARM and rng.random() < COMMON:
         joint = None
     choices: dict[str, Any] = {}
@@ -102,7 +111,9 @@ def sample_effect(effect: Effect, n: int, rng: np.random.Generator) -> SampledEf
     direction = _direction([effect.parameter(name) for name in effect.magnitude], rng)
     others = {**_others(effect, rng), **variation(effect.id, rng)}
     side, channels = choices.pop("side", "motor"), choices.pop("channels", ())
-    return SampledEffect(effect, Fault(effect.id, joint, others, side, channels, choices), direction)
+    return SampledEffect(
+        effect, Fault(effect.id, joint, others, side, channels, choices), direction
+    )
 
 
 def _direction(sizes: list[Parameter], rng: np.random.Generator) -> tuple[float, ...]:
@@ -152,12 +163,24 @@ def _while(rng: np.random.Generator, seconds: float) -> dict[str, float]:
 
 # Parameters other than the size of the effects of no catalogue, for a run of so many seconds.
 FORMS: dict[str, Form] = {
-    "dress_pack": lambda rng, _: {"rest": float(rng.uniform(-0.5, 0.5)), "slack": float(rng.uniform(0.1, 0.4))},
-    "periodic_disturbance": lambda rng, _: {"rate": 2 * np.pi * float(rng.uniform(0.3, 3.0)), "phase": _phase(rng)},
-    "loose_payload": lambda rng, _: {"phase": _phase(rng), "relaxation": float(rng.uniform(0.05, 0.3))},
+    "dress_pack": lambda rng, _: {
+        "rest": float(rng.uniform(-0.5, 0.5)),
+        "slack": float(rng.uniform(0.1, 0.4)),
+    },
+    "periodic_disturbance": lambda rng, _: {
+        "rate": 2 * np.pi * float(rng.uniform(0.3, 3.0)),
+        "phase": _phase(rng),
+    },
+    "loose_payload": lambda rng, _: {
+        "phase": _phase(rng),
+        "relaxation": float(rng.uniform(0.05, 0.3)),
+    },
     "cogging_cable": lambda rng, _: {"rate": float(rng.uniform(8, 25)), "phase": _phase(rng)},
     "gear_creep": lambda rng, _: {"relaxation": float(rng.uniform(0.5, 4.0))},
-    "worn_zone": lambda rng, _: {"place": float(rng.uniform(-0.6, 0.6)), "width": float(rng.uniform(0.1, 0.3))},
+    "worn_zone": lambda rng, _: {
+        "place": float(rng.uniform(-0.6, 0.6)),
+        "width": float(rng.uniform(0.1, 0.3)),
+    },
     "dragging_brake": _while,
 }
 

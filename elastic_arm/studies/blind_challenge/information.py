@@ -27,7 +27,11 @@ from elastic_arm.studies.blind_challenge.hidden_arms.effect_laws import SENSOR_E
 from elastic_arm.studies.blind_challenge.hidden_arms.hidden_arm import RATE
 from elastic_arm.studies.blind_challenge.hidden_arms.kinematic_tree import KinematicTree
 from elastic_arm.studies.blind_challenge.hidden_arms.motion import HiddenMotion, TrueChannels
-from elastic_arm.studies.blind_challenge.hidden_arms.realistic_sensors import BOTH, LINK, RealisticSensors
+from elastic_arm.studies.blind_challenge.hidden_arms.realistic_sensors import (
+    BOTH,
+    LINK,
+    RealisticSensors,
+)
 from elastic_arm.studies.blind_challenge.hidden_arms.sensor_models import SensorModel, measure
 from elastic_arm.studies.blind_challenge.levels import Level
 
@@ -41,7 +45,14 @@ STEP = 1e-3  # of an ordinary number, for derivatives
 OWN = 1e-2  # of the torques' noise power that each equation has on its own, as equations are never exact
 ENDS = 50  # rows left out at either end, where derivatives are inexact
 # Standard deviations of what is ordinary, as :mod:`.base_arms` draws it.
-ORDINARY = {"mass": 0.05, "com": 0.006, "inertia": 0.03, "rotor": 0.03, "stiffness": 0.06, "damping": 0.12}
+ORDINARY = {
+    "mass": 0.05,
+    "com": 0.006,
+    "inertia": 0.03,
+    "rotor": 0.03,
+    "stiffness": 0.06,
+    "damping": 0.12,
+}
 SHAPE = 0.012  # strain of a link's shape, each entry
 SHAPES = tuple(f"shape_{a}{b}" for a in range(3) for b in range(3))
 SENSOR_GAIN, SENSOR_OFFSET, ENCODER_OFFSET, WARMING = 0.006, 0.3, 1e-5, 0.06
@@ -60,7 +71,15 @@ ITSELF = {
     "thermal_friction": ("thermal", "thermal_viscous"),
     "torque_drift": ("drift_1", "drift_2", "drift_3"),
     "encoder_offset": ("encoder_offset",),
-    **{e: (e,) for e in ("motor_torque_gain", "joint_torque_gain", "motor_torque_offset", "joint_torque_offset")},
+    **{
+        e: (e,)
+        for e in (
+            "motor_torque_gain",
+            "joint_torque_gain",
+            "motor_torque_offset",
+            "joint_torque_offset",
+        )
+    },
 }
 
 
@@ -76,7 +95,9 @@ class TrueMotion:
     @staticmethod
     def of(channels: TrueChannels) -> TrueMotion:
         """Differentiate the velocities of a motion."""
-        ddq, ddtheta = (CubicSpline(channels.t, v)(channels.t, 1) for v in (channels.dq, channels.dtheta))
+        ddq, ddtheta = (
+            CubicSpline(channels.t, v)(channels.t, 1) for v in (channels.dq, channels.dtheta)
+        )
         return TrueMotion(channels, ddq, ddtheta)
 
     def rows(self) -> tuple[Array, Array, Array]:
@@ -90,27 +111,40 @@ class TrueMotion:
 class MarginalInformation:
     """What sensors tell of effects on one arm."""
 
-    def __init__(self, robot: Robot, sensors: RealisticSensors, motion: TrueChannels, level: Level) -> None:
+    def __init__(
+        self, robot: Robot, sensors: RealisticSensors, motion: TrueChannels, level: Level
+    ) -> None:
         self._robot, self._sensors, self.n = robot, sensors, robot.n
         self._warming = WARMING if level.warming else 0.0
         self._motor_gain = max(SENSOR_GAIN, 0.6 * level.torque_constant)
         gears = [joint.transmission for joint in robot.joints if joint.transmission]
-        self._K, self._D = np.array([g.stiffness for g in gears]), np.array([g.damping for g in gears])
+        self._K, self._D = (
+            np.array([g.stiffness for g in gears]),
+            np.array([g.damping for g in gears]),
+        )
         self._ratios = np.array([g.r_tot for g in gears])
         M = KinematicTree(robot).terms(np.zeros(2 * self.n), np.zeros(2 * self.n))[0]
         self._M, self._B = np.diag(M)[: self.n], np.diag(M)[self.n :]
         columns = {} if level.exact else self._ordinary(TrueMotion.of(motion))
         self._keys = tuple(columns)
-        self._white = self._whiten(np.stack(list(columns.values()), axis=-1)) if columns else np.zeros((0, 0))
+        self._white = (
+            self._whiten(np.stack(list(columns.values()), axis=-1)) if columns else np.zeros((0, 0))
+        )
 
     def residuals(self, read: TrueChannels) -> Array:
         """Return what torques exceed the arm's own equations by, (N / 10, R, n)."""
         tree, now = KinematicTree(self._robot), TrueMotion.of(read)
         left = np.array([tree.torque(*row) for row in zip(*now.rows(), strict=True)])
         spring = self._K * (read.theta - read.q) + self._D * (read.dtheta - read.dq)
-        slow = {name: decimate(getattr(read, name), EVERY, ftype="fir", axis=0) for name in ("tau_J", "tau_m")}
+        slow = {
+            name: decimate(getattr(read, name), EVERY, ftype="fir", axis=0)
+            for name in ("tau_J", "tau_m")
+        }
         spring = decimate(spring, EVERY, ftype="fir", axis=0)
-        link, motor = slow["tau_J"] - left[:, : self.n], slow["tau_m"] - left[:, self.n :] - slow["tau_J"]
+        link, motor = (
+            slow["tau_J"] - left[:, : self.n],
+            slow["tau_m"] - left[:, self.n :] - slow["tau_J"],
+        )
         return self.seen(link, slow["tau_J"] - spring, motor)
 
     def distance(self, change: Array, *, without: Collection[Key] = ()) -> float:
@@ -137,13 +171,18 @@ class MarginalInformation:
         for j in range(n):
             for what, std, altered in _alterations(self._robot, j):
                 change = (self._torque(altered, rows) - plain) / STEP * std
-                found[what, j] = self.seen(-change[:, :n], np.zeros_like(change[:, :n]), -change[:, n:])
+                found[what, j] = self.seen(
+                    -change[:, :n], np.zeros_like(change[:, :n]), -change[:, n:]
+                )
         found |= self._of_drives_and_sensors(course)
         return found
 
     def _of_drives_and_sensors(self, course: TrueMotion) -> dict[Key, Array]:
         c = course.channels
-        part = {name: getattr(c, name)[::EVERY] for name in ("q", "theta", "dq", "dtheta", "tau_J", "tau_m")}
+        part = {
+            name: getattr(c, name)[::EVERY]
+            for name in ("q", "theta", "dq", "dtheta", "tau_J", "tau_m")
+        }
         N, n = part["q"].shape
         time = np.linspace(-0.5, 0.5, N)
         noise = np.asarray(self._sensors.torque_noise)
@@ -151,7 +190,10 @@ class MarginalInformation:
         for j in range(n):
 
             def at(
-                link: Array | float = 0.0, drive: Array | float = 0.0, motor: Array | float = 0.0, j: int = j
+                link: Array | float = 0.0,
+                drive: Array | float = 0.0,
+                motor: Array | float = 0.0,
+                j: int = j,
             ) -> Array:
                 rows = np.zeros((3, N, n))
                 rows[0, :, j], rows[1, :, j], rows[2, :, j] = link, drive, motor
@@ -200,7 +242,10 @@ class MarginalInformation:
         found = []
         for j in range(self.n):
             white = np.linalg.solve(root[:, j], spectrum[:, :, j])
-            found += [white.real.reshape(-1, columns.shape[-1]), white.imag.reshape(-1, columns.shape[-1])]
+            found += [
+                white.real.reshape(-1, columns.shape[-1]),
+                white.imag.reshape(-1, columns.shape[-1]),
+            ]
         return np.concatenate(found)
 
     def _noise(self, f: Array) -> Array:
@@ -209,14 +254,22 @@ class MarginalInformation:
         variance = np.asarray(s.torque_noise) ** 2
         torque = np.full((len(f), self.n), 2.0 / rate) * variance
         if s.corner is not None:
-            torque = 0.1 * torque + 0.9 * variance * (2 / (np.pi * s.corner) / (1 + (f / s.corner) ** 2))[:, None]
+            torque = (
+                0.1 * torque
+                + 0.9 * variance * (2 / (np.pi * s.corner) / (1 + (f / s.corner) ** 2))[:, None]
+            )
         link = np.full(self.n, (s.link_step**2 / 12 + s.encoder_noise**2) * 2 / rate)
         motor = (s.motor_steps(self._ratios) ** 2 / 12 + s.encoder_noise**2) * 2 / rate
         w2 = ((2 * np.pi * f) ** 2)[:, None]
         # Rows: how tau_J, tau_m, q and theta enter link, drive and motor.
         H = np.zeros((len(f), self.n, 3, 4))
         H[:, :, 0, 0], H[:, :, 1, 0], H[:, :, 2, 0], H[:, :, 2, 1] = 1.0, 1.0, -1.0, 1.0
-        H[:, :, 0, 2], H[:, :, 1, 2], H[:, :, 1, 3], H[:, :, 2, 3] = self._M * w2, self._K, -self._K, self._B * w2
+        H[:, :, 0, 2], H[:, :, 1, 2], H[:, :, 1, 3], H[:, :, 2, 3] = (
+            self._M * w2,
+            self._K,
+            -self._K,
+            self._B * w2,
+        )
         if s.sides == LINK:
             H = H[:, :, :1]
         elif s.sides != BOTH:
@@ -225,7 +278,13 @@ class MarginalInformation:
             H[..., 3] += H[..., 2]
             H[..., 2] = 0.0
         power = np.stack(
-            [torque, torque, np.broadcast_to(link, torque.shape), np.broadcast_to(motor, torque.shape)], -1
+            [
+                torque,
+                torque,
+                np.broadcast_to(link, torque.shape),
+                np.broadcast_to(motor, torque.shape),
+            ],
+            -1,
         )
         S = np.einsum("fnrc,fnc,fnsc->fnrs", H, power, H)
         return S + OWN * variance[:, None, None] * np.eye(S.shape[-1]) * 2.0 / rate
@@ -243,11 +302,19 @@ def _alterations(robot: Robot, j: int) -> list[tuple[str, float, Robot]]:
         found.append((what, std, robot.with_(joints=tuple(joints))))
 
     up = 1 + STEP
-    add("mass", ORDINARY["mass"], replace(joint, link=replace(link, mass=link.mass * up, inertia=link.inertia * up)))
+    add(
+        "mass",
+        ORDINARY["mass"],
+        replace(joint, link=replace(link, mass=link.mass * up, inertia=link.inertia * up)),
+    )
     for axis in range(3):
         com = np.asarray(link.com) + STEP * np.eye(3)[axis]
         add(f"com_{'xyz'[axis]}", ORDINARY["com"], replace(joint, link=replace(link, com=com)))
-    add("inertia", ORDINARY["inertia"], replace(joint, link=replace(link, inertia=link.inertia * up)))
+    add(
+        "inertia",
+        ORDINARY["inertia"],
+        replace(joint, link=replace(link, inertia=link.inertia * up)),
+    )
     for name, strain in zip(SHAPES, np.eye(9).reshape(9, 3, 3), strict=True):
         shape = strained(np.asarray(link.inertia), STEP * strain)
         add(name, SHAPE, replace(joint, link=replace(link, inertia=shape)))
@@ -313,7 +380,9 @@ class Sizing:
             except SimulationError:
                 high = tried = 0.5 * tried
                 continue
-            better = float(np.clip(tried * wanted / max(distance, 1e-9), min(draft.low, high), high))
+            better = float(
+                np.clip(tried * wanted / max(distance, 1e-9), min(draft.low, high), high)
+            )
             if abs(better / tried - 1.0) < NEAR:
                 break
             tried = better
@@ -328,7 +397,9 @@ class Sizing:
             # What sampling leaves of the plain motion is no effect.
             change = self._information.residuals(read) - self._left
         without = {(name, fault.joint or 0) for name in ITSELF.get(fault.effect, ())}
-        return self._information.distance(change, without=without), float(np.mean(change[ENDS:-ENDS] ** 2))
+        return self._information.distance(change, without=without), float(
+            np.mean(change[ENDS:-ENDS] ** 2)
+        )
 
     def _of_friction(self, fault: Fault) -> Array:
         """Change of the residuals by what scales friction, from its law: the arm is moved without its friction."""
@@ -343,7 +414,9 @@ class Sizing:
 
 # By what factor less 1 an effect scales friction, at velocities (N,) evenly over the run.
 SCALING: dict[str, Callable[[Fault, Array], Array]] = {
-    "thermal_friction": lambda fault, w: fault.parameters["change"] * np.linspace(-0.5, 0.5, len(w)),
+    "thermal_friction": lambda fault, w: (
+        fault.parameters["change"] * np.linspace(-0.5, 0.5, len(w))
+    ),
     "asymmetric_friction": lambda fault, w: fault.parameters["asymmetry"] * np.sign(w),
 }
 
@@ -355,5 +428,9 @@ def _read(true: TrueChannels, fault: Fault, joints: Sequence[str]) -> TrueChanne
     read = measure(true, joints, [fault], IDEAL, np.random.default_rng(0))
     assert read.link is not None and read.motor is not None
     sides = {"q": read.link.position, "dq": read.link.velocity, "tau_J": read.link.effort}
-    sides |= {"theta": read.motor.position, "dtheta": read.motor.velocity, "tau_m": read.motor.effort}
+    sides |= {
+        "theta": read.motor.position,
+        "dtheta": read.motor.velocity,
+        "tau_m": read.motor.effort,
+    }
     return TrueChannels(true.t, **{name: np.asarray(values) for name, values in sides.items()})

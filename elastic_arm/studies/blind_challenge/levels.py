@@ -66,7 +66,10 @@ FOREIGN_FLOORS = {
 }
 assert set(FOREIGN_FLOORS) == set(FOREIGN)
 # What every arm has more or less of, and what only a change of tells.
-CHANGE_FLOORS = {"coulomb_friction": Floor(1.0, True, _MOTOR), "viscous_friction": Floor(2.0, True, _MOTOR)}
+CHANGE_FLOORS = {
+    "coulomb_friction": Floor(1.0, True, _MOTOR),
+    "viscous_friction": Floor(2.0, True, _MOTOR),
+}
 
 
 @dataclass(frozen=True)
@@ -80,24 +83,43 @@ class Level:
     sides: tuple[str, ...] = (BOTH,)  # what is recorded, one of which each arm has
     rates: tuple[float, ...] = (1000.0,)  # Hz, one of which each arm has
     points: float = 0.0  # share of recordings that go from point to point, with dwells
-    mountings: bool = False  # whether arms hang from walls and ceilings, too, as their description states
+    mountings: bool = (
+        False  # whether arms hang from walls and ceilings, too, as their description states
+    )
     lift: float = 0.0  # share of the larger arms whose first axis slides
     lost: float = 0.0  # share of samples that are lost, at most; of every other arm
-    corner: tuple[float, float] | None = None  # Hz, range of what colours the torque noise; white where None
-    torque_constant: float = 0.0  # largest relative error of the motors' torques beyond the sensors' own
-    drift: float = 0.0  # largest wander of a torque channel's zero, in standard deviations of its noise
+    corner: tuple[float, float] | None = (
+        None  # Hz, range of what colours the torque noise; white where None
+    )
+    torque_constant: float = (
+        0.0  # largest relative error of the motors' torques beyond the sensors' own
+    )
+    drift: float = (
+        0.0  # largest wander of a torque channel's zero, in standard deviations of its noise
+    )
     warming: float = 0.0  # largest relative change of all friction during the run
     urdf: bool = False  # whether arms are described by a URDF with their drives in an overlay
     foreign: tuple[str, ...] = ()
-    seconds: tuple[float, ...] = (20.0, 10.0)  # of what is fitted and of what judges, or of each bag of a history
+    seconds: tuple[float, ...] = (
+        20.0,
+        10.0,
+    )  # of what is fitted and of what judges, or of each bag of a history
     changing: bool = False  # whether bags are a history, and what is drawn begins with one of them
-    asked: dict[str, Any] = field(default_factory=dict)  # the question: refit, effects that are known, and priors
-    bits: int | None = None  # of the encoders of servo arms, recorded by commands and positions; None for other arms
+    asked: dict[str, Any] = field(
+        default_factory=dict
+    )  # the question: refit, effects that are known, and priors
+    bits: int | None = (
+        None  # of the encoders of servo arms, recorded by commands and positions; None for other arms
+    )
 
     def sides_of(self, effects: Sequence[str]) -> tuple[str, ...]:
         """Return the recorded sides of this level on which all of some effects, of a catalogue or none, can show."""
         floors = [floor for e in effects if (floor := FLOORS.get(e) or FOREIGN_FLOORS.get(e))]
-        return tuple(side for side in self.sides if self.exact or all(side in floor.sides for floor in floors))
+        return tuple(
+            side
+            for side in self.sides
+            if self.exact or all(side in floor.sides for floor in floors)
+        )
 
     def drawn(self, catalogue: Sequence[str]) -> tuple[str, ...]:
         """Return the effects that are drawn: of the default catalogue the level's own, and all that a user adds."""
@@ -135,7 +157,9 @@ FIELD = replace(
     drift=1.0,
     warming=0.1,
     urdf=True,
-    foreign=tuple(effect for effect in FOREIGN if set(FOREIGN_FLOORS[effect].sides) & {MOTOR, LINK}),
+    foreign=tuple(
+        effect for effect in FOREIGN if set(FOREIGN_FLOORS[effect].sides) & {MOTOR, LINK}
+    ),
     asked={**_ASKED, "priors": {"sensors": {"motor_torque_gain": 0.15}}},
 )
 _SERVOS = (

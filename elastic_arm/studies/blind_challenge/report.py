@@ -24,7 +24,10 @@ def write_challenge_report(path: str | Path, found: Mapping[str, Any]) -> Path:
     sections = []
     for level, table in found["levels"].items():
         caption = "Shares with their 95 % intervals; mark: to reach."
-        blocks: list[Any] = [Figure(shares(level, table), caption), Table(HEADINGS, table_rows(level, table))]
+        blocks: list[Any] = [
+            Figure(shares(level, table), caption),
+            Table(HEADINGS, table_rows(level, table)),
+        ]
         if table["calibration"]:
             caption = "Every cause that was said. On the dashed line, of causes with 0.9 nine in ten are right."
             blocks.append(Figure(reliability(table), caption))
@@ -42,13 +45,19 @@ def shares(level: str, table: Mapping[str, Any]) -> MplFigure:
         ax = axes[0, 0]
         for row, (name, s) in enumerate(named):
             wanted = target(name, level)
-            good = wanted is not None and (s["share"] <= wanted if name in AT_MOST else s["share"] >= wanted)
+            good = wanted is not None and (
+                s["share"] <= wanted if name in AT_MOST else s["share"] >= wanted
+            )
             colour = GREY if wanted is None else GREEN if good else VERMILION
-            ax.plot([100 * v for v in s["interval"]], [row, row], color=colour, linewidth=3, alpha=0.45)
+            ax.plot(
+                [100 * v for v in s["interval"]], [row, row], color=colour, linewidth=3, alpha=0.45
+            )
             ax.plot(100 * s["share"], row, "o", color=colour)
             if wanted is not None:
                 ax.plot(100 * wanted, row, "|", color="black", markersize=12, markeredgewidth=1.8)
-        ax.set_yticks(range(len(named)), [f"{name}  ({s['hits']}/{s['trials']})" for name, s in named])
+        ax.set_yticks(
+            range(len(named)), [f"{name}  ({s['hits']}/{s['trials']})" for name, s in named]
+        )
         ax.invert_yaxis()
         ax.set(xlim=(-1, 101), xlabel="%, with 95 % binomial interval; mark: to reach")
     return figure
@@ -60,7 +69,14 @@ def reliability(table: Mapping[str, Any]) -> MplFigure:
         ax = axes[0, 0]
         ax.plot([0, 1], [0, 1], color=GREY, linewidth=1.0, linestyle="--")
         for row in table["calibration"]:
-            ax.plot([row["mean_confidence"]] * 2, row["interval"], color=BLUE, alpha=0.4, linewidth=3)
+            ax.plot(
+                [row["mean_confidence"]] * 2, row["interval"], color=BLUE, alpha=0.4, linewidth=3
+            )
             ax.plot(row["mean_confidence"], row["share"], "o", color=BLUE)
-        ax.set(xlim=(0, 1.03), ylim=(0, 1.03), xlabel="confidence", ylabel="share of causes that were right")
+        ax.set(
+            xlim=(0, 1.03),
+            ylim=(0, 1.03),
+            xlabel="confidence",
+            ylabel="share of causes that were right",
+        )
     return figure

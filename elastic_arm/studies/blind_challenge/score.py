@@ -38,7 +38,15 @@ TARGETS = {
 AT_MOST = ("arms with a false cause at confidence 0.9",)
 COLUMNS = {"laboratory": 0, "workshop": 1, "field": 2, "servo": 3, "position": 4, "history": 5}
 HEADINGS = ("question", "reached (95 % interval)", "to reach")
-EFFECT_HEADINGS = ("effect", "right", "joint", "side", "intervals cover", "median shrink", "largest multiple missed")
+EFFECT_HEADINGS = (
+    "effect",
+    "right",
+    "joint",
+    "side",
+    "intervals cover",
+    "median shrink",
+    "largest multiple missed",
+)
 SIMULATED = "moved by the suite's own simulator, which shares their laws with the diagnosis and so flatters it: {}"
 
 
@@ -48,7 +56,12 @@ def proportion(outcomes: Sequence[Any]) -> dict[str, Any]:
     if not trials:
         return {"hits": 0, "trials": 0, "share": None, "interval": None}
     interval = binomtest(hits, trials).proportion_ci(0.95, "exact")
-    return {"hits": hits, "trials": trials, "share": hits / trials, "interval": [interval.low, interval.high]}
+    return {
+        "hits": hits,
+        "trials": trials,
+        "share": hits / trials,
+        "interval": [interval.low, interval.high],
+    }
 
 
 def calibration(told: Sequence[tuple[float, bool]]) -> list[dict[str, Any]]:
@@ -58,7 +71,14 @@ def calibration(told: Sequence[tuple[float, bool]]) -> list[dict[str, Any]]:
         inside = [(c, r) for c, r in told if low <= c and (c < high or high == BINS[-1])]
         if inside:
             mean = float(np.mean([c for c, _ in inside]))
-            rows.append({"from": low, "to": high, "mean_confidence": mean, **proportion([r for _, r in inside])})
+            rows.append(
+                {
+                    "from": low,
+                    "to": high,
+                    "mean_confidence": mean,
+                    **proportion([r for _, r in inside]),
+                }
+            )
     return rows
 
 
@@ -80,7 +100,11 @@ def score(folders: Path | Sequence[Path]) -> dict[str, Any]:
         total += len(truth)
         for kind, known in ((ANSWERS, lines), (WITHHELD, withheld)):
             paths = ((entry, answer_path(folder, entry["name"], kind)) for entry in truth)
-            known += [_line(entry, json.loads(p.read_text()), effects) for entry, p in paths if p.is_file()]
+            known += [
+                _line(entry, json.loads(p.read_text()), effects)
+                for entry, p in paths
+                if p.is_file()
+            ]
     own = [x for x in lines if not x["foreign"]]
     single = [x for x in own if len(x["truth"]) == 1]
     by_effect = {e: _effect([x for x in single if x["truth"] == [e]]) for e in effects}
@@ -91,7 +115,10 @@ def score(folders: Path | Sequence[Path]) -> dict[str, Any]:
         "simulated": sorted(simulated),
         "code": dict(Counter(x["code"] for x in lines)),
         "levels": {
-            level: level_table([x for x in lines if x["level"] == level], [x for x in withheld if x["level"] == level])
+            level: level_table(
+                [x for x in lines if x["level"] == level],
+                [x for x in withheld if x["level"] == level],
+            )
             for level in dict.fromkeys(x["level"] for x in lines)
         },
         "by_effect": {e: row for e, row in by_effect.items() if row["right"]["trials"]},
@@ -100,8 +127,12 @@ def score(folders: Path | Sequence[Path]) -> dict[str, Any]:
     }
 
 
-def _line(entry: Mapping[str, Any], answer: Mapping[str, Any], effects: Mapping[str, Effect]) -> Line:
-    faint = min(entry["share"], default=1.0) < FAINT or min(entry["multiple"], default=LOWEST) < LOWEST
+def _line(
+    entry: Mapping[str, Any], answer: Mapping[str, Any], effects: Mapping[str, Effect]
+) -> Line:
+    faint = (
+        min(entry["share"], default=1.0) < FAINT or min(entry["multiple"], default=LOWEST) < LOWEST
+    )
     return score_answer(entry, answer, effects) | {"faint": faint}
 
 
@@ -111,20 +142,31 @@ def level_table(lines: Sequence[Line], withheld: Sequence[Line]) -> dict[str, An
     foreign = [x for x in lines if x["foreign"]]
     single = [x for x in own if len(x["truth"]) == 1]
     large = [x for x in single if not x["faint"]]
-    sets = {n: [x["effect_right"] for x in own if len(x["truth"]) == n and not x["faint"]] for n in (2, 3)}
+    sets = {
+        n: [x["effect_right"] for x in own if len(x["truth"]) == n and not x["faint"]]
+        for n in (2, 3)
+    }
     faint = [x["effect_right"] for x in own if len(x["truth"]) > 1 and x["faint"]]
-    due = [x for x in withheld if not x["faint"] and (x["verdict"] == "unknown" or (x["shrink"] or 0.0) < NEIGHBOURS)]
+    due = [
+        x
+        for x in withheld
+        if not x["faint"] and (x["verdict"] == "unknown" or (x["shrink"] or 0.0) < NEIGHBOURS)
+    ]
     shares = {
         "effect right": proportion([x["effect_right"] for x in large]),
         "joint right": proportion([x["joint_right"] for x in large]),
         "side right": proportion([x["side_right"] for x in large]),
-        "nothing more than ordinary: no cause": proportion([x["no_cause"] for x in own if not x["truth"]]),
+        "nothing more than ordinary: no cause": proportion(
+            [x["no_cause"] for x in own if not x["truth"]]
+        ),
         "arms with a false cause at confidence 0.9": proportion([x["accused"] for x in lines]),
         "withheld or foreign: unknown": proportion([expected_unknown(x) for x in (*due, *foreign)]),
         "two at once, both right": proportion(sets[2]),
         "three at once, all right": proportion(sets[3]),
         "several at once, one of them faint": proportion(faint),
-        "effect right, below ten bounds": proportion([x["effect_right"] for x in single if x["faint"]]),
+        "effect right, below ten bounds": proportion(
+            [x["effect_right"] for x in single if x["faint"]]
+        ),
     }
     for kind in KINDS:
         held, asked = np.sum([x["coverage"][kind] for x in own] or [[0, 0]], axis=0)
@@ -135,7 +177,9 @@ def level_table(lines: Sequence[Line], withheld: Sequence[Line]) -> dict[str, An
         "shares": shares,
         "calibration": calibration([(c, r) for c, r in told if c > 0.0]),
         "brier": float(np.mean([(c - r) ** 2 for c, r in told])) if told else None,
-        "log_score": float(-np.mean([np.log(max(c if r else 1 - c, LEAST)) for c, r in told])) if told else None,
+        "log_score": float(-np.mean([np.log(max(c if r else 1 - c, LEAST)) for c, r in told]))
+        if told
+        else None,
         "seconds": _seconds(lines),
         "foreign": {x["name"]: [*x["foreign"], x["verdict"], *x["named"]] for x in foreign},
         "missed": {x["name"]: [*x["truth"], x["verdict"], *x["named"]] for x in missed},
@@ -144,12 +188,22 @@ def level_table(lines: Sequence[Line], withheld: Sequence[Line]) -> dict[str, An
 
 def table_rows(level: str, table: Mapping[str, Any]) -> list[tuple[str, str, str]]:
     """Return the rows of a level's table as text: question, what was reached, and to reach."""
-    rows = [(name, text(share), _target(name, level)) for name, share in table["shares"].items() if share["trials"]]
+    rows = [
+        (name, text(share), _target(name, level))
+        for name, share in table["shares"].items()
+        if share["trials"]
+    ]
     for row in table["calibration"]:
         name = f"causes of confidence {row['from']:g} to {row['to']:g} (mean {row['mean_confidence']:.2f}) right"
         rows.append((name, text(row), ""))
     if table["brier"] is not None:
-        rows.append(("Brier score, logarithmic score", f"{table['brier']:.3f}, {table['log_score']:.3f}", ""))
+        rows.append(
+            (
+                "Brier score, logarithmic score",
+                f"{table['brier']:.3f}, {table['log_score']:.3f}",
+                "",
+            )
+        )
     for n, seconds in table["seconds"].items():
         spent = f"{seconds['median']:.0f} s, longest {seconds['longest']:.0f} s"
         rows.append((f"a diagnosis of {n} joints, one core", spent, ""))
@@ -161,7 +215,10 @@ def effect_rows(found: Mapping[str, Any]) -> list[tuple[str, ...]]:
     return [
         (
             effect,
-            *(f"{row[k]['hits']}/{row[k]['trials']}" for k in ("right", "joint", "side", "intervals")),
+            *(
+                f"{row[k]['hits']}/{row[k]['trials']}"
+                for k in ("right", "joint", "side", "intervals")
+            ),
             "–" if row["shrink"] is None else f"{row['shrink']:.3f}",
             "–" if row["missed"] is None else f"{row['missed']:.0f}",
         )
@@ -176,14 +233,20 @@ def markdown(found: Mapping[str, Any]) -> str:
         "# Results of the challenge",
         "Written by `elastic-arm challenge score`; how: [challenge.md](challenge.md).",
     ]
-    parts.append("\n".join([*(f"- {challenge(c)}" for c in found["challenges"]), f"- state of the code: {states}"]))
+    parts.append(
+        "\n".join(
+            [*(f"- {challenge(c)}" for c in found["challenges"]), f"- state of the code: {states}"]
+        )
+    )
     if found["simulated"]:
         parts.append(SIMULATED.format(", ".join(found["simulated"])))
     for level, table in found["levels"].items():
         parts += [f"## Level {level}", _table(HEADINGS, table_rows(level, table))]
         for what in ("foreign", "missed"):
             if table[what]:
-                said = "; ".join(f"{name}: {', '.join(words)}" for name, words in table[what].items())
+                said = "; ".join(
+                    f"{name}: {', '.join(words)}" for name, words in table[what].items()
+                )
                 parts.append(f"{what.capitalize()}: {said}.")
     parts += ["## Single effects", _table(EFFECT_HEADINGS, effect_rows(found))]
     return "\n\n".join(parts) + "\n"
@@ -241,7 +304,9 @@ def _seconds(lines: Sequence[Line]) -> dict[str, dict[str, float]]:
     spent: dict[int, list[float]] = {}
     for x in lines:
         spent.setdefault(x["joints_of_arm"], []).append(x["cpu_seconds"] or 0.0)
-    return {str(n): {"median": float(np.median(s)), "longest": max(s)} for n, s in sorted(spent.items())}
+    return {
+        str(n): {"median": float(np.median(s)), "longest": max(s)} for n, s in sorted(spent.items())
+    }
 
 
 def _table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

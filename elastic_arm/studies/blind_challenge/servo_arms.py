@@ -36,14 +36,17 @@ class ServoJoint:
     moments: tuple[float, ...]
     numbers: dict[str, Any] = field(default_factory=dict)  # attributes of the joint
     servo: dict[str, float] = field(default_factory=dict)  # of its actuator
-    beside: dict[str, Any] = field(default_factory=dict)  # of its controller, which no actuator of MuJoCo has
+    beside: dict[str, Any] = field(
+        default_factory=dict
+    )  # of its controller, which no actuator of MuJoCo has
     limit: float = LIMIT
     payload: float = 0.0
 
     def scaled(self, name: str, ratio: float) -> Self:
         """Return it with an attribute of joint or actuator times a ratio."""
         numbers, servo = (
-            {k: ratio * v if k == name else v for k, v in own.items()} for own in (self.numbers, self.servo)
+            {k: ratio * v if k == name else v for k, v in own.items()}
+            for own in (self.numbers, self.servo)
         )
         return replace(self, numbers=numbers, servo=servo)
 
@@ -53,12 +56,21 @@ def described(rng: np.random.Generator) -> list[ServoJoint]:
     count, size = int(rng.integers(3, 6)), float(rng.uniform(0.8, 1.3))
     joints = []
     for k in range(count):
-        length, mass = size * float(rng.uniform(0.08, 0.2)), size**3 * float(rng.uniform(0.25, 0.5)) * 0.8**k
+        length, mass = (
+            size * float(rng.uniform(0.08, 0.2)),
+            size**3 * float(rng.uniform(0.25, 0.5)) * 0.8**k,
+        )
         slender = mass * length**2 / 10
-        numbers = {"armature": float(rng.uniform(0.015, 0.03)), "damping": 0.05, "frictionloss": 0.04}
+        numbers = {
+            "armature": float(rng.uniform(0.015, 0.03)),
+            "damping": 0.05,
+            "frictionloss": 0.04,
+        }
         servo = {"kp": float(rng.uniform(15, 25)), "kv": float(rng.uniform(0.4, 0.8))}
         com = (0.0, 0.05 * length, 0.5 * length)
-        joints.append(ServoJoint(length, mass, com, (slender, slender, 0.2 * slender), numbers, servo))
+        joints.append(
+            ServoJoint(length, mass, com, (slender, slender, 0.2 * slender), numbers, servo)
+        )
     return joints
 
 
@@ -71,11 +83,24 @@ def ordinary(joints: list[ServoJoint], rng: np.random.Generator) -> list[ServoJo
     built = []
     for one in joints:
         shift, moments, friction, gain = 0.003 * rng.normal(size=3), off(0.08), off(0.2), off(0.1)
-        ratios = {"armature": off(0.06), "damping": friction, "frictionloss": friction, "kp": gain, "kv": gain}
+        ratios = {
+            "armature": off(0.06),
+            "damping": friction,
+            "frictionloss": friction,
+            "kp": gain,
+            "kv": gain,
+        }
         for name, ratio in ratios.items():
             one = one.scaled(name, ratio)
         com = tuple(float(c + s) for c, s in zip(one.com, shift, strict=True))
-        built.append(replace(one, mass=off(0.06) * one.mass, com=com, moments=tuple(moments * m for m in one.moments)))
+        built.append(
+            replace(
+                one,
+                mass=off(0.06) * one.mass,
+                com=com,
+                moments=tuple(moments * m for m in one.moments),
+            )
+        )
     return built
 
 
@@ -102,7 +127,9 @@ def with_effect(
         changed = own.scaled("kp" if effect == "position_gain" else "kv", 1.8 + 0.7 * u)
     elif effect == "command_delay":
         late = {"delay": 0.015 + 0.03 * u}
-        return [replace(one, servo={**one.servo, **late}) for one in joints], Fault(effect, None, late)
+        return [replace(one, servo={**one.servo, **late}) for one in joints], Fault(
+            effect, None, late
+        )
     elif effect == "torque_saturation":
         parameters = {"torque": float((0.55 + 0.25 * u) * peaks[k])}
         changed = replace(own, limit=parameters["torque"])
@@ -118,7 +145,9 @@ def with_effect(
         changed = replace(own, numbers={**numbers, "stiffness": 1.0 + u, "springref": 0.3})
     else:  # a dress pack pulls beyond its slack
         slack = f"{-1.5 - u:.9g} {0.3 + 0.4 * u:.9g}"
-        changed = replace(own, numbers={**numbers, "limited": "true", "range": slack, "solreflimit": "-8 -0.2"})
+        changed = replace(
+            own, numbers={**numbers, "limited": "true", "range": slack, "solreflimit": "-8 -0.2"}
+        )
     placed = [changed if j == k else one for j, one in enumerate(joints)]
     return placed, Fault(effect, k, parameters)
 
@@ -127,20 +156,28 @@ def mjcf(joints: list[ServoJoint], step: float) -> str:
     """Return an arm as MJCF."""
 
     def written(attributes: dict[str, Any]) -> str:
-        return " ".join(f'{k}="{v if isinstance(v, str) else format(v, ".9g")}"' for k, v in attributes.items())
+        return " ".join(
+            f'{k}="{v if isinstance(v, str) else format(v, ".9g")}"' for k, v in attributes.items()
+        )
 
     bodies, place = "", "0 0 0"
     for k, one in enumerate(joints):
         com, moments = (" ".join(f"{v:.9g}" for v in values) for values in (one.com, one.moments))
-        bodies += f'<body name="link_{k + 1}" pos="{place}"><joint name="joint_{k + 1}" axis="{AXES[k]}" '
+        bodies += (
+            f'<body name="link_{k + 1}" pos="{place}"><joint name="joint_{k + 1}" axis="{AXES[k]}" '
+        )
         bodies += f'{written(one.numbers)}/><inertial pos="{com}" mass="{one.mass:.9g}" diaginertia="{moments}"/>'
         if one.payload:
-            inertial = f'<inertial pos="0 0 0" mass="{one.payload:.9g}" diaginertia="1e-6 1e-6 1e-6"/>'
+            inertial = (
+                f'<inertial pos="0 0 0" mass="{one.payload:.9g}" diaginertia="1e-6 1e-6 1e-6"/>'
+            )
             bodies += f'<body name="payload" pos="0 0 {one.length:.9g}">{inertial}</body>'
         place = f"0 0 {one.length:.9g}"
     servos = ""
     for k, one in enumerate(joints):
-        history = {"nsample": int(np.ceil(one.servo["delay"] / step)) + 2} if "delay" in one.servo else {}
+        history = (
+            {"nsample": int(np.ceil(one.servo["delay"] / step)) + 2} if "delay" in one.servo else {}
+        )
         limits = f'forcerange="-{one.limit:.9g} {one.limit:.9g}"'
         servos += f'<position joint="joint_{k + 1}" {written({**one.servo, **history})} {limits}/>'
     return (
@@ -164,8 +201,15 @@ def opened(joints: list[ServoJoint], path: Path, step: float) -> MjcfArm:
 def commands(rate: float, seconds: float, n: int, rng: np.random.Generator) -> Array:
     """Return commands (N, n) rad of several frequencies, from rest."""
     t = np.arange(round(seconds * rate)) / rate
-    size, phase = rng.normal(size=(6, n)) / (0.6 + MOTION_HZ)[:, None], rng.uniform(0, 2 * np.pi, (6, n))
-    motion = np.einsum("fj,ftj->tj", size, np.sin(2 * np.pi * MOTION_HZ[:, None, None] * t[:, None] + phase[:, None]))
+    size, phase = (
+        rng.normal(size=(6, n)) / (0.6 + MOTION_HZ)[:, None],
+        rng.uniform(0, 2 * np.pi, (6, n)),
+    )
+    motion = np.einsum(
+        "fj,ftj->tj",
+        size,
+        np.sin(2 * np.pi * MOTION_HZ[:, None, None] * t[:, None] + phase[:, None]),
+    )
     start = np.clip(t, 0.0, 1.0)[:, None]
     middle = np.array([0.0, 0.5, 0.7, 0.0, 0.5])[:n]
     return np.asarray(middle + 0.5 * motion / motion.std(axis=0) * start**2 * (3.0 - 2.0 * start))

@@ -12,9 +12,21 @@ from typing import Any
 
 import numpy as np
 
-from elastic_arm.studies.paper.identification_study import ErrorShares, mean_shares, shares, smallness
+from elastic_arm.studies.paper.identification_study import (
+    ErrorShares,
+    mean_shares,
+    shares,
+    smallness,
+)
 from elastic_arm.studies.paper.study import StudyResult
-from elastic_arm.studies.paper.torques import MODELS, PROTOTYPE, LinearTrend, LinkErrors, Metric, line_over_ratio
+from elastic_arm.studies.paper.torques import (
+    MODELS,
+    PROTOTYPE,
+    LinearTrend,
+    LinkErrors,
+    Metric,
+    line_over_ratio,
+)
 
 SECTIONS = ("IV-A", "IV-C", "V", "VI-A", "VI-B", "VII")
 HOLDS, IN_PART, FAILS, UNDECIDED = "holds", "holds in part", "does not hold", "undecided"
@@ -79,7 +91,9 @@ def judge(result: StudyResult) -> list[Claim]:
 
 SENSOR_NOISE = 0.26  # Nm, VII-1
 LINEAR = 0.99  # share of the variation over r_tot that a line must explain
-LEAST = 0.01 * SENSOR_NOISE  # Nm; what is smaller at every ratio is no error that grows, whatever its shape
+LEAST = (
+    0.01 * SENSOR_NOISE
+)  # Nm; what is smaller at every ratio is no error that grows, whatever its shape
 EQUAL = 1e-9  # relative difference of errors that are the same but for rounding
 
 
@@ -103,7 +117,11 @@ def _mod3_follows(result: StudyResult) -> Judged:
     return finding, list(error < 0.01 * span)
 
 
-@_rule("link_mod3_not_zero", "IV-A", "tau^l of mod3 is not exactly zero, because of the 6-DoF bushing of mod_ad")
+@_rule(
+    "link_mod3_not_zero",
+    "IV-A",
+    "tau^l of mod3 is not exactly zero, because of the 6-DoF bushing of mod_ad",
+)
 def _link_not_zero(result: StudyResult) -> Judged:
     top = result.at_highest()
     left = np.abs(top.torques["mod3"].link).max(axis=0)
@@ -126,9 +144,7 @@ def _simple_drive_in_motor_torque(result: StudyResult) -> Judged:
     difference = _rms(top.error("mod1", "mod2", "motor"))
     share = difference / _rms(top.run.tau_m)
     most = int(np.argmax(difference)) + 1
-    finding = (
-        f"rms difference {listed(difference)} Nm, {100 * share.max():.2g} % of tau^m at most; largest for joint {most}"
-    )
+    finding = f"rms difference {listed(difference)} Nm, {100 * share.max():.2g} % of tau^m at most; largest for joint {most}"
     return finding, [bool((share < 0.01).all()), most == 1]
 
 
@@ -155,7 +171,11 @@ def _grows_linearly(line: LinearTrend, share: float) -> bool:
     return line.r_squared > share and line.slope > 0.0 and line.highest > LEAST
 
 
-@_rule("link_linear", "IV-C", "the tau^l errors of mod1 and mod2 grow linearly with r_tot for joints 1 and 2")
+@_rule(
+    "link_linear",
+    "IV-C",
+    "the tau^l errors of mod1 and mod2 grow linearly with r_tot for joints 1 and 2",
+)
 def _linear_in_ratio(result: StudyResult) -> Judged:
     lines = [
         line_over_ratio(result.against_mod3, model, "link", joint)
@@ -171,7 +191,9 @@ def _linear_in_ratio(result: StudyResult) -> Judged:
 
 
 @_rule(
-    "link_difference_grows", "IV-C", "the difference between mod1 and mod2 in tau^l grows with r_tot for joints 1 and 2"
+    "link_difference_grows",
+    "IV-C",
+    "the difference between mod1 and mod2 in tau^l grows with r_tot for joints 1 and 2",
 )
 def _difference_linear(result: StudyResult) -> Judged:
     gaps = []
@@ -185,7 +207,11 @@ def _difference_linear(result: StudyResult) -> Judged:
     return finding, [gap > 1.5 for gap in gaps]
 
 
-@_rule("link_last_constant", "IV-C", "for joint 3 the tau^l error is constant over r_tot in mod1 and zero in mod2")
+@_rule(
+    "link_last_constant",
+    "IV-C",
+    "for joint 3 the tau^l error is constant over r_tot in mod1 and zero in mod2",
+)
 def _last_joint(result: StudyResult) -> Judged:
     n = result.robot.n
     one = np.array([row.e_max for row in _of(result.against_mod3, "mod1", "link", n)])
@@ -218,12 +244,18 @@ def _shape_of_coupling(result: StudyResult) -> Judged:
     return finding, [zero, len(there) + len(tilting) == len(expected)]
 
 
-@_rule("motor_mod3_half", "V", "e_max and e_rmse of tau^m are about 50 % less in mod3 than in the other models")
+@_rule(
+    "motor_mod3_half",
+    "V",
+    "e_max and e_rmse of tau^m are about 50 % less in mod3 than in the other models",
+)
 def _coupling_halves_motor_error(result: StudyResult) -> Judged:
     n = result.robot.n
     gains = []
     for joint in range(1, n + 1):
-        two, three = (_of(result.against_prototype, m, "motor", joint)[-1].e_rmse for m in ("mod2", "mod3"))
+        two, three = (
+            _of(result.against_prototype, m, "motor", joint)[-1].e_rmse for m in ("mod2", "mod3")
+        )
         gains.append(1.0 - three / two)
     better = [gain > 0.5 for gain in gains]
     finding = (
@@ -236,7 +268,8 @@ def _coupling_halves_motor_error(result: StudyResult) -> Judged:
 @_rule("motor_mod3_linear", "V", "tau^m errors of mod3 grow linearly with r_tot")
 def _mod3_linear(result: StudyResult) -> Judged:
     lines = [
-        line_over_ratio(result.against_prototype, "mod3", "motor", joint) for joint in range(1, result.robot.n + 1)
+        line_over_ratio(result.against_prototype, "mod3", "motor", joint)
+        for joint in range(1, result.robot.n + 1)
     ]
     finding = (
         f"a line explains {listed([100 * line.r_squared for line in lines], 4)} % of e_max; slopes "
@@ -250,7 +283,9 @@ def _mod3_linear(result: StudyResult) -> Judged:
 def _smallest(errors: LinkErrors) -> list[bool]:
     """Return for e_rmse of each joint, then for e_max, whether mod3's tau_l is the smallest."""
     return [
-        bool(column[-1] <= column.min() * (1 + EQUAL)) for table in (errors.e_rmse, errors.e_max) for column in table.T
+        bool(column[-1] <= column.min() * (1 + EQUAL))
+        for table in (errors.e_rmse, errors.e_max)
+        for column in table.T
     ]
 
 
@@ -259,7 +294,11 @@ def _in_columns(table: np.ndarray) -> str:
     return "; ".join(" / ".join(f"{value:.3g}" for value in column) for column in table.T)
 
 
-@_rule("link_mod3_minimal", "V", "tau^l errors of mod3 are very minimal, the smallest of the three models")
+@_rule(
+    "link_mod3_minimal",
+    "V",
+    "tau^l errors of mod3 are very minimal, the smallest of the three models",
+)
 def _link_minimal(result: StudyResult) -> Judged:
     n, top = result.robot.n, result.at_highest()
     errors = np.array([top.error(m, PROTOTYPE, "link") for m in MODELS])
@@ -275,19 +314,30 @@ def _link_minimal(result: StudyResult) -> Judged:
         f"{_in_columns(smooth)} Nm on a ramp without jumps. It depends on the bushing's translation stiffness, which "
         f"the paper does not state: joints of {n} where mod3 is smallest by e_rmse and by e_max at {'; '.join(counts)}"
     )
-    return finding, [*_smallest(step), *(bool(row[-1] <= row.min() * (1 + EQUAL)) for row in smooth.T)]
+    return finding, [
+        *_smallest(step),
+        *(bool(row[-1] <= row.min() * (1 + EQUAL)) for row in smooth.T),
+    ]
 
 
 @_rule("link_last_identical", "V", "tau_3^l is identical in mod2 and mod3")
 def _last_link_identical(result: StudyResult) -> Judged:
-    gap = max(float(np.abs(c.error("mod2", "mod3", "link")[:, -1]).max()) for c in result.comparisons)
+    gap = max(
+        float(np.abs(c.error("mod2", "mod3", "link")[:, -1]).max()) for c in result.comparisons
+    )
     finding = f"largest difference over all ratios {gap:.1g} Nm"
     return finding, [gap < 1e-9]
 
 
-@_rule("B_dominates", "V", "the torque of rotor and harmonic drive in B dominates tau^m, as r_b and r_hd multiply it")
+@_rule(
+    "B_dominates",
+    "V",
+    "the torque of rotor and harmonic drive in B dominates tau^m, as r_b and r_hd multiply it",
+)
 def _motor_inertia_dominates(result: StudyResult) -> Judged:
-    B, S, drive = (result.inertial[k] for k in ("B ddtheta", "S' ddq", "K (theta - q) + D (dtheta - dq)"))
+    B, S, drive = (
+        result.inertial[k] for k in ("B ddtheta", "S' ddq", "K (theta - q) + D (dtheta - dq)")
+    )
     finding = (
         f"rms of B ddtheta {listed(B, 3)} Nm against {listed(S)} Nm of S' ddq and {listed(drive, 3)} Nm of the "
         "drive (gravity included)"
@@ -299,7 +349,11 @@ def _largest_motor_errors(result: StudyResult) -> np.ndarray:
     """Largest e_max over models and ratios of each joint's tau^m, (n,), mod1 and mod2 with respect to mod3."""
     return np.array(
         [
-            max(row.e_max for m in ("mod1", "mod2") for row in _of(result.against_mod3, m, "motor", joint))
+            max(
+                row.e_max
+                for m in ("mod1", "mod2")
+                for row in _of(result.against_mod3, m, "motor", joint)
+            )
             for joint in range(1, result.robot.n + 1)
         ]
     )
@@ -349,7 +403,10 @@ ALIKE = 0.1
 def _counts(result: StudyResult) -> Judged:
     found = {m: result.estimate(m) for m in MODELS}
     ours = [found[m].estimable for m in ("mod2", "mod3", "mod1")]
-    text = "; ".join(f"{m}: {found[m].estimable} parameters in {len(found[m].names)} coefficients" for m in MODELS)
+    text = "; ".join(
+        f"{m}: {found[m].estimable} parameters in {len(found[m].names)} coefficients"
+        for m in MODELS
+    )
     finding = (
         f"{text}. mod2 and mod3 alike, mod1 fewer: {'yes' if ours[0] == ours[1] > ours[2] else 'no'}; the numbers "
         "differ, as the paper counts parameters it does not name"
@@ -380,7 +437,8 @@ def _shares(result: StudyResult) -> Judged:
     found = [result.estimate(m) for m in MODELS]
     plain, merged = [e.shares for e in found], [shares(e.merged_error) for e in found]
     texts = [
-        "; ".join(f"{m}: {_listed_shares(s)}" for m, s in zip(MODELS, many, strict=True)) for many in (plain, merged)
+        "; ".join(f"{m}: {_listed_shares(s)}" for m, s in zip(MODELS, many, strict=True))
+        for many in (plain, merged)
     ]
     sizes = min(len(e.names) for e in found), min(len(e.merged_error) for e in found)
     finding = (
@@ -390,7 +448,9 @@ def _shares(result: StudyResult) -> Judged:
     return finding, _orders(plain, 100.0 / sizes[0]) + _orders(merged, 100.0 / sizes[1])
 
 
-@_rule("mod1_mostly_high", "VI-B", "most coefficients of mod1 (62.5 %) are estimated with high error")
+@_rule(
+    "mod1_mostly_high", "VI-B", "most coefficients of mod1 (62.5 %) are estimated with high error"
+)
 def _mod1_mostly_high(result: StudyResult) -> Judged:
     found = result.estimate("mod1")
     assert found.unfolded_error is not None
@@ -404,16 +464,21 @@ def _mod1_mostly_high(result: StudyResult) -> Judged:
     return finding, [beyond_noise(high - 50.0, 50.0 / len(found.names)) for high in readings]
 
 
-@_rule("high_errors_small", "VII", "high relative errors come from coefficients of small true value")
+@_rule(
+    "high_errors_small", "VII", "high relative errors come from coefficients of small true value"
+)
 def _small_coefficients(result: StudyResult) -> Judged:
     found = {m: result.estimate(m) for m in MODELS}
     numbers = {m: smallness(e) for m, e in found.items()}
     text = "; ".join(
-        f"{m}: {size:.2f} with the value, {torque:.2f} with its torque" for m, (size, torque) in numbers.items()
+        f"{m}: {size:.2f} with the value, {torque:.2f} with its torque"
+        for m, (size, torque) in numbers.items()
     )
     # A rank correlation of B pairs that have nothing to do with each other scatters by 1 / sqrt(B - 1).
     parts = [
-        beyond_noise(-value, 1.0 / (len(found[m].names) - 1) ** 0.5) for m, pair in numbers.items() for value in pair
+        beyond_noise(-value, 1.0 / (len(found[m].names) - 1) ** 0.5)
+        for m, pair in numbers.items()
+        for value in pair
     ]
     finding = f"rank correlation of the error: {text}"
     return finding, parts
@@ -448,7 +513,10 @@ def _always(errors: list[list[float]]) -> bool | None:
 
     None where motions disagree or a difference is within :data:`ALIKE`.
     """
-    wins = {beyond_noise(min(run[:-1]) - run[-1], ALIKE / DECIDED * min(run)) for run in zip(*errors, strict=True)}
+    wins = {
+        beyond_noise(min(run[:-1]) - run[-1], ALIKE / DECIDED * min(run))
+        for run in zip(*errors, strict=True)
+    }
     return wins.pop() if len(wins) == 1 else None
 
 
@@ -460,10 +528,15 @@ def _accuracy(result: StudyResult) -> Judged:
     text = []
     for r_tot in known:
         rows = [named[f"identified {m}", r_tot] for m in MODELS]
-        measures = (("tool", [r.tool_rms for r in rows]), ("joints' part", [r.joints_rms for r in rows]))
+        measures = (
+            ("tool", [r.tool_rms for r in rows]),
+            ("joints' part", [r.joints_rms for r in rows]),
+        )
         for part, (what, errors) in enumerate(measures):
             parts.append(_always([[run[part] for run in row.each] for row in rows]))
-            text.append(f"r_tot {r_tot:g}, {what}: " + " / ".join(f"{value:.2g}" for value in errors))
+            text.append(
+                f"r_tot {r_tot:g}, {what}: " + " / ".join(f"{value:.2g}" for value in errors)
+            )
     finding = (
         f"rms error under feed-forward of the identified mod1 / mod2 / mod3, mm: {'; '.join(text)}. The rest of the "
         "tool's error is the bearings' tilt, which no model with locked bearings sees"

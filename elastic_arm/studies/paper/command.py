@@ -23,11 +23,17 @@ COLOURS = {"holds": "green", "holds in part": "yellow", "does not hold": "red", 
 @reports_errors
 def paper(
     robot_file: RobotFile = None,
-    folder: Annotated[Path, typer.Option("--out", help="Folder for report.html, CSV and JSON.")] = Path("paper"),
+    folder: Annotated[
+        Path, typer.Option("--out", help="Folder for report.html, CSV and JSON.")
+    ] = Path("paper"),
     quick: Annotated[bool, typer.Option(help="Less of everything, in a minute.")] = False,
-    workers: Annotated[int, typer.Option(min=1, help="Processes for the prototype's runs.")] = os.cpu_count() or 1,
+    workers: Annotated[
+        int, typer.Option(min=1, help="Processes for the prototype's runs.")
+    ] = os.cpu_count() or 1,
     seed: Annotated[int, typer.Option(min=0, help="Of noise and searches.")] = 1,
-    json: Annotated[bool, typer.Option("--json", help="Print the claims as JSON, for scripts.")] = False,
+    json: Annotated[
+        bool, typer.Option("--json", help="Print the claims as JSON, for scripts.")
+    ] = False,
     force: Force = False,
 ) -> None:
     """Reproduce the paper: mod1, mod2, mod3 against a virtual prototype, over the ratios, down to the parameters.
@@ -50,7 +56,12 @@ def paper(
     from elastic_arm.studies.paper.study import FULL, QUICK, run_study
 
     robot = load_robot(robot_file)
-    columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    columns = (
+        TextColumn("{task.description}", markup=False),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+    )
     with progress_bar(*columns, transient=False) as progress:
 
         def stage(name: str, count: int) -> Callable[[], None]:
@@ -62,10 +73,20 @@ def paper(
     files = export(result, claims, folder)
     report = write_paper_report(result, claims, folder / "report.html")
     if json:
-        print_json({"report": str(report), "files": [str(f) for f in files], "claims": [asdict(c) for c in claims]})
+        print_json(
+            {
+                "report": str(report),
+                "files": [str(f) for f in files],
+                "claims": [asdict(c) for c in claims],
+            }
+        )
         return
     table = Table("section", "claim", "verdict", title="Claims of the paper, with our numbers")
     for claim in claims:
-        table.add_row(claim.section, escape(claim.claim), f"[{COLOURS[claim.verdict]}]{claim.verdict}[/]")
+        table.add_row(
+            claim.section, escape(claim.claim), f"[{COLOURS[claim.verdict]}]{claim.verdict}[/]"
+        )
     out.print(table)
-    out.print(f"report: {escape(str(report))}; numbers in its folder: {escape(', '.join(f.name for f in files))}")
+    out.print(
+        f"report: {escape(str(report))}; numbers in its folder: {escape(', '.join(f.name for f in files))}"
+    )

@@ -18,7 +18,9 @@ from elastic_arm.robot.description import Robot
 class SymbolicCoupling:
     """S in symbols, a column a motor."""
 
-    rows: tuple[str, ...]  # coordinates of the link side: q_1 … q_n and, with bearings, the tilts q_ix, q_iy
+    rows: tuple[
+        str, ...
+    ]  # coordinates of the link side: q_1 … q_n and, with bearings, the tilts q_ix, q_iy
     matrix: sympy.Matrix  # (len(rows), n); its first n rows are the S of (8)
     # Per motor j, the sum of izz times ratio over its bodies that ride on a moving link: the bracket in (9)
     reflected: tuple[sympy.Expr, ...]
@@ -28,7 +30,9 @@ class SymbolicCoupling:
 def symbolic_coupling(robot: Robot, *, bearings: bool = False) -> SymbolicCoupling:
     """Derive S of mod3 in symbols."""
     if not robot.elastic:
-        raise RobotError(f"robot {robot.name} has no transmissions", "S couples motors to links; use an arm file")
+        raise RobotError(
+            f"robot {robot.name} has no transmissions", "S couples motors to links; use an arm file"
+        )
     bodies = _with_symbols(robot, compose(robot, "mod3", bearings=bearings))
     x = [sympy.Symbol(name, real=True) for name in bodies.coordinates]
     Psi = [_parameter(parameter.name) for parameter in bodies.parameters]
@@ -37,11 +41,17 @@ def symbolic_coupling(robot: Robot, *, bearings: bool = False) -> SymbolicCoupli
     for j in range(n):
         push = list(zero)
         push[bodies.motor_side[j]] = sympy.Integer(1)
-        forces = inverse_dynamics(bodies, x, zero, push, Psi, Trig(sympy.sin, sympy.cos), gravity=[0.0, 0.0, 0.0])
+        forces = inverse_dynamics(
+            bodies, x, zero, push, Psi, Trig(sympy.sin, sympy.cos), gravity=[0.0, 0.0, 0.0]
+        )
         for i, coordinate in enumerate(links):
             matrix[i, j] = sympy.expand(sympy.nsimplify(forces[coordinate], rational=True))
-    spun = [(Psi[s.parameter] * ratio, k) for s in bodies.spins if s.frame >= 0 for k, ratio in s.gears]
-    reflected = tuple(sympy.Add(*(term for term, k in spun if k == motor)) for motor in bodies.motor_side)
+    spun = [
+        (Psi[s.parameter] * ratio, k) for s in bodies.spins if s.frame >= 0 for k, ratio in s.gears
+    ]
+    reflected = tuple(
+        sympy.Add(*(term for term, k in spun if k == motor)) for motor in bodies.motor_side
+    )
     sigma = sympy.Matrix(*matrix.shape, lambda i, j: sympy.simplify(matrix[i, j] / reflected[j]))
     return SymbolicCoupling(tuple(bodies.coordinates[k] for k in links), matrix, reflected, sigma)
 
@@ -72,5 +82,7 @@ def _parameter(name: str) -> sympy.Symbol:
     """Name an inertia as in (9): I_zz^{r,1} for joint_1.rotor.Izz; other parameters keep their names."""
     parts = name.split(".")
     if len(parts) == 3 and parts[1] in _SHORT and parts[2] == "Izz":
-        return sympy.Symbol(f"I_zz^({_SHORT[parts[1]]},{parts[0].removeprefix('joint_')})", positive=True)
+        return sympy.Symbol(
+            f"I_zz^({_SHORT[parts[1]]},{parts[0].removeprefix('joint_')})", positive=True
+        )
     return sympy.Symbol(name, real=True)

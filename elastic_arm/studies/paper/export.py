@@ -35,7 +35,9 @@ def export(result: StudyResult, claims: list[Claim], folder: Path) -> list[Path]
         "tracking": [{k: v for k, v in asdict(t).items() if k != "each"} for t in result.tracking],
     }
     content = _as_dict(result) | {k: v for k, v in tables.items() if k != "torques"}
-    whole = write_result(folder / "paper.json", json.dumps(plain(content), indent=1, allow_nan=False))
+    whole = write_result(
+        folder / "paper.json", json.dumps(plain(content), indent=1, allow_nan=False)
+    )
     rows = {name: csv_text(list(table[0]), table) for name, table in tables.items()}
     return [whole, *(write_result(folder / f"{name}.csv", text) for name, text in rows.items())]
 
@@ -47,7 +49,9 @@ def _as_dict(result: StudyResult) -> dict[str, Any]:
     found |= {name: getattr(result, name) for name in kept}
     found["excited"] = {model: search.to_dict() for model, search in result.excited.items()}
     S = {"locked": result.coupling, "tilted": result.tilted_coupling}
-    return found | {"S": {name: [[str(v) for v in row] for row in c.matrix.tolist()] for name, c in S.items()}}
+    return found | {
+        "S": {name: [[str(v) for v in row] for row in c.matrix.tolist()] for name, c in S.items()}
+    }
 
 
 def _torques(result: StudyResult) -> list[dict[str, Any]]:

@@ -64,10 +64,14 @@ def together(runs: Sequence[Tracking]) -> Tracking:
     whole[1] = values[:, 1].max()
     each = tuple((run.tool_rms, run.joints_rms) for run in runs)
     tool, largest, joints, angle, feedback = map(float, whole)
-    return Tracking(runs[0].feedforward, runs[0].r_tot, tool, largest, joints, angle, feedback, each)
+    return Tracking(
+        runs[0].feedforward, runs[0].r_tot, tool, largest, joints, angle, feedback, each
+    )
 
 
-def invert(model: Model, Psi: np.ndarray, q: tuple[np.ndarray, np.ndarray, np.ndarray], period: float) -> Command:
+def invert(
+    model: Model, Psi: np.ndarray, q: tuple[np.ndarray, np.ndarray, np.ndarray], period: float
+) -> Command:
     """Return the command that drives a model's link along one period of q, dq, ddq (M, n)."""
     n, names = model.n, [parameter.name.rpartition(".")[2] for parameter in model.parameters]
     K, D = (Psi[[k for k, name in enumerate(names) if name == letter]] for letter in ("K", "D"))
@@ -90,18 +94,28 @@ def gains(model: Model, frequency: float, at: np.ndarray) -> tuple[np.ndarray, n
     return inertia * frequency**2, 1.4 * inertia * frequency
 
 
-def reference(n: int, period: float, duration: float, rng: np.random.Generator) -> FourierTrajectory:
+def reference(
+    n: int, period: float, duration: float, rng: np.random.Generator
+) -> FourierTrajectory:
     """Make a motion that no identification saw: three harmonics, at most 0.4 rad from zero per joint and 0.8 rad/s."""
     harmonics = 3
     a, b = rng.standard_normal((2, n, harmonics))
     frequency = 2.0 * np.pi / period * np.arange(1, harmonics + 1)
     size = np.hypot(a, b)
     scale = np.minimum(0.8 / size.sum(axis=1), 0.4 / (size / frequency).sum(axis=1))[:, None]
-    return FourierTrajectory(2.0 * np.pi / period, a * scale, b * scale, np.zeros(n), duration + period)
+    return FourierTrajectory(
+        2.0 * np.pi / period, a * scale, b * scale, np.zeros(n), duration + period
+    )
 
 
 def assess(
-    robot: Robot, law: FeedforwardLaw, reference: FourierTrajectory, *, frequency: float, settle: float, step: float
+    robot: Robot,
+    law: FeedforwardLaw,
+    reference: FourierTrajectory,
+    *,
+    frequency: float,
+    settle: float,
+    step: float,
 ) -> Tracking:
     """Drive the prototype along a reference under a feed-forward law and compare."""
     period, step = reference.period, dividing_step(step)
@@ -134,7 +148,9 @@ def assess(
     )
 
 
-def _command(robot: Robot, law: FeedforwardLaw, q: tuple[np.ndarray, np.ndarray, np.ndarray], period: float) -> Command:
+def _command(
+    robot: Robot, law: FeedforwardLaw, q: tuple[np.ndarray, np.ndarray, np.ndarray], period: float
+) -> Command:
     """Invert the law's model along one period; without one, command the link's motion to the motor and no torque."""
     if law.Psi is None:
         return Command(q[0], q[1], np.zeros_like(q[0]))

@@ -43,7 +43,9 @@ class CoefficientFit:
 
     def __init__(self, robot: Robot, model: str) -> None:
         self.model = build_model(robot, model)
-        self.equations = BaseRegression(self.model, ("q", "theta", "tau_m"), joints=robot.joint_names)
+        self.equations = BaseRegression(
+            self.model, ("q", "theta", "tau_m"), joints=robot.joint_names
+        )
         base = self.equations.base
         self.names = base.names
         self.true = base.T @ self.equations.nominal
@@ -55,11 +57,16 @@ class CoefficientFit:
         data.add(motion)
         return fit(data.snapshot(), 0.0)
 
-    def with_noise(self, motion: Motion, std: float, seeds: int, rng: np.random.Generator) -> list[Fit]:
+    def with_noise(
+        self, motion: Motion, std: float, seeds: int, rng: np.random.Generator
+    ) -> list[Fit]:
         """Return fits with independent Gaussian noise of `std` Nm on every measured torque."""
         assert motion.tau_m is not None
         torque = motion.tau_m
-        noisy = (replace(motion, tau_m=torque + std * rng.standard_normal(torque.shape)) for _ in range(seeds))
+        noisy = (
+            replace(motion, tau_m=torque + std * rng.standard_normal(torque.shape))
+            for _ in range(seeds)
+        )
         return [self.fit(one) for one in noisy]
 
     def percent(self, estimate: np.ndarray) -> np.ndarray:
@@ -100,7 +107,10 @@ def merged_error(found: Fit, true: np.ndarray, kept: np.ndarray) -> np.ndarray:
     R, z = found.factor[:, :-1], found.factor[:, -1]
     lost = np.setdiff1d(np.arange(len(true)), kept)
     scale = np.linalg.norm(R[:, kept], axis=0)
-    solution = np.linalg.lstsq(R[:, kept] / scale, np.column_stack([R[:, lost], z]), rcond=None)[0] / scale[:, None]
+    solution = (
+        np.linalg.lstsq(R[:, kept] / scale, np.column_stack([R[:, lost], z]), rcond=None)[0]
+        / scale[:, None]
+    )
     expected = true[kept] + solution[:, :-1] @ true[lost]
     return 100.0 * (solution[:, -1] - expected) / expected
 
@@ -116,7 +126,9 @@ class CoefficientEstimate:
     true: np.ndarray
     estimate: np.ndarray
     error: np.ndarray  # as in the paper: 10 Hz, no noise
-    unfolded_error: np.ndarray | None  # of mod1 against true coefficients without the splines it counts with the links
+    unfolded_error: (
+        np.ndarray | None
+    )  # of mod1 against true coefficients without the splines it counts with the links
     model_error: np.ndarray  # with the bushing locked
     noise_spread: np.ndarray  # standard deviation over seeds at 10 Hz, and at 1 kHz
     fast_noise_spread: np.ndarray
@@ -173,7 +185,9 @@ def study(
         unfolded_error=problem.percent_unfolded(plain.Psi),
         model_error=problem.percent(problem.fit(slow_locked).Psi),
         noise_spread=problem.percent(np.array([one.Psi for one in noisy])).std(axis=0, ddof=1),
-        fast_noise_spread=problem.percent(np.array([one.Psi for one in fast_noisy])).std(axis=0, ddof=1),
+        fast_noise_spread=problem.percent(np.array([one.Psi for one in fast_noisy])).std(
+            axis=0, ddof=1
+        ),
         merged_error=merged_error(plain, problem.true, kept),
         merged_noisy_shares=tuple(shares(merged_error(one, problem.true, kept)) for one in noisy),
         noisy_shares=tuple(shares(problem.percent(one.Psi)) for one in noisy),
@@ -232,4 +246,6 @@ def excite(robot: Robot, model: str, evaluations: int, random: int, seed: int) -
     limits = MotionLimits.of(robot)
     columns = [int(c) for c in problem.equations.base.columns]
     rng = np.random.default_rng(seed)
-    return optimise(problem.model, limits, columns, rng=rng, shape=SHAPE, evaluations=evaluations, random=random)
+    return optimise(
+        problem.model, limits, columns, rng=rng, shape=SHAPE, evaluations=evaluations, random=random
+    )

@@ -13,7 +13,17 @@ from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from elastic_arm.dynamics import build_model
 from elastic_arm.report.html import Block, Figure, Section, Table, Text, write_report
-from elastic_arm.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, drawing, style
+from elastic_arm.report.style import (
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    PURPLE,
+    SKY,
+    VERMILION,
+    drawing,
+    style,
+)
 from elastic_arm.robot.description import DH, Robot
 from elastic_arm.robot.kinematics import link_placements
 from elastic_arm.studies.paper.claims import FAILS, HOLDS, IN_PART, UNDECIDED, Claim
@@ -28,13 +38,25 @@ COLOURS = {"mod1": VERMILION, "mod2": ORANGE, "mod3": BLUE, PROTOTYPE: GREY}
 LABELS = {"mod1": "mod$_1$", "mod2": "mod$_2$", "mod3": "mod$_3$", PROTOTYPE: "mod$_{ad}$"}
 SYMBOLS = {"motor": "m", "link": "l"}
 DASHES: dict[str, Any] = {"mod1": (0, (1, 1)), "mod2": (0, (4, 2)), "mod3": "-", PROTOTYPE: "-"}
-CATEGORIES = (("low", "0–20 %", GREEN), ("mid", "21–50 %", ORANGE), ("high", "51 % and more", VERMILION))
+CATEGORIES = (
+    ("low", "0–20 %", GREEN),
+    ("mid", "21–50 %", ORANGE),
+    ("high", "51 % and more", VERMILION),
+)
 NAMES = (*(label for _, label, _ in CATEGORIES), "of which beyond 100 %")
-PAPER_SHARES = {"mod1": (29.69, None, 62.5), "mod2": (60.53, 13.16, 26.32), "mod3": (68.42, None, 21.0)}
+PAPER_SHARES = {
+    "mod1": (29.69, None, 62.5),
+    "mod2": (60.53, 13.16, 26.32),
+    "mod3": (68.42, None, 21.0),
+}
 PAPER_COUNTS = {"mod1": 65, "mod2": 75, "mod3": 75}
 # Colour and size of the marks: a spline sits in its wave generator's place.
 PARTS = {"rotor": (ORANGE, 60), "wave_generator": (PURPLE, 60), "spline": (SKY, 16)}
-POSE = (0.0, 0.4, -0.5)  # rad, of Fig. 1: at the zero pose the links hide each other; joints beyond these stay at zero
+POSE = (
+    0.0,
+    0.4,
+    -0.5,
+)  # rad, of Fig. 1: at the zero pose the links hide each other; joints beyond these stay at zero
 FRAME = 0.16  # m, length of a frame's arrows
 Row = tuple[str | int | float | None, ...]
 
@@ -70,7 +92,12 @@ def _summary(result: StudyResult, claims: list[Claim]) -> Section:
         Table(
             ("section", "claim of the paper", "what decides it here", "verdict"),
             [
-                (c.section, c.claim, c.finding + note, f"{MARKS[c.verdict]} {c.verdict}{' *' if note else ''}")
+                (
+                    c.section,
+                    c.claim,
+                    c.finding + note,
+                    f"{MARKS[c.verdict]} {c.verdict}{' *' if note else ''}",
+                )
                 for c in claims
                 for note in [f". * {c.by_choice.capitalize()}." if c.by_choice else ""]
             ],
@@ -110,10 +137,24 @@ def figures_1_and_2(result: StudyResult) -> Section:
         frames = [np.eye(4), robot.base_placement @ robot.joints[0].before, *links[0]]
         for name, frame in zip(("G", *map(str, range(robot.n + 1))), frames, strict=True):
             for k, colour in enumerate((VERMILION, GREEN, BLUE)):
-                flat.quiver(*frame[:3, 3], *(FRAME * frame[:3, k]), color=colour, lw=1.4, arrow_length_ratio=0.25)
-            flat.text(*(frame[:3, 3] - 0.4 * FRAME * frame[:3, :3].sum(axis=1)), rf"$O_{{{name}}}$", fontsize=9)
+                flat.quiver(
+                    *frame[:3, 3],
+                    *(FRAME * frame[:3, k]),
+                    color=colour,
+                    lw=1.4,
+                    arrow_length_ratio=0.25,
+                )
+            flat.text(
+                *(frame[:3, 3] - 0.4 * FRAME * frame[:3, :3].sum(axis=1)),
+                rf"$O_{{{name}}}$",
+                fontsize=9,
+            )
     carriers = "; ".join(
-        f"{k}: " + ", ".join(f"{name.replace('_', ' ')} on {part.carrier}" for name, (part, _) in d.components.items())
+        f"{k}: "
+        + ", ".join(
+            f"{name.replace('_', ' ')} on {part.carrier}"
+            for name, (part, _) in d.components.items()
+        )
         for k, d in enumerate(transmissions(robot), 1)
     )
     rows = [
@@ -126,7 +167,9 @@ def figures_1_and_2(result: StudyResult) -> Section:
         "the zero pose: O_G on the ground, O_0 at joint 1, O_i at the far end of link i; x red, y green, z blue."
     )
     table = Table(
-        ("frame", "a_i [m]", "d_i [m]", "alpha_i", "theta_i"), rows, caption="Table I, as the arm file has it"
+        ("frame", "a_i [m]", "d_i [m]", "alpha_i", "theta_i"),
+        rows,
+        caption="Table I, as the arm file has it",
     )
     return Section("Figs. 1 and 2, Table I: the arm", [Figure(figure, caption), table])
 
@@ -185,7 +228,9 @@ def figure_4a(result: StudyResult) -> Section:
         "The same motion. In tau^m the models cannot be told apart by eye (third row: by how much they differ); in "
         "tau^l mod1 and mod2 leave what S would explain."
     )
-    return Section("Fig. 4a: the three models", [Figure(_torques(result.at_highest(), MODELS), caption)])
+    return Section(
+        "Fig. 4a: the three models", [Figure(_torques(result.at_highest(), MODELS), caption)]
+    )
 
 
 def _torques(comparison: ModelComparison, models: tuple[str, ...]) -> MplFigure:
@@ -195,12 +240,23 @@ def _torques(comparison: ModelComparison, models: tuple[str, ...]) -> MplFigure:
         for joint in range(n):
             for row, side in enumerate((*SIDES, "motor")[: 2 + several]):
                 for model in models if row < 2 else ("mod1", "mod2"):
-                    values = comparison.torques[model].side(side) if row < 2 else comparison.error(model, "mod3", side)
+                    values = (
+                        comparison.torques[model].side(side)
+                        if row < 2
+                        else comparison.error(model, "mod3", side)
+                    )
                     width = 2.6 if model == PROTOTYPE else 1.2
-                    drawn = {"color": COLOURS[model], "ls": DASHES[model], "lw": width, "label": LABELS[model]}
+                    drawn = {
+                        "color": COLOURS[model],
+                        "ls": DASHES[model],
+                        "lw": width,
+                        "label": LABELS[model],
+                    }
                     axes[row, joint].plot(comparison.run.t, values[:, joint], **drawn)
                 less = "" if row < 2 else " less that of mod$_3$"
-                axes[row, joint].set_title(f"{_torque_name(side, joint + 1)}{less} [Nm]", loc="left")
+                axes[row, joint].set_title(
+                    f"{_torque_name(side, joint + 1)}{less} [Nm]", loc="left"
+                )
             axes[-1, joint].set_xlabel("t [s]")
         axes[0, 0].legend(loc="best")
     return figure
@@ -210,7 +266,11 @@ def figure_4c(result: StudyResult) -> Section:
     """Fig. 4c and its numbers."""
     n = result.robot.n
     joints = [f"joint {j + 1} [Nm]" for j in range(n)]
-    rms = {(m, s): np.sqrt((result.smooth.error(m, PROTOTYPE, s) ** 2).mean(axis=0)) for s in SIDES for m in MODELS}
+    rms = {
+        (m, s): np.sqrt((result.smooth.error(m, PROTOTYPE, s) ** 2).mean(axis=0))
+        for s in SIDES
+        for m in MODELS
+    }
     translations = [
         (f"{each.stiffness:.0e}", model, *map(float, each.e_max[k]), *map(float, each.e_rmse[k]))
         for each in result.translations
@@ -232,7 +292,11 @@ def figure_4c(result: StudyResult) -> Section:
             ),
             _metric_table(result.against_prototype),
             Table(
-                ("K_t [N/m]", "model", *(f"{what}, {joint}" for what in ("e_max", "e_rmse") for joint in joints)),
+                (
+                    "K_t [N/m]",
+                    "model",
+                    *(f"{what}, {joint}" for what in ("e_max", "e_rmse") for joint in joints),
+                ),
                 translations,
                 "tau^l with respect to mod_ad at the highest ratio, by the translation stiffness of the bushing, which "
                 "the paper does not state: which model is best by e_max at a joint depends on it",
@@ -284,13 +348,21 @@ def _metric_table(metrics: list[Metric]) -> Table:
     ratios = sorted({m.r_tot for m in metrics})
     rows: dict[tuple[str, int, str], list[str | int | float]] = {}
     for m in sorted(metrics, key=lambda m: (SIDES.index(m.side), m.joint, m.model, m.r_tot)):
-        row = rows.setdefault((m.side, m.joint, m.model), [f"tau_{m.joint}^{SYMBOLS[m.side]}", m.model])
+        row = rows.setdefault(
+            (m.side, m.joint, m.model), [f"tau_{m.joint}^{SYMBOLS[m.side]}", m.model]
+        )
         row += [m.e_max, m.e_rmse]
-    header = ["torque", "model", *(f"{what}, {r_tot:g}" for r_tot in ratios for what in ("e_max", "e_rmse"))]
+    header = [
+        "torque",
+        "model",
+        *(f"{what}, {r_tot:g}" for r_tot in ratios for what in ("e_max", "e_rmse")),
+    ]
     return Table(header, list(rows.values()), caption="Nm, by r_tot", digits=3)
 
 
-def _stacked_metrics(metrics: list[Metric], models: tuple[str, ...], ratios: tuple[float, ...], n: int) -> MplFigure:
+def _stacked_metrics(
+    metrics: list[Metric], models: tuple[str, ...], ratios: tuple[float, ...], n: int
+) -> MplFigure:
     """Draw e_max (bottom) and e_rmse (top) as stacked bars over r_tot, per side and joint (Figs. 4b and 4c)."""
     table = {(m.side, m.joint, m.r_tot, m.model): m for m in metrics}
     width = 0.8 / len(models)
@@ -301,7 +373,10 @@ def _stacked_metrics(metrics: list[Metric], models: tuple[str, ...], ratios: tup
                 for k, model in enumerate(models):
                     picked = [table[side, joint, r_tot, model] for r_tot in ratios]
                     place = np.arange(len(ratios)) + (k - 0.5 * (len(models) - 1)) * width
-                    low, top = np.array([m.e_max for m in picked]), np.array([m.e_rmse for m in picked])
+                    low, top = (
+                        np.array([m.e_max for m in picked]),
+                        np.array([m.e_rmse for m in picked]),
+                    )
                     ax.bar(place, low, 0.92 * width, color=COLOURS[model])
                     ax.bar(place, top, 0.92 * width, bottom=low, color=COLOURS[model], alpha=0.45)
                 ax.set_title(_torque_name(side, joint) + " [Nm]", loc="left")
@@ -324,10 +399,15 @@ def coupling(result: StudyResult) -> Section:
     flat, tilted = result.coupling, result.tilted_coupling
     n = result.robot.n
     terms = [
-        (f"S_{i + 1},{j + 1}", _text(flat.matrix[i, j])) for i in range(n) for j in range(n) if flat.matrix[i, j] != 0
+        (f"S_{i + 1},{j + 1}", _text(flat.matrix[i, j]))
+        for i in range(n)
+        for j in range(n)
+        if flat.matrix[i, j] != 0
     ]
     pattern = "; ".join(
-        "[" + ", ".join(f"S_{i + 1},{j + 1}" if flat.matrix[i, j] != 0 else "0" for j in range(n)) + "]"
+        "["
+        + ", ".join(f"S_{i + 1},{j + 1}" if flat.matrix[i, j] != 0 else "0" for j in range(n))
+        + "]"
         for i in range(n)
     )
     sigma = [
@@ -372,7 +452,9 @@ def _shares_of(estimates: list[Any]) -> MplFigure:
         for k, estimate in enumerate(estimates):
             values = [getattr(estimate.shares, name) for name, _, _ in CATEGORIES]
             place = np.arange(3) + 0.27 * (k - 1)
-            bars = ax.bar(place, values, 0.25, color=COLOURS[estimate.model], label=LABELS[estimate.model])
+            bars = ax.bar(
+                place, values, 0.25, color=COLOURS[estimate.model], label=LABELS[estimate.model]
+            )
             ax.bar_label(bars, fmt="%.1f", fontsize=7)
         ax.set_xticks(range(3), [label for _, label, _ in CATEGORIES])
         ax.set_ylabel("coefficients [%]")
@@ -393,7 +475,14 @@ def _error_sources(estimates: list[Any]) -> MplFigure:
                 (estimate.noise_spread, "^", GREY, "noise, 10 Hz (std)"),
                 (estimate.fast_noise_spread, "v", PURPLE, "noise, 1 kHz (std)"),
             ):
-                ax.semilogy(place, np.maximum(np.abs(values[order]), 1e-4), marker, ms=3.5, color=colour, label=label)
+                ax.semilogy(
+                    place,
+                    np.maximum(np.abs(values[order]), 1e-4),
+                    marker,
+                    ms=3.5,
+                    color=colour,
+                    label=label,
+                )
             ax.axhspan(20.5, 50.5, color=ORANGE, alpha=0.15, lw=0)
             ax.axhspan(50.5, 1e5, color=VERMILION, alpha=0.1, lw=0)
             ax.set_ylim(5e-5, 1e5)
@@ -406,10 +495,24 @@ def _error_sources(estimates: list[Any]) -> MplFigure:
 def excitation(result: StudyResult) -> Section:
     """The searches of each model's trajectory, at the highest ratio."""
     rows: list[Row] = [
-        (m, e.evaluations, e.condition_before, float(np.median(e.random)), float(e.random.min()), e.condition_after)
+        (
+            m,
+            e.evaluations,
+            e.condition_before,
+            float(np.median(e.random)),
+            float(e.random.min()),
+            e.condition_after,
+        )
         for m, e in result.excited.items()
     ]
-    header = ("model", "evaluations", "start of the search", "random, median", "random, best", "found")
+    header = (
+        "model",
+        "evaluations",
+        "start of the search",
+        "random, median",
+        "random, best",
+        "found",
+    )
     caption = "Condition number of the base regressor F of (12), columns equilibrated; one search serves all ratios"
     return Section("Excitation", [Table(header, rows, caption)])
 
@@ -423,11 +526,25 @@ def figure_5(result: StudyResult) -> Section:
         kinds += [] if e.unfolded_error is None else [("unfolded", e.unfolded_error)]
         for what, error in kinds:
             rows.append((e.model, e.r_tot, what, len(error), *astuple(shares(error))))
-        noisy = (("10 Hz", e.noisy_shares), ("10 Hz, merged", e.merged_noisy_shares), ("1 kHz", e.fast_noisy_shares))
+        noisy = (
+            ("10 Hz", e.noisy_shares),
+            ("10 Hz, merged", e.merged_noisy_shares),
+            ("1 kHz", e.fast_noisy_shares),
+        )
         for what, many in noisy:
             pairs = zip(*map(astuple, mean_shares(many)), strict=True)
-            rows.append((e.model, e.r_tot, f"noise, {what}", None, *(f"{mean:.1f} ± {std:.1f}" for mean, std in pairs)))
-    rows += [(m, None, f"paper, of {PAPER_COUNTS[m]}", None, *PAPER_SHARES[m], None) for m in MODELS]
+            rows.append(
+                (
+                    e.model,
+                    e.r_tot,
+                    f"noise, {what}",
+                    None,
+                    *(f"{mean:.1f} ± {std:.1f}" for mean, std in pairs),
+                )
+            )
+    rows += [
+        (m, None, f"paper, of {PAPER_COUNTS[m]}", None, *PAPER_SHARES[m], None) for m in MODELS
+    ]
     caption = (
         "'merged': coefficients that this motion does not tell apart (columns dependent to 1e-4) are one; 'unfolded': "
         "mod1 against a true Psi without the splines that it counts with the links; mean ± standard deviation over "
@@ -435,7 +552,9 @@ def figure_5(result: StudyResult) -> Section:
     )
     shown = f"r_tot = {result.highest:g}, 100 samples at 10 Hz, no noise, (11) to (13)."
     table = Table(("model", "r_tot", "", "coefficients", *NAMES), rows, caption, 4)
-    return Section("Fig. 5: errors of the identified coefficients", [Figure(_shares_of(found), shown), table])
+    return Section(
+        "Fig. 5: errors of the identified coefficients", [Figure(_shares_of(found), shown), table]
+    )
 
 
 def noise(result: StudyResult) -> Section:
@@ -458,10 +577,18 @@ def tracking(result: StudyResult) -> Section:
             colours = [COLOURS.get(t.feedforward.removeprefix("identified "), GREY) for t in picked]
             place = np.arange(len(picked))
             for shift, what, alpha in ((-0.2, "tool_rms", 1.0), (0.2, "joints_rms", 0.45)):
-                bars = ax.bar(place + shift, [getattr(t, what) for t in picked], 0.38, color=colours, alpha=alpha)
+                bars = ax.bar(
+                    place + shift,
+                    [getattr(t, what) for t in picked],
+                    0.38,
+                    color=colours,
+                    alpha=alpha,
+                )
                 ax.bar_label(bars, fmt="%.4f", fontsize=7)
             ax.set_xticks(place, [t.feedforward.replace(" ", "\n") for t in picked])
-            ax.set_title(f"tool error, rms [mm], r$_{{tot}}$ = {r_tot:g}; pale: without tilt", loc="left")
+            ax.set_title(
+                f"tool error, rms [mm], r$_{{tot}}$ = {r_tot:g}; pale: without tilt", loc="left"
+            )
             ax.margins(y=0.15)
     rows: list[Row] = [astuple(t)[:-1] for t in result.tracking]
     header = (
@@ -472,7 +599,9 @@ def tracking(result: StudyResult) -> Section:
         f"Motions that no identification saw, feedback of natural frequency {FEEDBACK_FREQUENCY:g} rad/s on the motor "
         "side; 'true mod3' has the description's numbers: what is left is the bearings' tilt, in no model here"
     )
-    shown = Figure(figure, "Tool error of the prototype under feed-forward of each identified model.")
+    shown = Figure(
+        figure, "Tool error of the prototype under feed-forward of each identified model."
+    )
     return Section("What does a better model buy?", [shown, Table(header, rows, caption)])
 
 
@@ -483,7 +612,9 @@ READINGS = Section(
             "The paper says both that mod1 folds the spline into the link (IV-B) and that I_spl is absent from M "
             "(IV-C). Only folding gives tau_3^l a constant error, so it is folded here."
         ),
-        Text("The step ramp is read as the cubic STEP; r_tot is split into r_b and r_hd as the arm file says."),
+        Text(
+            "The step ramp is read as the cubic STEP; r_tot is split into r_b and r_hd as the arm file says."
+        ),
         Text(
             "The errors of Fig. 4b are those of mod1 and mod2 with respect to mod3, as the paper states. Those of "
             "Fig. 4c are read with respect to mod_ad: the paper names no reference there, but mod3 has an error, "

@@ -81,7 +81,9 @@ class StudyResult(TorqueResult):
         return next(e for e in self.estimates if (e.model, e.r_tot) == (model, wanted))
 
 
-def run_study(robot: Robot, settings: StudySettings, *, workers: int, seed: int, stage: StageStart) -> StudyResult:
+def run_study(
+    robot: Robot, settings: StudySettings, *, workers: int, seed: int, stage: StageStart
+) -> StudyResult:
     """Reproduce the paper."""
     ratios = torques.studied_ratios(robot)
     engine_name = f"MuJoCo {engine().__version__}"
@@ -98,7 +100,9 @@ def run_study(robot: Robot, settings: StudySettings, *, workers: int, seed: int,
         searches = begin(
             "search of the excitations",
             [
-                partial(excite, top, model, settings.evaluations, settings.random_trajectories, int(own))
+                partial(
+                    excite, top, model, settings.evaluations, settings.random_trajectories, int(own)
+                )
                 for model, own in zip(MODELS, seeds, strict=True)
             ],
         )
@@ -106,16 +110,26 @@ def run_study(robot: Robot, settings: StudySettings, *, workers: int, seed: int,
         pairs = [(list(arms)[k], model) for k in settings.identified for model in MODELS]
         identifying = begin(
             "excitation runs and identification",
-            [partial(_identify, arms[r], m, r, excited[m], settings, int(rng.integers(2**31))) for r, m in pairs],
+            [
+                partial(_identify, arms[r], m, r, excited[m], settings, int(rng.integers(2**31)))
+                for r, m in pairs
+            ],
         )
-        ramps = begin("step ramps of the prototype", torques.ramp_tasks(list(arms.values()), Bushing(), settings.step))
+        ramps = begin(
+            "step ramps of the prototype",
+            torques.ramp_tasks(list(arms.values()), Bushing(), settings.step),
+        )
         translating = begin(
             "translation stiffness of the bushing",
-            [partial(torques.link_errors, top, ratios[-1], K, settings.step) for K in settings.translations],
+            [
+                partial(torques.link_errors, top, ratios[-1], K, settings.step)
+                for K in settings.translations
+            ],
         )
         locking = begin("the prototype with locked bushings", [partial(torques.locked_link, top)])
         deriving = begin(
-            "the coupling S in symbols", [partial(symbolic_coupling, top, bearings=b) for b in (False, True)]
+            "the coupling S in symbols",
+            [partial(symbolic_coupling, top, bearings=b) for b in (False, True)],
         )
         estimates = identifying()
         tracking = begin("feed-forward of the prototype", _tracking(arms, estimates, settings, rng))
@@ -134,22 +148,41 @@ def run_study(robot: Robot, settings: StudySettings, *, workers: int, seed: int,
         settings=settings,
         excited=excited,
         estimates=estimates,
-        tracking=[feedforward.together(tracked[k : k + along]) for k in range(0, len(tracked), along)],
+        tracking=[
+            feedforward.together(tracked[k : k + along]) for k in range(0, len(tracked), along)
+        ],
         engine=engine_name,
     )
 
 
 def _identify(
-    robot: Robot, model: str, r_tot: float, excited: ExcitationResult, settings: StudySettings, seed: int
+    robot: Robot,
+    model: str,
+    r_tot: float,
+    excited: ExcitationResult,
+    settings: StudySettings,
+    seed: int,
 ) -> CoefficientEstimate:
     motion, rng = PeriodicMotion(excited.trajectory), np.random.default_rng(seed)
     run = follow(robot, Bushing(), motion, settings.excitation_step)
     locked = follow(robot, Bushing(locked=True), motion, torques.LOCKED_STEP)
-    return identify(robot, model, r_tot, run, locked, noise=robot.torque_noise_std, seeds=settings.seeds, rng=rng)
+    return identify(
+        robot,
+        model,
+        r_tot,
+        run,
+        locked,
+        noise=robot.torque_noise_std,
+        seeds=settings.seeds,
+        rng=rng,
+    )
 
 
 def _tracking(
-    arms: Mapping[float, Robot], estimates: list[CoefficientEstimate], settings: StudySettings, rng: np.random.Generator
+    arms: Mapping[float, Robot],
+    estimates: list[CoefficientEstimate],
+    settings: StudySettings,
+    rng: np.random.Generator,
 ) -> list[Task]:
     """Drive the prototype under feed-forward of each identified model at the lowest and highest ratio identified.
 
@@ -157,7 +190,9 @@ def _tracking(
     """
     known = sorted({e.r_tot for e in estimates})
     n, duration = len(arms[known[0]].joints), SETTLE + settings.tracking
-    motions = [feedforward.reference(n, TRACKING_PERIOD, duration, rng) for _ in range(settings.motions)]
+    motions = [
+        feedforward.reference(n, TRACKING_PERIOD, duration, rng) for _ in range(settings.motions)
+    ]
     how = {"frequency": FEEDBACK_FREQUENCY, "settle": SETTLE, "step": settings.excitation_step}
     tasks: list[Task] = []
     for r_tot in dict.fromkeys((known[0], known[-1])):
@@ -165,5 +200,7 @@ def _tracking(
         named = [(f"identified {e.model}", e.model, e.Psi) for e in estimates if e.r_tot == r_tot]
         for name, model, Psi in [("none", "mod3", None), *named, ("true mod3", "mod3", truth)]:
             law = feedforward.FeedforwardLaw(name, r_tot, model, Psi)
-            tasks += [partial(feedforward.assess, arms[r_tot], law, motion, **how) for motion in motions]
+            tasks += [
+                partial(feedforward.assess, arms[r_tot], law, motion, **how) for motion in motions
+            ]
     return tasks

@@ -88,7 +88,15 @@ def metrics(comparisons: list[ModelComparison], reference: str) -> list[Metric]:
                 error = comparison.error(model, reference, side)
                 e_max, e_rmse = np.abs(error).max(0), np.sqrt((error**2).mean(0))
                 rows += [
-                    Metric(reference, side, i + 1, comparison.r_tot, model, float(e_max[i]), float(e_rmse[i]))
+                    Metric(
+                        reference,
+                        side,
+                        i + 1,
+                        comparison.r_tot,
+                        model,
+                        float(e_max[i]),
+                        float(e_rmse[i]),
+                    )
                     for i in range(error.shape[1])
                 ]
     return rows
@@ -247,5 +255,10 @@ def motor_terms(robot: Robot, run: PrototypeRun) -> dict[str, np.ndarray]:
 
 def locked_link(robot: Robot) -> float:
     """Return the largest tau_l that mod3 leaves on a ramp of the prototype with locked bushings, Nm."""
-    run = follow(robot, Bushing(locked=True), StepRamp(np.zeros(robot.n), hold=0.05, shape=QUINTIC), LOCKED_STEP)
+    run = follow(
+        robot,
+        Bushing(locked=True),
+        StepRamp(np.zeros(robot.n), hold=0.05, shape=QUINTIC),
+        LOCKED_STEP,
+    )
     return float(np.abs(model_torques(build_model(robot, "mod3"), run).link).max())

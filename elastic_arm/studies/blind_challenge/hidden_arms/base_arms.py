@@ -5,7 +5,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from elastic_arm.robot import DH, Bearing, Component, Inertia, Joint, Robot, Transmission, parse_urdf, to_urdf
+from elastic_arm.robot import (
+    DH,
+    Bearing,
+    Component,
+    Inertia,
+    Joint,
+    Robot,
+    Transmission,
+    parse_urdf,
+    to_urdf,
+)
 from elastic_arm.studies.blind_challenge.hidden_arms.effect_laws import Fault
 from elastic_arm.studies.blind_challenge.hidden_arms.kinematic_tree import KinematicTree
 
@@ -32,7 +42,9 @@ FULL_SIZE = 300.0  # Nm of rated torque from which on a joint's friction and off
 LEAST_REFLECTED = 0.03  # kg m², of a small motor (3e-6 kg m²) behind a gear of 100
 SMALLEST = 0.08  # of a large joint's friction and noise that the smallest joint has
 ENCODER_ZERO = 1.5e-5  # rad, by which the zeros of a joint's two encoders differ at most
-STRAIN = 0.02  # by which a link's shape differs from its description in each direction, shear included
+STRAIN = (
+    0.02  # by which a link's shape differs from its description in each direction, shear included
+)
 
 
 def mounted(robot: Robot, rng: np.random.Generator) -> Robot:
@@ -40,7 +52,9 @@ def mounted(robot: Robot, rng: np.random.Generator) -> Robot:
     tilt = rng.choice([0.0, RIGHT, np.pi], p=[0.6, 0.2, 0.2])
     about = rng.uniform(-np.pi, np.pi)
     side = np.array([np.cos(about), np.sin(about), 0.0])
-    return robot.with_(gravity=-9.81 * (np.cos(tilt) * np.array([0.0, 0.0, 1.0]) + np.sin(tilt) * side))
+    return robot.with_(
+        gravity=-9.81 * (np.cos(tilt) * np.array([0.0, 0.0, 1.0]) + np.sin(tilt) * side)
+    )
 
 
 def industrial_arm(n: int, rng: np.random.Generator, *, lift: bool = False) -> Robot:
@@ -60,21 +74,34 @@ def industrial_arm(n: int, rng: np.random.Generator, *, lift: bool = False) -> R
         joints.append(Joint.from_dh(name, moved, link, dh, transmission=drive, prismatic=slides))
     robot = Robot(f"industrial_{n}", tuple(joints))
     loads = _link_inertias(robot, rng)
-    drives = [_drive(load, f"link_{i}" if i else "base", i / (n - 1), rng) for i, load in enumerate(loads)]
-    return robot.with_(joints=tuple(replace(j, transmission=d) for j, d in zip(robot.joints, drives, strict=True)))
+    drives = [
+        _drive(load, f"link_{i}" if i else "base", i / (n - 1), rng) for i, load in enumerate(loads)
+    ]
+    return robot.with_(
+        joints=tuple(replace(j, transmission=d) for j, d in zip(robot.joints, drives, strict=True))
+    )
 
 
 def as_urdf(robot: Robot) -> Robot:
     """Return an arm as its URDF has it: links in the frames of the URDF, the drives beside them."""
     rigid = robot.with_(joints=tuple(replace(joint, transmission=None) for joint in robot.joints))
     read = parse_urdf(to_urdf(rigid))
-    joints = [replace(j, transmission=own.transmission) for j, own in zip(read.joints, robot.joints, strict=True)]
+    joints = [
+        replace(j, transmission=own.transmission)
+        for j, own in zip(read.joints, robot.joints, strict=True)
+    ]
     return read.with_(joints=tuple(joints), gravity=robot.gravity, notes=())
 
 
 def joint_sizes(robot: Robot) -> np.ndarray:
     """Return how large each joint (n,) is: 1 for those of a large arm, less for a wrist."""
-    rated = np.array([RATED_DEFLECTION * joint.transmission.stiffness for joint in robot.joints if joint.transmission])
+    rated = np.array(
+        [
+            RATED_DEFLECTION * joint.transmission.stiffness
+            for joint in robot.joints
+            if joint.transmission
+        ]
+    )
     return np.clip(rated / FULL_SIZE, SMALLEST, 1.0)
 
 
@@ -100,7 +127,11 @@ def imprecise(robot: Robot, rng: np.random.Generator) -> Robot:
             damping=gear.damping * (1 + rng.uniform(-0.2, 0.2)),
         )
         joints.append(
-            replace(joint, link=replace(link, mass=link.mass * mass, com=com, inertia=inertia), transmission=gear)
+            replace(
+                joint,
+                link=replace(link, mass=link.mass * mass, com=com, inertia=inertia),
+                transmission=gear,
+            )
         )
     return robot.with_(joints=tuple(joints))
 
@@ -114,23 +145,31 @@ def strained(inertia: np.ndarray, strain: np.ndarray) -> np.ndarray:
     return np.asarray(0.5 * (changed + changed.T))  # symmetric to the last digit
 
 
-def ordinary_faults(sizes: Sequence[float], rng: np.random.Generator, *, torque_constant: float = 0.0) -> list[Fault]:
+def ordinary_faults(
+    sizes: Sequence[float], rng: np.random.Generator, *, torque_constant: float = 0.0
+) -> list[Fault]:
     """Draw what every joint has: dry and viscous friction, torque sensors off by 1 % and 0.5 Nm."""
     found = []
     for i, size in enumerate(sizes):
         found.append(Fault("coulomb_friction", i, {"torque": float(size * rng.uniform(4, 14))}))
-        found.append(Fault("viscous_friction", i, {"coefficient": float(size * rng.uniform(3, 20))}))
+        found.append(
+            Fault("viscous_friction", i, {"coefficient": float(size * rng.uniform(3, 20))})
+        )
         for sensor in ("motor_torque", "joint_torque"):
             gain = max(torque_constant, 0.01) if sensor == "motor_torque" else 0.01
             found.append(Fault(f"{sensor}_gain", i, {"gain": float(1 + rng.uniform(-gain, gain))}))
-            found.append(Fault(f"{sensor}_offset", i, {"offset": float(size * rng.uniform(-0.5, 0.5))}))
+            found.append(
+                Fault(f"{sensor}_offset", i, {"offset": float(size * rng.uniform(-0.5, 0.5))})
+            )
     return found
 
 
 def encoder_zeros(n: int, rng: np.random.Generator) -> list[Fault]:
     """Draw by how much each joint's deflection is read wrong, where both of its encoders are."""
     offsets = rng.spawn(1)[0].uniform(-ENCODER_ZERO, ENCODER_ZERO, n)
-    return [Fault("encoder_offset", i, {"offset": float(offset)}) for i, offset in enumerate(offsets)]
+    return [
+        Fault("encoder_offset", i, {"offset": float(offset)}) for i, offset in enumerate(offsets)
+    ]
 
 
 def _link(dh: DH, mass: float, rng: np.random.Generator) -> Inertia:
@@ -177,7 +216,12 @@ def _drive(load: float, carrier: str, outward: float, rng: np.random.Generator) 
     }
     bearing = Bearing(20 * stiffness, damping * 20)
     return Transmission(
-        **parts, stiffness=stiffness, damping=damping, belt_ratio=belt, harmonic_drive_ratio=harmonic, bearing=bearing
+        **parts,
+        stiffness=stiffness,
+        damping=damping,
+        belt_ratio=belt,
+        harmonic_drive_ratio=harmonic,
+        bearing=bearing,
     )
 
 

@@ -96,7 +96,11 @@ class CompiledArm:
         """Return the state's rate, tau_J (n,), and the forces (dof,) that act on the bodies."""
         out = np.empty(self.outputs)
         self._library.evaluate(_pointer(np.concatenate([state, u, parameters])), _pointer(out))
-        return out[: self.states], out[self.states : self.states + self.n], out[self.states + self.n :]
+        return (
+            out[: self.states],
+            out[self.states : self.states + self.n],
+            out[self.states + self.n :],
+        )
 
     def run(
         self,
@@ -109,11 +113,15 @@ class CompiledArm:
     ) -> StateHistory:
         """Follow a reference from a state."""
         N = len(reference[0])
-        found = StateHistory(np.empty((N, self.states)), np.empty((N, self.n)), np.empty((N, substeps, self.n)))
+        found = StateHistory(
+            np.empty((N, self.states)), np.empty((N, self.n)), np.empty((N, substeps, self.n))
+        )
         given = [np.ascontiguousarray(a, dtype=float) for a in (parameters, *reference, *gains)]
         arrays = [*given, np.array(state, dtype=float), found.states, found.commands, found.torques]
         h = ctypes.c_double(1.0 / rate / substeps)
-        self._library.run(ctypes.c_long(N), ctypes.c_long(substeps), h, *(_pointer(a) for a in arrays))
+        self._library.run(
+            ctypes.c_long(N), ctypes.c_long(substeps), h, *(_pointer(a) for a in arrays)
+        )
         return found
 
 
@@ -131,20 +139,31 @@ def _equations(tree: KinematicTree, *, further: bool) -> Any:
     others = {name: ca.SX.sym(name, n) for name in further_laws.NEUTRAL} if further else {}
     tilts = ca.SX.sym("tilts", 2 * (dof - 2 * n))
     x, dx, z = y[:dof], y[dof : 2 * dof], y[2 * dof : 2 * dof + n]
-    tau_J, lever, dz = effect_laws.joint_torque(joints, x[:n], x[n : 2 * n], dx[:n], dx[n : 2 * n], z)
+    tau_J, lever, dz = effect_laws.joint_torque(
+        joints, x[:n], x[n : 2 * n], dx[:n], dx[n : 2 * n], z
+    )
     if further:
         relaxed = y[2 * dof + n : 2 * dof + 2 * n]
         tau_J += others["creep"] * relaxed
     friction = {
-        side: effect_laws.friction(joints, side, w, tau_J) for side, w in (("link", dx[:n]), ("motor", dx[n : 2 * n]))
+        side: effect_laws.friction(joints, side, w, tau_J)
+        for side, w in (("link", dx[:n]), ("motor", dx[n : 2 * n]))
     }
     rates = [dz]
     if further:
         clock = y[2 * dof + 2 * n]
-        friction = {side: further_laws.warmth(others, side, clock) * torque for side, torque in friction.items()}
+        friction = {
+            side: further_laws.warmth(others, side, clock) * torque
+            for side, torque in friction.items()
+        }
         friction["link"] -= further_laws.link_torque(others, x[:n], relaxed, clock)
-        friction["motor"] -= further_laws.motor_torque(others, x[:n], dx[n : 2 * n], joints["standstill"], clock)
-        rates += [further_laws.relaxation(others, x[:n], dx[n : 2 * n] - dx[:n], relaxed), ca.SX.ones(1)]
+        friction["motor"] -= further_laws.motor_torque(
+            others, x[:n], dx[n : 2 * n], joints["standstill"], clock
+        )
+        rates += [
+            further_laws.relaxation(others, x[:n], dx[n : 2 * n] - dx[:n], relaxed),
+            ca.SX.ones(1),
+        ]
     link = tau_J - friction["link"]
     drive = further_laws.delivered(others, u) if further else u
     motor = drive + effect_laws.ripple(joints, x[n : 2 * n]) - lever * tau_J
@@ -184,7 +203,10 @@ def _pointer(array: Array) -> Any:
 
 def inertial_numbers(tree: KinematicTree) -> np.ndarray:
     """Return the numbers (10 bodies,) of all bodies of a tree."""
-    rows = [[b.mass, *b.lever, *np.asarray(b.inertia)[np.triu_indices(3)]] for b in list(tree.model.inertias)[1:]]
+    rows = [
+        [b.mass, *b.lever, *np.asarray(b.inertia)[np.triu_indices(3)]]
+        for b in list(tree.model.inertias)[1:]
+    ]
     return np.array(rows).ravel()
 
 
@@ -202,7 +224,9 @@ class _MovingBody:
     slides: bool = False
 
 
-def inverse_dynamics(tree: KinematicTree, numbers: Any, gravity: Any, x: Any, dx: Any, ddx: Any) -> Any:
+def inverse_dynamics(
+    tree: KinematicTree, numbers: Any, gravity: Any, x: Any, dx: Any, ddx: Any
+) -> Any:
     """Return the generalized forces (dof,) of a motion."""
     G = ca.sparsify(ca.DM(tree.gears))
     q, v, a = G @ x, G @ dx, G @ ddx
@@ -219,11 +243,16 @@ def inverse_dynamics(tree: KinematicTree, numbers: Any, gravity: Any, x: Any, dx
         tau.append(ca.dot(body.axis, force if body.slides else moment))
         carried = body.R @ force
         below = forces[body.parent]
-        forces[body.parent] = below[0] + carried, below[1] + body.R @ moment + ca.cross(body.p, carried)
+        forces[body.parent] = (
+            below[0] + carried,
+            below[1] + body.R @ moment + ca.cross(body.p, carried),
+        )
     return G.T @ ca.vertcat(*reversed(tau))
 
 
-def _moved(tree: KinematicTree, i: int, bodies: list[_MovingBody], q: Any, v: Any, a: Any) -> _MovingBody:
+def _moved(
+    tree: KinematicTree, i: int, bodies: list[_MovingBody], q: Any, v: Any, a: Any
+) -> _MovingBody:
     parent = bodies[tree.model.parents[i]]
     placement = tree.model.jointPlacements[i]
     k = AXES[tree.model.joints[i].shortname()]
@@ -236,7 +265,9 @@ def _moved(tree: KinematicTree, i: int, bodies: list[_MovingBody], q: Any, v: An
         R = R @ _turn(k, q)
     w = R.T @ parent.w
     rate, dw = axis * v, R.T @ parent.dw
-    acceleration = R.T @ (parent.a + ca.cross(parent.dw, p) + ca.cross(parent.w, ca.cross(parent.w, p)))
+    acceleration = R.T @ (
+        parent.a + ca.cross(parent.dw, p) + ca.cross(parent.w, ca.cross(parent.w, p))
+    )
     if slides:
         acceleration += axis * a + 2.0 * ca.cross(w, rate)
     else:

@@ -50,7 +50,9 @@ class Fault:
 
     effect: str  # the id of the contract
     joint: int | None  # index of the joint, None for effects of the whole arm
-    parameters: Mapping[str, float] = field(default_factory=dict)  # values by the contract's names, SI units
+    parameters: Mapping[str, float] = field(
+        default_factory=dict
+    )  # values by the contract's names, SI units
     side: str = "motor"  # "motor" or "link" for friction that may sit on either
     channels: tuple[str, ...] = ()  # for `time_delay`: what is late
     # What else is chosen, of effects that this engine does not have
@@ -65,7 +67,9 @@ def variation(effect: str, rng: np.random.Generator) -> dict[str, float]:
     return {"coupled": float(rng.random() < 0.5)} if effect == "rotor_inertia_mismatch" else {}
 
 
-def joint_numbers(faults: Sequence[Fault], n: int, r_hd: np.ndarray, r_tot: np.ndarray) -> dict[str, np.ndarray]:
+def joint_numbers(
+    faults: Sequence[Fault], n: int, r_hd: np.ndarray, r_tot: np.ndarray
+) -> dict[str, np.ndarray]:
     """Return the :data:`NUMBERS` (n,) of joints with these effects.
 
     Stiffness, damping, standstill and armature are left 0.
@@ -80,7 +84,9 @@ def joint_numbers(faults: Sequence[Fault], n: int, r_hd: np.ndarray, r_tot: np.n
     return found
 
 
-def joint_torque(s: Mapping[str, Any], q: Any, theta: Any, dq: Any, dtheta: Any, z: Any) -> tuple[Any, Any, Any]:
+def joint_torque(
+    s: Mapping[str, Any], q: Any, theta: Any, dq: Any, dtheta: Any, z: Any
+) -> tuple[Any, Any, Any]:
     """Return tau_J, its lever on the motor (1 + de/dtheta), and the rate of the hysteresis state, each (n,)."""
     angle = s["error_rate"] * theta + s["error_phase"]
     slope = s["error"] * s["error_rate"] * ca.cos(angle)

@@ -38,7 +38,11 @@ NEUTRAL = {
 _NAMES = {
     "joint_spring": {"stiffness": "spring", "rest": "spring_rest"},
     "dress_pack": {"stiffness": "pack", "rest": "pack_rest", "slack": "pack_slack"},
-    "periodic_disturbance": {"torque": "periodic", "rate": "periodic_rate", "phase": "periodic_phase"},
+    "periodic_disturbance": {
+        "torque": "periodic",
+        "rate": "periodic_rate",
+        "phase": "periodic_phase",
+    },
     "loose_payload": {"torque": "loose", "phase": "loose_phase", "relaxation": "relaxation"},
     "cogging_cable": {"torque": "cable", "rate": "cable_rate", "phase": "cable_phase"},
     "saturating_drive": {"limit": "limit"},
@@ -82,7 +86,9 @@ def motor_torque(s: Mapping[str, Any], q: Any, dtheta: Any, standstill: Any, clo
     """Return the torque (n,) on the motors: worn teeth, oil, a brake that drags for a while."""
     sign = ca.tanh(dtheta / standstill)
     worn = s["worn"] * ca.exp(-(((q - s["worn_place"]) / s["worn_width"]) ** 2))
-    gate = 0.5 * (ca.tanh((clock - s["brake_on"]) / GATE) - ca.tanh((clock - s["brake_off"]) / GATE))
+    gate = 0.5 * (
+        ca.tanh((clock - s["brake_on"]) / GATE) - ca.tanh((clock - s["brake_off"]) / GATE)
+    )
     return -(worn + s["brake"] * gate) * sign - s["drag"] * dtheta * ca.fabs(dtheta)
 
 

@@ -9,18 +9,29 @@ from scipy.interpolate import CubicSpline
 from elastic_arm.errors import SimulationError
 from elastic_arm.recording import Recording
 from elastic_arm.robot import Inertia, Robot, Transmission
-from elastic_arm.studies.blind_challenge.hidden_arms.compiled_arm import StateHistory, compiled_arm, inertial_numbers
+from elastic_arm.studies.blind_challenge.hidden_arms.compiled_arm import (
+    StateHistory,
+    compiled_arm,
+    inertial_numbers,
+)
 from elastic_arm.studies.blind_challenge.hidden_arms.effect_laws import Fault, joint_numbers
-from elastic_arm.studies.blind_challenge.hidden_arms.further_laws import further_numbers, needs_further_laws
+from elastic_arm.studies.blind_challenge.hidden_arms.further_laws import (
+    further_numbers,
+    needs_further_laws,
+)
 from elastic_arm.studies.blind_challenge.hidden_arms.kinematic_tree import KinematicTree
 from elastic_arm.studies.blind_challenge.hidden_arms.motion import HiddenMotion, TrueChannels
 from elastic_arm.studies.blind_challenge.hidden_arms.sensor_models import SensorModel, measure
 
 RATE = 1000.0
-SUBSTEPS = 4  # RK4 steps a sample; those between also give tau_J for its mean over the sample interval
+SUBSTEPS = (
+    4  # RK4 steps a sample; those between also give tau_J for its mean over the sample interval
+)
 BEARING_SUBSTEPS = 8  # bearing modes lie at some hundred Hz
 TURNOVER = 2e-3  # rad/s, below which dry friction may turn over gradually: faster, it is no dry friction any more
-MOST_FINER = 4  # times as many steps, at most, for light joints with strong friction; bounds the time
+MOST_FINER = (
+    4  # times as many steps, at most, for light joints with strong friction; bounds the time
+)
 CHECKED = 20  # instants of a run that are compared with Pinocchio
 CONTROL_BANDWIDTH = 20.0  # rad/s
 
@@ -45,7 +56,9 @@ class HiddenArm:
         angles = (tilt.parameters["x"], tilt.parameters["y"]) if tilt else (0.0, 0.0)
         self.tree = KinematicTree(self.robot, bearings=soft is not None, base_tilt=angles)
         self._further = needs_further_laws(faults)
-        self._engine = compiled_arm(robot if geometry is None else geometry, soft is not None, self._further)
+        self._engine = compiled_arm(
+            robot if geometry is None else geometry, soft is not None, self._further
+        )
         self.substeps = BEARING_SUBSTEPS if soft else SUBSTEPS
         self._h = 1.0 / RATE / self.substeps
         gears = [joint.transmission for joint in self.robot.joints if joint.transmission]
@@ -57,7 +70,9 @@ class HiddenArm:
         if standstill is None:
             finer = int(np.clip(np.ceil(self._standstill(numbers).max() / TURNOVER), 1, MOST_FINER))
             self.substeps, self._h = finer * self.substeps, self._h / finer
-        numbers["standstill"] = self._standstill(numbers) if standstill is None else np.full(n, standstill)
+        numbers["standstill"] = (
+            self._standstill(numbers) if standstill is None else np.full(n, standstill)
+        )
         numbers["armature"] = self._armature = self._added_inertia()
         # Gravity turns the other way in the frame of a tilted base.
         base = KinematicTree(self.robot, bearings=soft is not None)
@@ -86,7 +101,9 @@ class HiddenArm:
         """Stiffness and damping of the bearings, ordered [q_x of all joints, q_y of all joints]."""
         gears = [joint.transmission for joint in self.robot.joints if joint.transmission]
         bearings = [gear.bearing for gear in gears if gear.bearing]
-        return np.array([*(scale * b.stiffness for b in bearings * 2), *(b.damping for b in bearings * 2)])
+        return np.array(
+            [*(scale * b.stiffness for b in bearings * 2), *(b.damping for b in bearings * 2)]
+        )
 
     def _standstill(self, numbers: Mapping[str, np.ndarray]) -> np.ndarray:
         """Speeds below which dry friction is smoothed: small, but wide enough for the steps to stay stable."""
@@ -120,19 +137,29 @@ class HiddenArm:
         found = self._engine.run(rest, self._parameters, reference, gains, RATE, self.substeps)
         if not np.isfinite(found.states).all():
             k = int(np.flatnonzero(~np.isfinite(found.states).all(axis=1))[0])
-            raise SimulationError(f"the hidden arm left the finite numbers at {t[k]:.3f} s", "Draw smaller effects")
+            raise SimulationError(
+                f"the hidden arm left the finite numbers at {t[k]:.3f} s", "Draw smaller effects"
+            )
         self._check(found)
         tau_m = 0.5 * (found.commands[1:N] + found.commands[: N - 1])
         x, dx = found.states[1:N, :dof], found.states[1:N, dof : 2 * dof]
         tau_J = _means(found.torques, self.substeps)
-        gravity = self._gravity(x) if any(f.effect == "gravity_compensation" for f in self.faults) else None
-        return TrueChannels(t[1:N], x[:, :n], dx[:, :n], x[:, n : 2 * n], dx[:, n : 2 * n], tau_J, tau_m, gravity)
+        gravity = (
+            self._gravity(x)
+            if any(f.effect == "gravity_compensation" for f in self.faults)
+            else None
+        )
+        return TrueChannels(
+            t[1:N], x[:, :n], dx[:, :n], x[:, n : 2 * n], dx[:, n : 2 * n], tau_J, tau_m, gravity
+        )
 
     def _check(self, found: StateHistory) -> None:
         """Compare the forces along a run with Pinocchio's for the same motion."""
         n, dof = self.n, self.tree.dof
         for k in np.linspace(0, len(found.states) - 1, CHECKED).astype(int):
-            rate, _, applied = self._engine.rate(found.states[k], found.commands[k], self._parameters)
+            rate, _, applied = self._engine.rate(
+                found.states[k], found.commands[k], self._parameters
+            )
             state = found.states[k]
             expected = self.tree.torque(state[:dof], state[dof : 2 * dof], rate[dof : 2 * dof])
             expected[n : 2 * n] += self._armature * rate[dof + n : dof + 2 * n]
@@ -143,7 +170,9 @@ class HiddenArm:
                     "Report this: the challenge's engine is wrong",
                 )
 
-    def record(self, motion: HiddenMotion, instruments: SensorModel, rng: np.random.Generator) -> Recording:
+    def record(
+        self, motion: HiddenMotion, instruments: SensorModel, rng: np.random.Generator
+    ) -> Recording:
         """Follow a motion and return the recording of the sensors."""
         course = self.run(motion)
         return measure(course, self.nominal.joint_names, self.faults, instruments, rng)
@@ -178,15 +207,21 @@ def altered(robot: Robot, faults: Sequence[Fault]) -> Robot:
         p = fault.parameters
         if fault.effect in ("payload", "load"):
             j = -1 if fault.joint is None else fault.joint
-            joints[j] = replace(joints[j], link=_with_point(joints[j].link, p["mass"], _position(p)))
+            joints[j] = replace(
+                joints[j], link=_with_point(joints[j].link, p["mass"], _position(p))
+            )
         elif fault.effect == "link_inertia_mismatch" and fault.joint is not None:
             link = joints[fault.joint].link
-            scaled = replace(link, mass=link.mass * p["mass"], inertia=np.asarray(link.inertia) * p["mass"])
+            scaled = replace(
+                link, mass=link.mass * p["mass"], inertia=np.asarray(link.inertia) * p["mass"]
+            )
             joints[fault.joint] = replace(joints[fault.joint], link=scaled)
         elif fault.effect in ("stiffness_mismatch", "damping_mismatch") or p.get("coupled"):
             joint = joints[fault.joint or 0]
             if joint.transmission is not None:
-                joints[fault.joint or 0] = replace(joint, transmission=_altered_gear(joint.transmission, fault))
+                joints[fault.joint or 0] = replace(
+                    joint, transmission=_altered_gear(joint.transmission, fault)
+                )
     return robot.with_(joints=tuple(joints))
 
 
@@ -204,7 +239,9 @@ def _with_point(link: Inertia, mass: float, position: np.ndarray) -> Inertia:
     total = link.mass + mass
     old = np.asarray(link.com, dtype=float)
     com = (link.mass * old + mass * position) / total
-    inertia = np.asarray(link.inertia) + _steiner(link.mass, old - com) + _steiner(mass, position - com)
+    inertia = (
+        np.asarray(link.inertia) + _steiner(link.mass, old - com) + _steiner(mass, position - com)
+    )
     return replace(link, mass=total, com=com, inertia=inertia)
 
 

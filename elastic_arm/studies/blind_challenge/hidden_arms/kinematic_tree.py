@@ -15,7 +15,9 @@ from elastic_arm.robot import Component, Robot
 
 def pinocchio() -> Any:
     """Return the Pinocchio module."""
-    require_libraries("the challenge simulates its hidden arms with Pinocchio and needs", "pin:pinocchio")
+    require_libraries(
+        "the challenge simulates its hidden arms with Pinocchio and needs", "pin:pinocchio"
+    )
     import pinocchio as pin
 
     return pin
@@ -24,7 +26,9 @@ def pinocchio() -> Any:
 class KinematicTree:
     """Rigid-body tree of a robot with transmissions, reduced by the gears."""
 
-    def __init__(self, robot: Robot, *, bearings: bool = False, base_tilt: tuple[float, float] = (0.0, 0.0)) -> None:
+    def __init__(
+        self, robot: Robot, *, bearings: bool = False, base_tilt: tuple[float, float] = (0.0, 0.0)
+    ) -> None:
         self._pin = pin = pinocchio()
         self.n = n = robot.n
         self.dof = 4 * n if bearings else 2 * n
@@ -38,7 +42,9 @@ class KinematicTree:
             placement = placement * _se3(pin, joint.before)
             gear = joint.transmission
             if gear is None:
-                raise RobotError(f"{joint.name} has no transmission", "The challenge needs an elastic arm")
+                raise RobotError(
+                    f"{joint.name} has no transmission", "The challenge needs an elastic arm"
+                )
             parts = [(part, ratio) for part, ratio in gear.components.values()]
             # A component rides either on what carries the joint, or (rotor 1) on the joint's own link. Pinocchio's
             # composite-body algorithm needs bodies depth first, so what rides on the carrier comes before the joint.
@@ -46,14 +52,19 @@ class KinematicTree:
                 if part.carrier != joint.link_name:
                     self._add_component(i, part, ratio, parent, placement)
             if bearings:
-                parent, placement = self._add(parent, pin.JointModelRY(), placement, 3 * n + i, 1.0), pin.SE3.Identity()
+                parent, placement = (
+                    self._add(parent, pin.JointModelRY(), placement, 3 * n + i, 1.0),
+                    pin.SE3.Identity(),
+                )
                 parent = self._add(parent, pin.JointModelRX(), placement, 2 * n + i, 1.0)
             axis = pin.JointModelPZ() if joint.prismatic else pin.JointModelRZ()
             parent = self._add(parent, axis, placement, i, 1.0)
             placement = _se3(pin, joint.after)
             link = joint.link
             self.model.appendBodyToJoint(
-                parent, pin.Inertia(link.mass, np.asarray(link.com), np.asarray(link.inertia)), placement
+                parent,
+                pin.Inertia(link.mass, np.asarray(link.com), np.asarray(link.inertia)),
+                placement,
             )
             for part, ratio in parts:
                 if part.carrier == joint.link_name:
@@ -67,7 +78,9 @@ class KinematicTree:
         self._rows.append((coordinate, ratio))
         return int(self.model.addJoint(parent, kind, placement, f"body_{len(self._rows)}"))
 
-    def _add_component(self, i: int, part: Component, ratio: float, carrier: int, placement: Any) -> None:
+    def _add_component(
+        self, i: int, part: Component, ratio: float, carrier: int, placement: Any
+    ) -> None:
         pin = self._pin
         centre = placement * pin.SE3(np.eye(3), np.asarray(part.position, dtype=float))
         body = self._add(carrier, pin.JointModelRZ(), centre, self.n + i, ratio)
@@ -83,7 +96,9 @@ class KinematicTree:
 
     def gravity(self, x: np.ndarray) -> np.ndarray:
         """Return what holds the bodies at rest (dof,)."""
-        return self.gears.T @ self._pin.computeGeneralizedGravity(self.model, self._data, self.gears @ x)
+        return self.gears.T @ self._pin.computeGeneralizedGravity(
+            self.model, self._data, self.gears @ x
+        )
 
     def torque(self, x: np.ndarray, dx: np.ndarray, ddx: np.ndarray) -> np.ndarray:
         """Return M ddx + h (dof,), without stiffness and damping."""

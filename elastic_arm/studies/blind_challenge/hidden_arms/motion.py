@@ -27,7 +27,9 @@ class TrueChannels:
     # tau_J, tau_m: (N, n) means over the sample interval centred on it
     tau_J: np.ndarray
     tau_m: np.ndarray
-    gravity: np.ndarray | None = None  # (N, n) what a controller that compensates gravity adds by itself
+    gravity: np.ndarray | None = (
+        None  # (N, n) what a controller that compensates gravity adds by itself
+    )
 
 
 class HiddenMotion(Protocol):
@@ -106,7 +108,9 @@ def random_points(rng: np.random.Generator, n: int, duration: float) -> PointToP
         if far == 0.0:  # all joints at their bounds already: drawn anew
             continue
         points.append(there)
-        last = max(STEP_RATE * far / SPEED, np.sqrt(STEP_SECOND_RATE * far / ACCELERATION)) * rng.uniform(1.0, 1.5)
+        last = max(
+            STEP_RATE * far / SPEED, np.sqrt(STEP_SECOND_RATE * far / ACCELERATION)
+        ) * rng.uniform(1.0, 1.5)
         if t + last > duration and begins:
             return PointToPoint(np.array(points[:-1]), np.array(begins), np.array(lasts), duration)
         begins.append(t)
@@ -125,7 +129,15 @@ def random_motion(rng: np.random.Generator, n: int, duration: float) -> MultiSin
     phase = rng.uniform(-np.pi, np.pi, (n, HARMONICS))
     motion = MultiSine(omega, amplitude, phase, np.zeros(n), duration)
     q, dq, ddq = motion.evaluate(np.linspace(0.0, duration, 2000))
-    peaks = np.stack([np.abs(q).max(0) / (0.8 * REACH), np.abs(dq).max(0) / SPEED, np.abs(ddq).max(0) / ACCELERATION])
+    peaks = np.stack(
+        [
+            np.abs(q).max(0) / (0.8 * REACH),
+            np.abs(dq).max(0) / SPEED,
+            np.abs(ddq).max(0) / ACCELERATION,
+        ]
+    )
     scale = rng.uniform(0.75, 1.0, n) / peaks.max(0)
     margin = REACH - scale * np.abs(q).max(0)
-    return MultiSine(omega, amplitude * scale[:, None], phase, rng.uniform(-1, 1, n) * margin, duration)
+    return MultiSine(
+        omega, amplitude * scale[:, None], phase, rng.uniform(-1, 1, n) * margin, duration
+    )

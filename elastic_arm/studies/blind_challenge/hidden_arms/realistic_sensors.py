@@ -24,13 +24,17 @@ class RealisticSensors:
     """Quality of the sensors of one arm."""
 
     torque_noise: tuple[float, ...]  # standard deviation of each joint's torque channels (n,), Nm
-    corner: float | None = None  # Hz, of the first-order low-pass that colours the torque noise; None for white noise
+    corner: float | None = (
+        None  # Hz, of the first-order low-pass that colours the torque noise; None for white noise
+    )
     # link_bits, motor_bits: of the encoders; the motor's sits before the gear
     link_bits: int = 19
     motor_bits: int = 13
     encoder_noise: float = 0.0  # rad, white, of both encoders behind the gear
     lost: float = 0.0  # share of the samples that never arrive, singly and several in a row
-    velocity: str = MISSING  # "missing", "differenced" (differences of the quantised angles) or "measured"
+    velocity: str = (
+        MISSING  # "missing", "differenced" (differences of the quantised angles) or "measured"
+    )
     jitter: float = 2e-5  # standard deviation of the instants of sampling, s
     apart: bool = False  # whether the two sides are sampled at instants of their own
     rate: float = 1000.0  # samples a second, a divisor of 1000
@@ -59,7 +63,9 @@ def measure_realistically(
 ) -> Recording:
     """Return the recording that such sensors make of a course."""
     every = round(RATE / sensors.rate)
-    ideal = SensorModel(torque_noise=0.0, velocity_noise=0.0, jitter=sensors.jitter, apart=sensors.apart)
+    ideal = SensorModel(
+        torque_noise=0.0, velocity_noise=0.0, jitter=sensors.jitter, apart=sensors.apart
+    )
     taken = _every(measure(course, joints, faults, ideal, rng), every)
     assert taken.link is not None and taken.motor is not None
     sides: dict[str, Side] = {}
@@ -72,12 +78,18 @@ def measure_realistically(
         position = np.round(position / step) * step
         velocity = _velocity(side, position, sensors, rng)
         sides[name] = replace(
-            side, position=position, velocity=velocity, effort=side.effort + _noise(sensors, len(position), rng)
+            side,
+            position=position,
+            velocity=velocity,
+            effort=side.effort + _noise(sensors, len(position), rng),
         )
     if sensors.lost:
         arrived = {name: _arrived(len(side), sensors.lost, rng) for name, side in sides.items()}
         common = None if sensors.apart else arrived["link"]
-        sides = {name: side.at(arrived[name] if common is None else common) for name, side in sides.items()}
+        sides = {
+            name: side.at(arrived[name] if common is None else common)
+            for name, side in sides.items()
+        }
     link = None if sensors.sides == MOTOR else sides["link"]
     motor = None if sensors.sides == LINK else sides["motor"]
     return replace(taken, link=link, motor=motor)
@@ -114,7 +126,9 @@ def _velocity(
     if sensors.velocity == MISSING or side.velocity is None:
         return None
     if sensors.velocity == DIFFERENCED:
-        return np.vstack([np.zeros((1, position.shape[1])), np.diff(position, axis=0)]) * sensors.rate
+        return (
+            np.vstack([np.zeros((1, position.shape[1])), np.diff(position, axis=0)]) * sensors.rate
+        )
     return side.velocity + 1e-4 * rng.standard_normal(side.velocity.shape)
 
 
@@ -124,7 +138,9 @@ def _noise(sensors: RealisticSensors, N: int, rng: np.random.Generator) -> np.nd
     white = rng.standard_normal((N, len(std)))
     if sensors.corner is not None:
         decay = np.exp(-2 * np.pi * sensors.corner / sensors.rate)
-        coloured = lfilter([np.sqrt(1 - decay**2)], [1, -decay], rng.standard_normal((N + 500, len(std))), axis=0)[500:]
+        coloured = lfilter(
+            [np.sqrt(1 - decay**2)], [1, -decay], rng.standard_normal((N + 500, len(std))), axis=0
+        )[500:]
         white = WHITE_SHARE * white + np.sqrt(1 - WHITE_SHARE**2) * coloured
     walk = np.cumsum(rng.standard_normal((N, len(std))), axis=0) / np.sqrt(N)
     # An offset is the mean of a zero over a recording: what is left is how it wanders.

@@ -47,7 +47,9 @@ def measure(
         return np.stack(columns, axis=1)
 
     q, dq = (sampled(values, "link_encoder", taken) for values in (course.q, course.dq))
-    theta, dtheta = (sampled(values, "", taken_of_motor) for values in (course.theta, course.dtheta))
+    theta, dtheta = (
+        sampled(values, "", taken_of_motor) for values in (course.theta, course.dtheta)
+    )
     tau_J = sampled(course.tau_J, "joint_torque", taken)
     tau_m = sampled(course.tau_m, "motor_torque", taken_of_motor)
     torques = {"joint_torque": tau_J, "motor_torque": tau_m}
@@ -109,14 +111,21 @@ def _distort(torques: dict[str, np.ndarray], sensors: Sequence[Fault], t: np.nda
 
 def _distort_in_time(torques: dict[str, np.ndarray], fault: Fault, t: np.ndarray) -> None:
     """Let a torque channel pass a low-pass, read another joint's load, or wander, in place."""
-    p, joints = fault.parameters, slice(None) if fault.joint is None else slice(fault.joint, fault.joint + 1)
+    p, joints = (
+        fault.parameters,
+        slice(None) if fault.joint is None else slice(fault.joint, fault.joint + 1),
+    )
     if fault.effect == "torque_lowpass":
         # The bilinear transform of 1 / (s / w + 1), which is late by 1 / w without half a sample more or less.
-        numerator, denominator = bilinear([1.0], [1.0 / (2 * np.pi * p["cutoff"]), 1.0], 1.0 / (t[1] - t[0]))
+        numerator, denominator = bilinear(
+            [1.0], [1.0 / (2 * np.pi * p["cutoff"]), 1.0], 1.0 / (t[1] - t[0])
+        )
         settled = lfilter_zi(numerator, denominator)
         for values in (torques[channel] for channel in fault.channels):
             before = settled[:, None] * values[0, joints]
-            values[:, joints] = lfilter(numerator, denominator, values[:, joints], axis=0, zi=before)[0]
+            values[:, joints] = lfilter(
+                numerator, denominator, values[:, joints], axis=0, zi=before
+            )[0]
     elif fault.effect == "torque_drift":
         length = t[-1] - t[0]
         wander = t - t[0] + 0.15 * length * np.sin(2 * np.pi * (t - t[0]) / length)

@@ -62,7 +62,9 @@ def build_spec(robot: Robot, bushing: Bushing) -> Any:
     placements = [np.eye(4)]  # of those bodies' frames in the world, at the zero pose
     for index, (joint, drive) in enumerate(zip(robot.joints, drives, strict=True)):
         here = np.linalg.inv(placements[index]) @ joint_frames[index]
-        spline = links[index].add_body(name=f"{joint.name}.spline", pos=here[:3, 3], quat=quaternion(here))
+        spline = links[index].add_body(
+            name=f"{joint.name}.spline", pos=here[:3, 3], quat=quaternion(here)
+        )
         _revolve(spline, drive.spline, f"{joint.name}.spline")
         link = _hang_link(spline, joint, _springs(drive, bushing))
         links.append(link)
@@ -70,8 +72,14 @@ def build_spec(robot: Robot, bushing: Bushing) -> Any:
     for index, (joint, drive) in enumerate(zip(robot.joints, drives, strict=True)):
         for part, component in (("rotor", drive.rotor), ("wave_generator", drive.wave_generator)):
             carrier = carrier_index(robot, component.carrier)
-            here = np.linalg.inv(placements[carrier]) @ joint_frames[index] @ placed(position=component.position)
-            body = links[carrier].add_body(name=f"{joint.name}.{part}", pos=here[:3, 3], quat=quaternion(here))
+            here = (
+                np.linalg.inv(placements[carrier])
+                @ joint_frames[index]
+                @ placed(position=component.position)
+            )
+            body = links[carrier].add_body(
+                name=f"{joint.name}.{part}", pos=here[:3, 3], quat=quaternion(here)
+            )
             _revolve(body, component, f"{joint.name}.{part}")
     after = robot.joints[-1].after
     links[-1].add_site(name="tool", pos=after[:3, 3], quat=quaternion(after))
@@ -127,7 +135,10 @@ def _revolve(body: Any, component: Component, name: str) -> None:
     """Give a body the inertia of a solid of revolution and a hinge about its axis."""
     body.explicitinertial = True
     body.mass = component.mass
-    body.ipos, body.iquat = [0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]  # unset, the engine takes the body's own placement
+    body.ipos, body.iquat = (
+        [0.0, 0.0, 0.0],
+        [1.0, 0.0, 0.0, 0.0],
+    )  # unset, the engine takes the body's own placement
     body.inertia = [component.ixx, component.ixx, component.izz]
     body.add_joint(name=name, type=engine().mjtJoint.mjJNT_HINGE, axis=[0, 0, 1])
 

@@ -20,7 +20,13 @@ from scipy.linalg.lapack import dposv
 
 from elastic_arm.errors import SimulationError
 from elastic_arm.robot.description import Robot
-from elastic_arm.studies.paper.virtual_prototype.mechanism import BUSHING, Bushing, build_spec, engine, transmissions
+from elastic_arm.studies.paper.virtual_prototype.mechanism import (
+    BUSHING,
+    Bushing,
+    build_spec,
+    engine,
+    transmissions,
+)
 from elastic_arm.studies.paper.virtual_prototype.motions import ImposedMotion, SmoothPiece
 from elastic_arm.studies.paper.virtual_prototype.rotations import link_coordinates
 
@@ -102,9 +108,16 @@ class Prototype:
             for k, axis in enumerate(free):
                 self.T[self._address(f"{name}.{axis}"), self.n + len(free) * i + k] = 1.0
         self._Tt = np.ascontiguousarray(self.T.T)
-        self._driven, self._free = np.ascontiguousarray(self.T[:, : self.n]), self.T[:, self.n :].argmax(axis=0)
-        self._among_free = self._free[:, None] * self._model.nv + self._free  # places in the flat mass matrix
-        self._delta = self.n + np.arange(self.n) * len(free) + len(free) - 1  # the drive's deflection of each joint
+        self._driven, self._free = (
+            np.ascontiguousarray(self.T[:, : self.n]),
+            self.T[:, self.n :].argmax(axis=0),
+        )
+        self._among_free = (
+            self._free[:, None] * self._model.nv + self._free
+        )  # places in the flat mass matrix
+        self._delta = (
+            self.n + np.arange(self.n) * len(free) + len(free) - 1
+        )  # the drive's deflection of each joint
 
     def _address(self, joint: str) -> int:
         return int(self._model.joint(joint).dofadr[0])
@@ -115,7 +128,9 @@ class Prototype:
         force = self._evaluate(driven.dot(y[:n]), driven.dot(dy[:n]), y[n:], dy[n:])
         return _Reduced(self._Tt.dot(self._full).dot(self.T), self._Tt.dot(force))
 
-    def _evaluate(self, position: np.ndarray, velocity: np.ndarray, u: np.ndarray, du: np.ndarray) -> np.ndarray:
+    def _evaluate(
+        self, position: np.ndarray, velocity: np.ndarray, u: np.ndarray, du: np.ndarray
+    ) -> np.ndarray:
         """Let the engine fill its full mass matrix; return its bias minus passive forces (nv,)."""
         data, model, mj, qpos, qvel = self._data, self._model, self._mj, self._qpos, self._qvel
         qpos[:] = position
@@ -155,8 +170,13 @@ class Prototype:
         n, size = self.n, self.T.shape[1] - self.n
         rest = np.zeros(self.T.shape[1])
         inverse = np.linalg.inv(self.reduced(rest, rest).mass[n:, n:])
-        stiffness, damping = (values @ self.T[:, n:] for values in (self._model.jnt_stiffness, self._model.dof_damping))
-        system = np.block([[np.zeros((size, size)), np.eye(size)], [-inverse * stiffness, -inverse * damping]])
+        stiffness, damping = (
+            values @ self.T[:, n:]
+            for values in (self._model.jnt_stiffness, self._model.dof_damping)
+        )
+        system = np.block(
+            [[np.zeros((size, size)), np.eye(size)], [-inverse * stiffness, -inverse * damping]]
+        )
         return 0.9 * RUNGE_KUTTA_REACH / float(np.abs(np.linalg.eigvals(system)).max())
 
     def tool(self, q: np.ndarray) -> np.ndarray:
@@ -170,7 +190,9 @@ class Prototype:
             places[k] = data.site_xpos[0]
         return places
 
-    def follow(self, motion: ImposedMotion, *, step: float = DEFAULT_STEP, rate: float = RECORD_RATE) -> PrototypeRun:
+    def follow(
+        self, motion: ImposedMotion, *, step: float = DEFAULT_STEP, rate: float = RECORD_RATE
+    ) -> PrototypeRun:
         """Impose a motion on the rotors (through the couplers) and record what the arm does."""
         first = motion.pieces[0]
         u = self.equilibrium(first.evaluate(np.array([first.start]))[0][0])
@@ -178,14 +200,21 @@ class Prototype:
         samples: list[_Sample] = []
         for piece in motion.pieces:
             steps, stride, h = division(piece.end - piece.start, step, rate)
-            begin = 0 if piece is first else stride  # where a piece begins, the one before has ended
+            begin = (
+                0 if piece is first else stride
+            )  # where a piece begins, the one before has ended
             kept = {k for k in range(begin, steps + 1, stride) if piece.start + k * h > -0.5 * h}
             state = self._follow_piece(piece, state, (steps, h), kept, samples)
             self._refuse_unless_finite(state, h)
         return self._gather(samples)
 
     def _follow_piece(
-        self, piece: SmoothPiece, state: np.ndarray, division: tuple[int, float], kept: set[int], samples: list[_Sample]
+        self,
+        piece: SmoothPiece,
+        state: np.ndarray,
+        division: tuple[int, float],
+        kept: set[int],
+        samples: list[_Sample],
     ) -> np.ndarray:
         """Integrate the bushings over one smooth piece.
 
@@ -203,7 +232,8 @@ class Prototype:
             ddu, force = self._bushing_acceleration(driven[2 * k], state)
             if k in kept:
                 y, dy, ddy = (
-                    np.concatenate([part[2 * k], own]) for part, own in zip(imposed, (*state, ddu), strict=True)
+                    np.concatenate([part[2 * k], own])
+                    for part, own in zip(imposed, (*state, ddu), strict=True)
                 )
                 accelerations = driven[2 * k][2].copy()
                 accelerations[self._free] = ddu
@@ -244,7 +274,9 @@ class Prototype:
         self._refuse_unless_finite(state, h)
         return self._gather(samples)
 
-    def _bushing_acceleration(self, driven: tuple[np.ndarray, ...], state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _bushing_acceleration(
+        self, driven: tuple[np.ndarray, ...], state: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Return the bushing's acceleration, and the engine's bias minus passive forces (nv,).
 
         The rows of the bushing alone are solved: its deflections are coordinates of the engine, so that their part of
@@ -271,17 +303,27 @@ class Prototype:
         for joint in self.robot.joints:
             spline = self._address(f"{joint.name}.spline")
             hinges = [self._address(f"{joint.name}.{axis}") for axis in BUSHING[3:]]
-            links.append(link_coordinates([part[:, spline] for part in full], [part[:, hinges] for part in full]))
+            links.append(
+                link_coordinates(
+                    [part[:, spline] for part in full], [part[:, hinges] for part in full]
+                )
+            )
         angles = np.array(links)  # joint, derivative, sample, (q_y, q_x, q)
         q_y, q_x, q = (np.moveaxis(angles[..., k], 0, 2) for k in range(3))
         theta = [part[:, : self.n] for part in (y, dy, ddy)]
         tilt = np.concatenate([q_x, q_y], axis=2)
         tau_J = -y[:, self._delta] * self._drive[:, 0] - dy[:, self._delta] * self._drive[:, 1]
-        return PrototypeRun(t, q[0], q[1], q[2], theta[0], theta[1], theta[2], tilt, tau_m, tau_J, tool)
+        return PrototypeRun(
+            t, q[0], q[1], q[2], theta[0], theta[1], theta[2], tilt, tau_m, tau_J, tool
+        )
 
 
 def runge_kutta(
-    acceleration: Callable[[int, np.ndarray], np.ndarray], half: int, state: np.ndarray, first: np.ndarray, h: float
+    acceleration: Callable[[int, np.ndarray], np.ndarray],
+    half: int,
+    state: np.ndarray,
+    first: np.ndarray,
+    h: float,
 ) -> np.ndarray:
     """Take one classical fourth-order step of u'' = acceleration(number of the half step, (u, u')).
 
@@ -291,7 +333,9 @@ def runge_kutta(
     rates = np.empty((4, *state.shape))
     one, two, three, four = rates
     one[0], one[1] = state[1], first
-    for k, (rate, known, reach) in enumerate(((two, one, 0.5 * h), (three, two, 0.5 * h), (four, three, h))):
+    for k, (rate, known, reach) in enumerate(
+        ((two, one, 0.5 * h), (three, two, 0.5 * h), (four, three, h))
+    ):
         at = reach * known
         at += state
         rate[0], rate[1] = at[1], acceleration(half + 1 + k // 2, at)

@@ -32,7 +32,9 @@ def chain(
     columns = []
     for k, axis in enumerate(axes):
         world = reached @ axis
-        alpha = alpha + world * accelerations[:, k, None] + np.cross(omega, world) * rates[:, k, None]
+        alpha = (
+            alpha + world * accelerations[:, k, None] + np.cross(omega, world) * rates[:, k, None]
+        )
         omega = omega + world * rates[:, k, None]
         reached = reached @ rotation(axis, angles[:, k])
         columns.append(world)
@@ -48,7 +50,9 @@ def link_coordinates(
     q_x = np.arcsin(-whole[:, 1, 2])
     q_y = np.arctan2(whole[:, 0, 2], whole[:, 2, 2])
     q = np.arctan2(whole[:, 1, 0], whole[:, 1, 1])
-    q = q + 2.0 * np.pi * np.round((stacked[0][:, 0] + stacked[0][:, 3] - q) / (2.0 * np.pi))  # the turn theta is in
+    q = q + 2.0 * np.pi * np.round(
+        (stacked[0][:, 0] + stacked[0][:, 3] - q) / (2.0 * np.pi)
+    )  # the turn theta is in
     angles = np.column_stack([q_y, q_x, q])
     still = np.zeros_like(angles)
     jacobian = chain((Y, X, Z), angles, still, still)[3]
